@@ -1,0 +1,24 @@
+"""The one error a user sees: what is wrong, and what to do about it."""
+
+from difflib import get_close_matches
+
+
+class UserError(Exception):
+    """Something only the user can mend.
+
+    Args:
+        text: one line that names the file and the place.
+        hint: one line that names the remedy (a flag, a TOML key, a command).
+        code: exit code, 1 for a failed run, 2 for wrong arguments.
+    """
+
+    def __init__(self, text: str, hint: str = "", code: int = 1) -> None:
+        super().__init__(text)
+        self.text, self.hint, self.code = text, hint, code
+
+
+def unknown(kind: str, name: str, known: list[str]) -> UserError:
+    """The error for a name nobody knows, with the nearest known one as the hint."""
+    near = get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return UserError(f"unknown {kind} {name!r}", f"{hint}known: {', '.join(known)}", code=2)

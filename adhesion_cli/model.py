@@ -1,0 +1,218 @@
+"""What the program talks about: channels, logs, axle records, vehicles, findings, results.
+
+Data only, SI only. Times are int64 nanoseconds as the log states them: since 1970 where the log
+has a calendar (`Log.absolute`), since an unknown start otherwise.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+Meaning = Literal[
+    "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"
+]
+Severity = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing about the data that the user must be able to know.
+
+    `warning` and `error` mean that data was dropped, repaired or refused: they set exit code 3.
+    """
+
+    code: str  # stable, kebab-case: "gap", "time-backward", "speed-frozen"
+    severity: Severity
+    message: str
+    channel: str = ""
+    count: int = 1
+    first_s: float | None = None  # seconds after the log's start
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """Unit, range and meaning of a number; stands in `Annotated` beside it."""
+
+    unit: str
+    text: str
+    low: float = 0.0
+    high: float = float("inf")
+    low_open: bool = False  # the range excludes `low`
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One scalar series: time stamps [ns], values, and which of them may be used; shape (n,)."""
+
+    t: Times
+    value: Floats
+    valid: Bools
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One scalar series of a log with what it means, in SI, and why we think so."""
+
+    name: str  # topic or column header, as in the log
+    field: str  # place inside a message, "" in a CSV
+    meaning: Meaning | None
+    axle: int | None
+    unit: str  # unit in the log; `data` is SI
+    reason: str
+    data: Column
+    step: float = 0.0  # quantisation step, SI; 0 where none shows
+    rate_hz: float | None = None
+    gaps: int = 0
+    duplicates: int = 0
+    backward: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """A log as read: its channels and everything that was found on the way."""
+
+    path: str
+    format: str
+    sha256: str
+    absolute: bool  # times count from 1970
+    rows_read: int
+    channels: tuple[Channel, ...]
+    findings: tuple[Finding, ...]
+
+    def start_ns(self) -> int:
+        """First time stamp of any channel with a meaning, else of any channel [ns]."""
+        of = [c for c in self.channels if c.meaning] or list(self.channels)
+        return min((int(c.data.t.min()) for c in of if len(c.data.t)), default=0)
+
+
+@dataclass(frozen=True, slots=True)
+class AxleRecord:
+    """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
+
+    Within a segment t rises strictly and every used value is finite; nothing may cross from one
+    segment to the next.
+    """
+
+    axle: int
+    t: Times
+    clamping_force: Floats  # K, last value held: what an online estimator may see
+    clamping_force_smooth: Floats  # K interpolated at t: for the offline reference only
+    wheel_speed: Floats  # y
+    segments: tuple[slice, ...]
+    wheel_speed_step: float = 0.0  # quantisation step of y [rad/s]
+    pressure: Floats | None = None
+    train_speed: Floats | None = None  # NaN where not known
+    truth: Floats | None = None  # true adhesion force [N], NaN where not known
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def runs(self) -> Iterator["AxleRecord"]:
+        """Each segment as a record of its own."""
+        for s in self.segments:
+            cut = {
+                name: None if (column := getattr(self, name)) is None else column[s]
+                for name in ("pressure", "train_speed", "truth")
+            }
+            yield AxleRecord(
+                self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
+                self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **cut,
+            )  # fmt: skip
+
+
+class Parameter(NamedTuple):
+    """A vehicle parameter: value and 1-sigma tolerance, both SI."""
+
+    value: float
+    tolerance: float
+
+
+class Wheelset(NamedTuple):
+    """The constants of (1) for one axle, as the estimators take them; plain floats for numba."""
+
+    a: float  # R / I [1/(kg m)]
+    phi: float  # pad friction coefficient φ [-]
+    rolling: float  # F / (φK) while rolling, 1 / (1 + I/(m R²)) [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The braked wheelset; defaults are the paper's vehicle, tolerances 1 sigma.
+
+    The tolerances are ours, the paper states none: brake friction 10 %, efficiency 3 %, inertia
+    and mass 5 %, return spring 10 %, radius 1 % (wear), dimensions 0.1 %.
+    """
+
+    wheel_radius: Annotated[tuple[Parameter, ...], Quantity("m", "wheel radius R, one or one per axle", 0.1, 1.0)] = (Parameter(0.42, 0.0042),)
+    wheelset_inertia: Annotated[Parameter, Quantity("kg m²", "moment of inertia I of the wheelset", 1.0, 5000.0)] = Parameter(145.0, 7.25)
+    axle_mass: Annotated[Parameter, Quantity("kg", "braked mass m per axle", 100.0, 50000.0)] = Parameter(4797.0, 239.85)
+    friction: Annotated[Parameter, Quantity("-", "friction coefficient φ of pad or shoe", 0.01, 1.0)] = Parameter(0.3, 0.03)
+    discs: Annotated[Parameter, Quantity("-", "number n of brake discs per axle", 1.0, 16.0)] = Parameter(2.0, 0.0)
+    efficiency: Annotated[Parameter, Quantity("-", "efficiency η of the caliper", 0.1, 1.0)] = Parameter(0.97, 0.0291)
+    lever_ratio: Annotated[Parameter, Quantity("-", "lever ratio i of the caliper", 0.05, 50.0)] = Parameter(1.0, 0.0)
+    radius_ratio: Annotated[Parameter, Quantity("-", "friction radius over wheel radius", 0.05, 2.0)] = Parameter(1.0, 0.0)
+    cylinder_diameter: Annotated[Parameter, Quantity("m", "piston diameter d of the brake cylinder", 0.01, 1.0)] = Parameter(0.1295, 0.00013)
+    spring_force: Annotated[Parameter, Quantity("N", "return spring force of the brake cylinder", 0.0, 50000.0)] = Parameter(1450.0, 145.0)
+
+    def radius(self, axle: int) -> Parameter:
+        """Wheel radius of an axle, numbered from 1; one value serves every axle."""
+        return self.wheel_radius[axle - 1 if len(self.wheel_radius) > 1 else 0]
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Offline adhesion force of one axle; columns of shape (n,) [N]."""
+
+    method: str
+    source: str
+    force: Floats
+    sigma: Floats  # 1 sigma of the noise part
+    lower: Floats  # 95 % band, noise and vehicle tolerances
+    upper: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How well one estimate follows truth or reference on one axle; names as in the JSON."""
+
+    algo: str
+    against: Literal["truth", "reference"]
+    rmse_n: float | None
+    bias_n: float | None
+    max_error_n: float | None
+    lag_s: float | None
+    gain: float | None
+    response_s: float | None
+    noise_gain: float | None
+    relative: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AxleResult:
+    """Everything computed for one axle."""
+
+    record: AxleRecord
+    reference: Reference
+    estimates: dict[str, Floats]  # F̂ by algorithm [N], shape (n,)
+    scores: tuple[Score, ...]
+    applications: tuple[slice, ...]  # brake applications found in the record
+    slip: Floats | None = None  # s, NaN below the speed limit
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One analysed log."""
+
+    log: Log
+    vehicle: Vehicle
+    axles: tuple[AxleResult, ...]
+    findings: tuple[Finding, ...]
+    settings: dict[str, Any]  # every parameter used, as TOML would hold it
+    sources: tuple[str, ...] = field(default=())  # literature of the methods used
