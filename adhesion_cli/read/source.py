@@ -1,0 +1,68 @@
+"""What a log format must offer: named scalar fields first, columns of the wanted ones after."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from ..model import Column, Finding
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One scalar series a log can give, before anyone has said what it means."""
+
+    channel: str  # topic (MCAP) or column header (CSV), as in the log
+    path: str = ""  # place inside the message, "" in a CSV: "value", "pose.x", "position[1]"
+    label: str = ""  # a name the log itself gives the element, as JointState's `name` does
+    group: str = ""  # long layouts: the device or axle this series was split off by
+    unit: str = ""  # as the log states it in a units row, a `unit` field or metadata; "" if silent
+    unit_from: str = ""  # where that stood
+    message_type: str = ""  # MCAP schema name, "" in a CSV
+    encoding: str = ""  # MCAP message encoding, "" in a CSV
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What the user stated about a log, and what reading may cost.
+
+    `time`, `rows` and `csv` come from the TOML's `[channels]` and `[csv]`.
+    """
+
+    time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
+    time_unit: str | None = None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, told
+    time_source: Literal["log", "publish", "header"] | None = None  # MCAP; None: decided, told
+    group_channel: str | None = None  # CSV column that tells devices or axles apart (long layout)
+    group_equals: str | None = None  # keep only these rows of it
+    header: bool | None = None  # CSV: whether there is a header row; None: decided, told
+    delimiter: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    strict: bool = False  # damage is an error, not a finding
+    max_inflated: int = 1 << 30  # bytes one MCAP chunk may inflate to
+    max_record: int = 1 << 30  # bytes one MCAP record may declare
+
+
+class Source(Protocol):
+    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
+
+    path: Path
+    format: str  # "csv", "mcap"
+    absolute: bool  # time stamps count from 1970
+    rows: int  # rows or messages in the log; final after `columns`
+    time_reason: str  # which clock was taken, and why
+    fields: Sequence[Field]
+    findings: list[Finding]  # grows while reading
+    metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
+    stated: dict[str, Any]  # dialect decisions and why, for `inspect`
+
+    def columns(self, wanted: Sequence[Field]) -> list[Column]:
+        """The wanted fields, in that order, samples in the log's own order, time untouched.
+
+        A cell that holds no number is NaN with `valid` False. Fields of one row or message share
+        one time array object.
+
+        Raises:
+            UserError: where the log cannot be read, with file, place and remedy.
+        """
+        ...
