@@ -15,9 +15,7 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-Meaning = Literal[
-    "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"
-]
+Meaning = Literal["time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"]
 Severity = Literal["info", "warning", "error"]
 
 
@@ -44,7 +42,7 @@ class Quantity:
     text: str
     low: float = 0.0
     high: float = float("inf")
-    low_open: bool = False  # the range excludes `low`
+    symbol: str = ""  # the papers' letter, spelled out: another name users may write
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,16 +148,37 @@ class Vehicle:
     and mass 5 %, return spring 10 %, radius 1 % (wear), dimensions 0.1 %.
     """
 
-    wheel_radius: Annotated[tuple[Parameter, ...], Quantity("m", "wheel radius R, one or one per axle", 0.1, 1.0)] = (Parameter(0.42, 0.0042),)
-    wheelset_inertia: Annotated[Parameter, Quantity("kg m²", "moment of inertia I of the wheelset", 1.0, 5000.0)] = Parameter(145.0, 7.25)
-    axle_mass: Annotated[Parameter, Quantity("kg", "braked mass m per axle", 100.0, 50000.0)] = Parameter(4797.0, 239.85)
-    friction: Annotated[Parameter, Quantity("-", "friction coefficient φ of pad or shoe", 0.01, 1.0)] = Parameter(0.3, 0.03)
-    discs: Annotated[Parameter, Quantity("-", "number n of brake discs per axle", 1.0, 16.0)] = Parameter(2.0, 0.0)
-    efficiency: Annotated[Parameter, Quantity("-", "efficiency η of the caliper", 0.1, 1.0)] = Parameter(0.97, 0.0291)
-    lever_ratio: Annotated[Parameter, Quantity("-", "lever ratio i of the caliper", 0.05, 50.0)] = Parameter(1.0, 0.0)
-    radius_ratio: Annotated[Parameter, Quantity("-", "friction radius over wheel radius", 0.05, 2.0)] = Parameter(1.0, 0.0)
-    cylinder_diameter: Annotated[Parameter, Quantity("m", "piston diameter d of the brake cylinder", 0.01, 1.0)] = Parameter(0.1295, 0.00013)
-    spring_force: Annotated[Parameter, Quantity("N", "return spring force of the brake cylinder", 0.0, 50000.0)] = Parameter(1450.0, 145.0)
+    wheel_radius: Annotated[
+        tuple[Parameter, ...], Quantity("m", "wheel radius R, one or one per axle", 0.1, 1.0, "R")
+    ] = (Parameter(0.42, 0.0042),)
+    wheelset_inertia: Annotated[
+        Parameter, Quantity("kg m²", "moment of inertia I of the wheelset", 1.0, 5000.0, "I")
+    ] = Parameter(145.0, 7.25)
+    axle_mass: Annotated[
+        Parameter, Quantity("kg", "braked mass m per axle", 100.0, 50000.0, "m")
+    ] = Parameter(4797.0, 239.85)
+    friction: Annotated[
+        Parameter, Quantity("-", "friction coefficient φ of pad or shoe", 0.01, 1.0, "phi")
+    ] = Parameter(0.3, 0.03)
+    discs: Annotated[
+        Parameter, Quantity("-", "number n of brake discs per axle", 1.0, 16.0, "n")
+    ] = Parameter(2.0, 0.0)
+    efficiency: Annotated[
+        Parameter, Quantity("-", "efficiency η of the caliper", 0.1, 1.0, "eta")
+    ] = Parameter(0.97, 0.0291)
+    lever_ratio: Annotated[
+        Parameter, Quantity("-", "lever ratio i of the caliper", 0.05, 50.0, "i")
+    ] = Parameter(1.0, 0.0)
+    radius_ratio: Annotated[
+        Parameter, Quantity("-", "friction radius over wheel radius", 0.05, 2.0)
+    ] = Parameter(1.0, 0.0)
+    cylinder_diameter: Annotated[
+        Parameter, Quantity("m", "piston diameter d of the brake cylinder", 0.01, 1.0, "d")
+    ] = Parameter(0.1295, 0.00013)
+    spring_force: Annotated[
+        Parameter,
+        Quantity("N", "return spring force of the brake cylinder", 0.0, 50000.0, "F_spring"),
+    ] = Parameter(1450.0, 145.0)
 
     def radius(self, axle: int) -> Parameter:
         """Wheel radius of an axle, numbered from 1; one value serves every axle."""
