@@ -1,0 +1,171 @@
+"""The time axis of one channel: what is wrong with it is found, told, masked; nothing is sorted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model import Bools, Column, Finding, Floats, Times
+
+WRAPS_NS = {"32-bit millisecond": 2**32 * 10**6, "32-bit microsecond": 2**32 * 10**3}
+HOUR_NS = 3600 * 10**9
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAxis:
+    """One channel's own time, cleaned.
+
+    Attributes:
+        data: the samples that may be used; time rises strictly within a piece.
+        starts: first index of each piece of `data`; the clock jumped back between two pieces.
+        interval_ns: median sample interval.
+        gap_ns: a longer interval is a gap.
+        gaps: how many there are.
+        duplicates: samples that repeat a time stamp.
+        backward: samples older than one before them.
+    """
+
+    data: Column
+    starts: tuple[int, ...]
+    interval_ns: int
+    gap_ns: int
+    gaps: int
+    duplicates: int
+    backward: int
+    findings: tuple[Finding, ...]
+
+
+def gap_limit(intervals: Times) -> int:
+    """The interval [ns] above which samples are missing, from the usual one.
+
+    Five times the median, unless more than one interval in twenty is longer: then the log is
+    written in bursts or on change, and only what is rare even there is a gap.
+    """
+    if not len(intervals):
+        return 0
+    limit = 5 * int(np.median(intervals))
+    if np.mean(intervals > limit) > 0.05:
+        limit = 5 * int(np.quantile(intervals, 0.99))
+    return limit
+
+
+def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> TimeAxis:
+    """Finds what is wrong with a channel's time, masks what cannot be used, splits where it jumps.
+
+    Args:
+        name: the channel, for the findings.
+        column: samples as the log has them.
+        start_ns: the log's start, for the findings.
+        max_gap_ns: intervals longer than this are gaps; 0 decides from the channel itself.
+    """
+    findings: list[Finding] = []
+
+    def tell(code: str, message: str, where: Bools, severity: str = "warning") -> None:
+        if count := int(where.sum()):
+            first = (int(column.t[np.argmax(where)]) - start_ns) / 1e9
+            findings.append(Finding(code, severity, message, name, count, first))  # type: ignore[arg-type]
+
+    t = column.t
+    for width, wrap_ns in WRAPS_NS.items():
+        fall = np.diff(t, prepend=t[:1])
+        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
+        if wrapped.any():
+            tell("time-wrapped", f"{width} counter wrapped: continued", wrapped)
+            t = t + wrap_ns * np.cumsum(wrapped)
+    usable = column.valid.copy()
+    tell("invalid", "samples without a number: left out", ~usable)
+
+    # Late samples: older than the newest so far, while the clock itself goes on.
+    newest = np.maximum.accumulate(t) if len(t) else t
+    restarts = _restarts(t, newest)
+    late = np.zeros(len(t), dtype=np.bool_)
+    for piece in _slices(restarts, len(t)):
+        top = np.maximum.accumulate(t[piece])
+        late[piece] = t[piece] < top
+    for index in restarts[1:]:
+        back = (int(t[index - 1]) - int(t[index])) / 1e9
+        where = np.arange(len(t)) == index
+        if abs(back * 1e9 - HOUR_NS) < HOUR_NS / 100:
+            tell("time-dst", "clock set back one hour (summer time?): a new segment begins", where)
+        else:
+            tell("time-backward", f"clock jumps back {back:.3f} s: a new segment begins", where)
+    tell("time-late", "samples older than their predecessor: left out, not sorted", late)
+    usable &= ~late
+
+    same = np.zeros(len(t), dtype=np.bool_)
+    kept = np.flatnonzero(~late)
+    repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
+    same[kept[repeats]] = True
+    if same.any():
+        previous = np.zeros(len(t), dtype=np.int64)
+        previous[kept] = np.concatenate([kept[:1], kept[:-1]])
+        value = column.value
+        differs = same & (value != value[previous]) & column.valid & column.valid[previous]
+        tell("time-duplicate", "samples repeated with the same time: dropped", same & ~differs)
+        # Two values for one instant: every sample of that stamp is masked, not just the later ones.
+        groups = np.cumsum(~same)
+        clash = np.isin(groups, groups[differs]) & ~late
+        tell("time-conflict", "different values with one time stamp: all left out", clash)
+        usable &= ~(same | clash)
+
+    piece_of = np.zeros(len(t), dtype=np.int64)
+    piece_of[list(restarts[1:])] = 1
+    piece_of = np.cumsum(piece_of)[usable]
+    data = Column(t[usable], column.value[usable], np.ones(int(usable.sum()), dtype=np.bool_))
+    starts = tuple(int(i) for i in np.flatnonzero(np.diff(piece_of, prepend=-1)))
+    steps = np.diff(data.t)
+    within = np.diff(piece_of) == 0
+    limit = max_gap_ns or gap_limit(steps[within])
+    long = within & (steps > limit)
+    if long.any():
+        first = (int(data.t[np.argmax(long)]) - start_ns) / 1e9
+        longest = float(steps[long].max()) / 1e9
+        message = f"no samples for up to {longest:.3f} s: not bridged, a new segment begins"
+        findings.append(Finding("gap", "warning", message, name, int(long.sum()), first))
+    interval = int(np.median(steps[within])) if within.any() else 0
+    return TimeAxis(
+        data, starts, interval, limit, int(long.sum()), int(same.sum()),
+        int(late.sum()) + len(restarts) - 1, tuple(findings),
+    )  # fmt: skip
+
+
+def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
+    """Where the clock starts anew: a fall after which time runs on from the lower value."""
+    starts = [0]
+    falls = np.flatnonzero(np.diff(t) < 0) + 1
+    for index in falls:
+        ahead = t[index : index + 3]
+        stays = len(ahead) >= 2 and bool(np.all(ahead < newest[index - 1]))
+        rises = bool(np.all(np.diff(ahead) >= 0))
+        if stays and rises and index - starts[-1] > 1:
+            starts.append(int(index))
+    return tuple(starts)
+
+
+def _slices(starts: tuple[int, ...], n: int) -> list[slice]:
+    return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)]
+
+
+def hold(t: Times, of: TimeAxis, piece: int) -> tuple[Floats, Bools]:
+    """Last value of a channel at each time of a piece, and whether it is fresh enough to use."""
+    own = _slices(of.starts, len(of.data.t))[piece]
+    index = np.searchsorted(of.data.t[own], t, side="right") - 1
+    known = index >= 0
+    index = np.maximum(index, 0)
+    fresh = known & (t - of.data.t[own][index] <= of.gap_ns)
+    return of.data.value[own][index], fresh
+
+
+def interpolated(t: Times, of: TimeAxis, piece: int) -> Floats:
+    """Linear interpolation of a channel; NaN across its gaps, last value held at its end."""
+    own = _slices(of.starts, len(of.data.t))[piece]
+    xs, ys = of.data.t[own], of.data.value[own]
+    after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
+    before = np.maximum(after - 1, 0)
+    exact = xs[after] == t
+    # Differences of int64 are exact; seconds since 1970 as floats are not.
+    span = np.maximum(xs[after] - xs[before], 1)
+    part = np.clip((t - xs[before]) / span, 0.0, 1.0)
+    value = ys[before] + part * (ys[after] - ys[before])
+    outside = (t < xs[0]) | (t > xs[-1] + of.gap_ns)
+    across = ~exact & (t < xs[-1]) & (xs[after] - xs[before] > of.gap_ns)
+    return np.where(exact, ys[after], np.where(outside | across, np.nan, value))

@@ -1,0 +1,142 @@
+"""Units as logs write them, and the unit hidden in a channel's name."""
+
+import math
+import re
+from typing import Literal, NamedTuple
+
+from ..errors import UserError
+from ..model import Meaning
+
+Dimension = Literal[
+    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time"
+]
+
+
+class Unit(NamedTuple):
+    """A unit: what it measures, and SI = factor · value + offset."""
+
+    name: str
+    dimension: Dimension
+    factor: float
+    offset: float = 0.0
+
+
+_RPM = 2.0 * math.pi / 60.0
+_DEGREE = math.pi / 180.0
+
+# Spellings in lower case without blanks, carets and middle dots; the first one names the unit.
+_SPELLINGS: dict[tuple[Dimension, float, float], str] = {
+    ("pressure", 1.0, 0.0): "Pa pascal pascals 帕",
+    ("pressure", 1e2, 0.0): "mbar millibar millibars hpa 毫巴",
+    ("pressure", 1e3, 0.0): "kPa kilopascal kilopascals 千帕",
+    ("pressure", 1e5, 0.0): "bar bars barg bar(g) bar_g 巴",
+    ("pressure", 1e5, -101325.0): "bara bar(a) bar_a",
+    ("pressure", 1e6, 0.0): "MPa megapascal megapascals n/mm2 n/mm² 兆帕",
+    ("pressure", 6894.757293168361, 0.0): "psi psig lbf/in2 lb/in2",
+    ("pressure", 98066.5, 0.0): "kgf/cm2 kg/cm2 kgf/cm² kg/cm² at",
+    ("speed", 1.0, 0.0): "m/s mps ms-1 m/sec m_s m_per_s meter_per_second meters_per_second 米/秒",
+    ("speed", 1.0 / 3.6, 0.0): "km/h kmh kmph kph km/hr km_h km_per_h kmh-1 km/std 公里/小时 千米/小时",
+    ("speed", 0.44704, 0.0): "mph mi/h mile/h miles/h",
+    ("speed", 0.3048, 0.0): "ft/s fps",
+    ("angular speed", 1.0, 0.0): "rad/s rads rads-1 rad/sec rad_s rad_per_s radps 弧度/秒",
+    ("angular speed", _RPM, 0.0): "rpm r/min rev/min 1/min u/min min-1 min^-1 rev_min 转/分 转/分钟",
+    ("angular speed", 2.0 * math.pi, 0.0): "rps rev/s r/s u/s 转/秒",
+    ("angular speed", _DEGREE, 0.0): "deg/s °/s deg_s degps degrees/s",
+    ("pulse rate", 1.0, 0.0): "Hz hertz 1/s s-1 pulses/s imp/s pulse/s 赫兹",
+    ("pulse rate", 1e3, 0.0): "kHz",
+    ("count", 1.0, 0.0): "count counts pulses pulse imp impulse impulses ticks tick 脉冲",
+    ("angle", 1.0, 0.0): "rad radian radians 弧度",
+    ("angle", _DEGREE, 0.0): "deg ° degree degrees grad 度",
+    ("angle", 2.0 * math.pi, 0.0): "rev revs revolution revolutions turns",
+    ("force", 1.0, 0.0): "N newton newtons 牛 牛顿",
+    ("force", 10.0, 0.0): "daN",
+    ("force", 1e3, 0.0): "kN kilonewton kilonewtons 千牛",
+    ("force", 4.4482216152605, 0.0): "lbf",
+    ("force", 9.80665, 0.0): "kgf kp",
+    ("time", 1.0, 0.0): "s sec secs second seconds sek sekunden 秒",
+    ("time", 1e-3, 0.0): "ms msec millisecond milliseconds millis 毫秒",
+    ("time", 1e-6, 0.0): "us µs μs usec microsecond microseconds micros 微秒",
+    ("time", 1e-9, 0.0): "ns nsec nanosecond nanoseconds nanos 纳秒",
+    ("time", 60.0, 0.0): "min minute minutes 分钟",
+    ("time", 3600.0, 0.0): "h hour hours std stunden 小时",
+}
+
+UNITS: dict[str, Unit] = {
+    spelling.lower(): Unit(words.split()[0], dimension, factor, offset)
+    for (dimension, factor, offset), words in _SPELLINGS.items()
+    for spelling in words.split()
+}
+
+EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
+    "time": ("time",),
+    "pressure": ("pressure",),
+    "wheel_speed": ("speed", "angular speed", "pulse rate", "count", "angle"),
+    "train_speed": ("speed",),
+    "clamping_force": ("force",),
+    "truth": ("force",),
+}
+
+# Written into names without brackets only where nothing else is written like that.
+_IN_NAMES = {
+    s for s, u in UNITS.items()
+    if len(s) > 2 and s.isascii() and s not in {"bars", "count", "counts", "pulse", "pulses",
+       "impulse", "impulses", "tick", "ticks", "rad", "rads", "rev", "revs", "second", "minute",
+       "min", "sec", "secs", "hour", "hours", "std", "turns", "millis", "deg", "grad", "degree"}
+} | {"pa", "n", "kn", "hz", "mps", "deg_s", "rad_s", "m_s", "km_h"}  # fmt: skip
+
+_BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
+
+
+def unit(text: str) -> Unit | None:
+    """The unit a text spells, None where it spells none."""
+    key = re.sub(r"[\s\^·*]", "", text).strip("[](){}（）【】").lower()
+    if text.strip() == "mPa":  # a thousandth of a pascal is nobody's brake pressure
+        return None
+    return UNITS.get(key) or UNITS.get(text.strip().lower())
+
+
+def known_units(meaning: Meaning) -> list[str]:
+    """First spelling of each unit a channel of this meaning may have."""
+    return list(dict.fromkeys(u.name for u in UNITS.values() if u.dimension in EXPECTED[meaning]))
+
+
+def stated(text: str, meaning: Meaning, channel: str) -> Unit:
+    """The unit a user or a log states for a channel of a known meaning.
+
+    Raises:
+        UserError: for an unknown unit, or one that cannot measure this.
+    """
+    found = unit(text)
+    if found is None or found.dimension not in EXPECTED[meaning]:
+        wrong = "unknown unit" if found is None else f"a {meaning} cannot be in"
+        raise UserError(
+            f"channel {channel!r}: {wrong} {text!r}",
+            f"units of a {meaning.replace('_', ' ')}: {', '.join(known_units(meaning))}",
+            code=2,
+        )
+    return found
+
+
+def in_name(name: str) -> tuple[str, str]:
+    """Splits a channel name into its base and the unit written in it, "" where there is none.
+
+    Takes ``BC pressure [kPa]``, ``制动缸压力(kPa)``, ``v_kmh``, ``Druck / bar``, ``speed, km/h``.
+    """
+    for match in reversed(list(_BRACKETS.finditer(name))):
+        if unit(match[1]):
+            return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), match[1].strip()
+    for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+"):
+        head, *tail = re.split(f"(?i){separator}(?=[^\\s]+$)", name.strip())
+        if head and tail and (found := unit(tail[-1])) and not (
+            separator == r"\s+" and found.name == "N" and not tail[-1] == "N"
+        ):  # fmt: skip
+            return head.strip(), tail[-1].strip()
+    # behind an underscore, the axle's number perhaps behind it: v_kmh, speed_km_h, wheel_speed_rpm1
+    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+"):
+        end = re.search(rf"[_.\-/:]({word})(_?(?:axle|ax|wheel|w)?_?\d{{1,2}})?$", name)
+        if end and end[1].lower() in _IN_NAMES:
+            return name[: end.start()] + (end[2] or ""), end[1]
+    camel = re.search(r"(?<=[a-z])(Kmh|Mps|Rpm|KPa|MPa|Bar|Mbar|RadS|Kpa|Mpa|Pa|Hz)(?=\d*$)", name)
+    if camel and (found := unit(camel[1].replace("RadS", "rad_s"))):
+        return name[: camel.start()] + name[camel.end() :], found.name
+    return name, ""
