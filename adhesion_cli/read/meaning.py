@@ -1,0 +1,334 @@
+"""What a log's fields mean: brake-cylinder pressure, wheel speed, train speed, K, truth; and why.
+
+A mapping from the user decides; else the names do, and every such guess is told.
+"""
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ..errors import UserError, unknown
+from ..model import Finding, Meaning
+from . import units
+from .source import Field
+
+
+@dataclass(frozen=True, slots=True)
+class Mapping:
+    """One line of `[channels]`: this channel means that."""
+
+    meaning: Meaning
+    axle: int | None
+    channel: str
+    field: str = ""
+    unit: str = ""
+    group: str = ""
+    teeth: int = 0  # pulses per turn of a pulse counter or pulse rate
+    wrap: float = 0.0  # where a cumulative counter starts anew; 0: 2¹⁶ or 2³², by its values
+
+
+@dataclass(frozen=True, slots=True)
+class Meant:
+    """A field with its meaning, or with the reason why it has none."""
+
+    field: Field
+    meaning: Meaning | None
+    axle: int | None
+    unit: str
+    reason: str
+    teeth: int = 0
+    wrap: float = 0.0
+
+
+# Words in lower case; Latin ones must be whole words of the name, stems may sit in a compound,
+# Chinese ones may stand anywhere.
+_STEMS = ("pressure", "druck", "zylinder", "cylinder", "speed", "velocity", "geschw", "drehzahl",
+          "adhesion", "kraftschluss", "clamp", "klemmkraft")  # fmt: skip
+_WORDS: dict[str, set[str]] = {
+    "pressure": set("pressure press pres druck p 压力 缸压 压强".split()),
+    "cylinder": set("bc bcp bcps pbc pc cylinder cyl zylinder bz bzd caliper 制动缸 闸缸".split()),
+    "other pressure": set(
+        "pipe bp hl hll hbl reservoir main mr mrp pilot spring supply load ambient parking command"
+        " cmd target setpoint demand soll sollwert request requested atmospheric hauptluftleitung"
+        " hauptbehälter vorsteuer luftfeder federspeicher 列车管 总风 空簧 预控 停放 目标 指令 制动管"
+        " 主风".split()
+    ),
+    "speed": set("speed velocity vel geschw drehzahl omega ω rpm spd v w n 速度 转速 轮速 轴速 车速".split()),
+    "wheel": set("wheel wheels axle axles wheelset achse achs rad radsatz ws ax joint encoder 轮 轴".split()),
+    "train": set(
+        "train vehicle gps gnss radar doppler ground zug fahrzeug body carbody car loco reference ref"
+        " odometry odom twist fahr 列车 车速 车辆 地面 参考 机车".split()
+    ),
+    "other speed": set("limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机".split()),
+    "clamping": set("clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧".split()),
+    "force": set("force kraft f 力".split()),
+    "adhesion": set("adhesion adhesive kraftschluss bw adh 黏着 粘着".split()),
+    "bogie": set("bogie truck drehgestell dg 转向架".split()),
+    "true": set("true truth wahr actual real 真 实际".split()),
+    "estimated": set(
+        "estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak"
+        " available limit utilisation utilization slip slope 估 系数 误差".split()
+    ),
+    "never": set(
+        "variance covariance stamp sec nsec nanosec seq index status quality temperature lat lon"
+        " latitude longitude altitude valid flag acceleration accel".split()
+    ),
+}  # fmt: skip
+_GENERIC = set("value data val raw scalar float float64 double signal reading measurement x".split())
+
+# Units that a message type fixes by its definition, not by its name.
+_CONVENTIONS: tuple[tuple[str, str, str], ...] = (
+    (r"sensor_msgs(/msg)?/JointState|sensor_msgs\.JointState", r"^velocity", "rad/s"),
+    (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),
+    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
+    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
+    (r"adhesion\.AxleInput", r"^brake_cylinder_pressure$", "Pa"),
+    (r"adhesion\.AxleInput", r"^clamping_force$", "N"),
+    (r"adhesion\.AxleInput", r"^wheel_speed$", "rad/s"),
+    (r"adhesion\.AxleInput", r"^train_speed$", "m/s"),
+    (r"adhesion\.Truth", r"^force$", "N"),
+)
+
+_CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
+
+
+def _words(text: str) -> list[str]:
+    """Lower-case words of a name: camelCase, digits and punctuation part them."""
+    text = unicodedata.normalize("NFKC", text)
+    text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)", " ", text)
+    return re.findall(r"[^\W_]+", text.lower())
+
+
+def _has(kind: str, words: Sequence[str]) -> str:
+    """The first of these words that speaks of this kind of thing, "" for none."""
+    known = _WORDS[kind]
+    for word in words:
+        if word in known:
+            return word
+        for stem in _STEMS:
+            if stem in known and stem in word:
+                return word
+        for entry in known:
+            if not entry.isascii() and len(entry) <= len(word) and entry in word:
+                return entry
+    return ""
+
+
+def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
+    """Meaning, axle, unit and reason, from names alone."""
+    base, unit = units.in_name(field.label or field.channel if not field.path else field.channel)
+    path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
+    label, label_unit = units.in_name(field.label)
+    text, reason = field.unit, field.unit_from
+    if not text:
+        counted = units.unit(field.path)
+        is_count = counted is not None and counted.dimension == "count"
+        text = path_unit or label_unit or unit or (field.path if is_count else "")
+        reason = "in the name" if text else ""
+    if not text:
+        for message_type, place, by_definition in _CONVENTIONS:
+            if re.search(message_type, field.message_type) and re.search(place, field.path):
+                text, reason = by_definition, f"by definition of {field.message_type}"
+    measured = units.unit(text)
+    dimension = measured.dimension if measured else ""
+    own = [w for w in _words(path) if not w.isdigit() and w not in _GENERIC]
+    around = _words(base) + _words(label) + _words(field.group)
+    words = (own or []) + around
+    primary = own or around
+    why = f"unit {text} {reason}" if text else "no unit stated"
+    axle = _axle(field)
+
+    def meant(meaning: Meaning, *seen: str) -> tuple[Meaning | None, int | None, str, str]:
+        names = " and ".join(repr(s) for s in dict.fromkeys(seen) if s)
+        return meaning, axle, text, f"name has {names}; {why}" if names else why
+
+    if _has("never", primary):
+        return None, axle, text, "not a quantity we use"
+    is_force = dimension == "force" or (not dimension and bool(_has("force", primary)))
+    true = _has("true", words)
+    if is_force and not _has("estimated", words) and (true or _has("adhesion", words)):
+        return meant("truth", true, _has("adhesion", words))
+    if dimension in ("force", "") and (clamping := _has("clamping", primary)):
+        if dimension == "force" or _has("force", primary) or "夹" in clamping:
+            return meant("clamping_force", clamping, _has("force", primary))
+    pressure, cylinder = _has("pressure", primary), _has("cylinder", words)
+    if dimension in ("pressure", "") and (pressure or _has("cylinder", primary) or (dimension and cylinder)):
+        if other := _has("other pressure", words):
+            return None, axle, text, f"a pressure, but {other!r} is not the brake cylinder"
+        return meant("pressure", pressure, cylinder)
+    speed = _has("speed", primary)
+    speedy = dimension in ("speed", "angular speed", "pulse rate", "count", "angle")
+    if speedy or (not dimension and speed):
+        train = _has("train", primary) or _has("train", words)
+        wheel = _has("wheel", primary) or ("" if _has("train", primary) else _has("wheel", words))
+        if other := _has("other speed", words):
+            return None, axle, text, f"a speed, but {other!r} is not measured on wheel or train"
+        if dimension in ("pulse rate", "count", "angle") and not (wheel or speed):
+            return None, axle, text, "nothing in the name says wheel or axle"
+        if true and not wheel:
+            return meant("train_speed", true, speed)
+        if train and not wheel and dimension in ("speed", ""):
+            return meant("train_speed", train, speed)
+        return meant("wheel_speed", wheel, speed)
+    return None, axle, text, "no name we know"
+
+
+def _axle(field: Field) -> int | None:
+    """The axle's number as the names give it, None where they give none."""
+    for text in (field.group, field.label, field.path, field.channel):
+        words = _words(units.in_name(text)[0]) if text else []
+        for i, word in enumerate(words):
+            number = word in _WORDS["wheel"] or word in _WORDS["cylinder"] or any(
+                c in word for c in "轴轮"
+            )  # fmt: skip
+            if number and i + 1 < len(words) and words[i + 1].isdigit():
+                return int(words[i + 1])
+            if _has("bogie", [word]):
+                words = [*words[:i], *words[i + 2 :]]  # its number counts bogies
+                break
+            if any(c in word for c in "轴轮位") and i and words[i - 1].isdigit():
+                return int(words[i - 1])
+        if match := re.search(r"([一二三四五六七八])[轴轮位]|[轴轮]([一二三四五六七八])", text):
+            return _CHINESE_NUMBERS[match[1] or match[2]]
+        digits = [w for w in words if w.isdigit() and len(w) < 3]
+        if digits and not (text == field.path and text.endswith("]")):
+            return int(digits[-1])
+        if match := re.search(r"\[(\d+)\](\.\w+)?$", text):
+            return int(match[1]) + 1  # a list counts from 0, axles from 1
+    return None
+
+
+def understood(
+    fields: Sequence[Field], mappings: Sequence[Mapping]
+) -> tuple[list[Meant], list[Finding]]:
+    """Gives each field its meaning; in the fields' order, a bogie's second axle behind them.
+
+    Raises:
+        UserError: for a mapping to a channel or field the log does not have.
+    """
+    by_hand = {_find(fields, m): m for m in mappings}
+    mapped = {m.meaning for m in mappings}
+    meant: list[Meant] = []
+    for field in fields:
+        if m := by_hand.get(field):
+            unit = m.unit or field.unit
+            meaning, axle, guessed_unit, _ = _guess(field)
+            why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
+            if not unit:
+                unit, why = guessed_unit, "stated in [channels]; unit in the name"
+            meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap))
+            continue
+        meaning, axle, unit, reason = _guess(field)
+        if meaning in mapped:
+            meaning, reason = None, f"[channels] names another {meaning}"
+        meant.append(Meant(field, meaning, axle, unit, reason))
+    guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
+    _prefer_the_qualified(meant, guesses)
+    findings = _count_from_one(meant, guesses)
+    findings += _bogies(meant, guesses)
+    findings += _one_each(meant, guesses)
+    return meant, findings
+
+
+def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
+    """'pressure' gives way to 'BC pressure'; 'speed' is the train's where a wheel's is named."""
+
+    def words(i: int) -> list[str]:
+        field = meant[i].field
+        return _words(f"{field.channel} {field.path} {field.label} {field.group}")
+
+    pressures = [i for i in guesses if meant[i].meaning == "pressure"]
+    named = [i for i in pressures if _has("cylinder", words(i))]
+    for i in pressures if named else []:
+        if i not in named:
+            meant[i] = replace(meant[i], meaning=None, reason="another one is the brake cylinder's")
+    speeds = [i for i in guesses if meant[i].meaning == "wheel_speed"]
+    named = [i for i in speeds if _has("wheel", words(i))]
+    for i in speeds:
+        unit = units.unit(meant[i].unit)
+        if named and i not in named and (unit is None or unit.dimension == "speed"):
+            taken = any(m.meaning == "train_speed" for m in meant)
+            reason = "a speed, and another one is the wheel's"
+            meant[i] = replace(meant[i], meaning=None if taken else "train_speed", axle=None, reason=reason)
+
+
+def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Logs that number axles from 0: everything moves up by one, and is told."""
+    if not any(meant[i].axle == 0 for i in guesses):
+        return []
+    for i in guesses:
+        if (axle := meant[i].axle) is not None:
+            meant[i] = replace(meant[i], axle=axle + 1)
+    return [Finding("axles-from-zero", "info", "the log numbers axles from 0; here from 1")]
+
+
+def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """A pressure that is a bogie's serves both its axles: bogie 2 has axles 3 and 4."""
+    findings = []
+    for i in list(guesses):
+        m = meant[i]
+        name = title(m.field)
+        bogie = re.search(r"(?i)(?:bogie|truck|drehgestell|dg|转向架)[\s_\-/]*(\d)|(\d)\s*转向架", name)
+        if m.meaning == "pressure" and m.axle is None and bogie:
+            second = 2 * int(bogie[1] or bogie[2])
+            meant[i] = replace(m, axle=second - 1)
+            guesses.append(len(meant))
+            meant.append(replace(m, axle=second))
+            message = f"a bogie's pressure, taken for axles {second - 1} and {second}"
+            findings.append(Finding("bogie-pressure", "info", message, name))
+    return findings
+
+
+def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Two channels that would both be the same thing: the train's first is taken, else refused."""
+    findings: list[Finding] = []
+    seen: dict[tuple[str | None, int | None], int] = {}
+    for i in guesses:
+        m = meant[i]
+        key = (m.meaning, None if m.meaning == "train_speed" else m.axle)
+        if key not in seen:
+            seen[key] = i
+            continue
+        first = title(meant[seen[key]].field)
+        reason = f"{first} is taken as the {m.meaning} already"
+        meant[i] = replace(meant[i], meaning=None, reason=reason)
+        severity = "info" if m.meaning == "train_speed" else "warning"
+        message = f"{reason}; state which one in [channels]"
+        findings.append(Finding("channel-ambiguous", severity, message, title(m.field)))  # type: ignore[arg-type]
+    return findings
+
+
+def title(field: Field) -> str:
+    """A field's name for people: topic and place, or the column header."""
+    name = f"{field.channel} {field.label or field.path}".strip()
+    return f"{name} ({field.group})" if field.group else name
+
+
+def _find(fields: Sequence[Field], m: Mapping) -> Field:
+    """The field a mapping speaks of."""
+    wanted = m.channel.strip()
+    if not any(f.channel == wanted for f in fields):
+        folded = {f.channel.strip().casefold(): f.channel for f in fields}
+        number = f"column {wanted}" if wanted.isdigit() else wanted
+        found = folded.get(wanted.casefold()) or folded.get(number)
+        bare = {units.in_name(f.channel)[0].casefold(): f.channel for f in fields}
+        found = found or bare.get(wanted.casefold())
+        if found is None:
+            raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
+        wanted = found
+    own = [f for f in fields if f.channel == wanted and (not m.group or f.group == m.group)]
+    if m.field:
+        own = [f for f in own if m.field in (f.path, f.label)] or own[:0]
+    if len(own) == 1:
+        return own[0]
+    if not m.field and (generic := [f for f in own if f.path in _GENERIC]):
+        return generic[0]
+    names = [title(f) for f in fields if f.channel == wanted]
+    if own:
+        raise UserError(
+            f"channel {m.channel!r} has several fields: {', '.join(names[:12])}",
+            'name one: {channel = "…", field = "…"}, or group = "…" for a device', code=2,
+        )  # fmt: skip
+    raise unknown(f"field of {m.channel!r}", m.field or m.group, names)
