@@ -1,0 +1,1 @@
+"""The estimators: one published method per file. What a file holds: `adhesion_cli.estimator`."""

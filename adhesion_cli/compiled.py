@@ -1,0 +1,220 @@
+"""Plain Python compiled: the only module that knows numba.
+
+`batch` runs an estimator over a whole log. For a hot loop of another module, write it as a plain
+function of that module and call it through `function`:
+
+    def march(x, h, n): ...            # plain floats and arrays, math, other plain functions
+
+    fast = compiled.function(march)    # nothing is compiled before the first call
+    fast(x, h, n)
+
+What is compiled must reach other functions by name (`from .physics import G`, not
+`physics.G`); they need no decorator. Arguments are floats, ints, numpy arrays and NamedTuples of
+importable modules, positional; each new combination of types compiles once. Division by zero gives
+inf or NaN, as in numpy. Arithmetic is strict: the compiled result is the plain one, bit for bit.
+
+Machine code is kept on disk, in the user's cache folder or a temporary one where that cannot be
+written. numba's own cache does not notice a changed helper in another module, so each folder is
+named by a hash over all sources of this package and of the folder the function is from: an edit
+anywhere compiles anew. Safe with several processes at once.
+"""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from hashlib import sha256
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .estimator import Estimator, check_step
+from .model import Floats, Times, Wheelset
+
+_OWN = Path(__file__).resolve().parent
+_KEEP = 8  # cache folders of other versions that stay, the latest used
+
+_WRAPPER = """
+def call({arguments}):
+    return target({arguments})
+"""
+
+_BATCH = """
+def call(params, constants, t, K, y, starts, F):
+    p = Params({params})
+    w = Wheelset({constants})
+    for j in range(len(starts)):
+        first = starts[j]
+        last = starts[j + 1] if j + 1 < len(starts) else len(t)
+        s = init(p, w, K[first], y[first])
+        F[first] = s.F
+        for i in range(first + 1, last):
+            s = step(p, w, s, (t[i] - t[i - 1]) * 1e-9, K[i], y[i])
+            F[i] = s.F
+"""
+
+
+def batch(
+    est: Estimator,
+    p: Any,
+    w: Wheelset,
+    t_ns: Times,
+    K: Floats,
+    y: Floats,
+    starts: NDArray[np.int64],
+) -> Floats:
+    """F̂ [N] over one axle, shape (n,); the same numbers as `estimator.online` on each segment.
+
+    Args:
+        est: the estimator.
+        p: its parameters, from `estimator.validated`.
+        w: constants of the wheelset.
+        t_ns: times [ns], rising strictly within each segment, shape (n,).
+        K: clamping force [N], shape (n,).
+        y: wheel speed [rad/s], shape (n,).
+        starts: first index of each segment, rising from 0.
+
+    Raises:
+        UserError: where an interval is too long for a forward Euler step that was asked for.
+    """
+    t, K, y, starts = _inputs(t_ns, K, y, starts)
+    _check_steps(est, p, t, starts)
+    F = np.empty(len(t))
+    _loop(est, _BATCH)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
+    return F
+
+
+def function(target: Callable[..., Any]) -> Callable[..., Any]:
+    """`target`, a plain function at module level, compiled at its first call and kept on disk."""
+    assert isinstance(target, FunctionType)
+    code = target.__code__
+    arguments = ", ".join(code.co_varnames[: code.co_argcount])
+    name = f"{target.__module__}.{target.__name__}".replace(".", "_")
+    return _compiled(name, _WRAPPER.format(arguments=arguments), (("target", target),))
+
+
+def _inputs(
+    t_ns: Times, K: Floats, y: Floats, starts: NDArray[np.int64]
+) -> tuple[Times, Floats, Floats, NDArray[np.int64]]:
+    """The arrays as the loops are compiled for: contiguous, int64 and float64."""
+    return (
+        np.ascontiguousarray(t_ns, np.int64),
+        np.ascontiguousarray(K, np.float64),
+        np.ascontiguousarray(y, np.float64),
+        np.ascontiguousarray(starts, np.int64),
+    )
+
+
+def _check_steps(est: Estimator, p: Any, t: Times, starts: NDArray[np.int64]) -> None:
+    h = np.diff(t)
+    h[starts[1:] - 1] = 0  # between segments
+    check_step(est, p, float(h.max(initial=0)) * 1e-9)
+
+
+def _loop(est: Estimator, template: str) -> Callable[..., Any]:
+    text = template.format(
+        params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
+        constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
+    )
+    reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
+    return _compiled(f"batch_{est.name}", text, tuple(reached.items()))
+
+
+@cache
+def _compiled(name: str, text: str, reached: tuple[tuple[str, Any], ...]) -> Callable[..., Any]:
+    """`call` of the source `text`, which finds the things `reached` under their names.
+
+    The source is a file of its own because numba's disk cache recognises a function by its file;
+    a function passed in or closed over is never recognised.
+    """
+    from numba import njit
+
+    folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for _, x in reached})
+    path = folder / f"{name}.py"
+    if not path.exists():
+        _write(path, text)
+    spec = spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    done: dict[FunctionType, Any] = {}
+    for key, x in reached:
+        setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
+    spec.loader.exec_module(module)
+    call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
+    return call
+
+
+def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
+    """`f` for numba, with every plain function it names lowered as well."""
+    from numba import njit
+
+    if f not in done:
+        names = dict(f.__globals__)
+        for name in f.__code__.co_names:
+            if isinstance(names.get(name), FunctionType):
+                names[name] = _lowered(names[name], done)
+        plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
+        done[f] = njit(error_model="numpy")(plain)
+    return done[f]
+
+
+def _folder(files: set[Path]) -> Path:
+    """The cache folder for code from `files`; makes it, and drops those of older sources."""
+    others = {file.parent for file in files if not file.is_relative_to(_OWN)}
+    name = sha256(_own_sources() + b"".join(map(_sources, sorted(others)))).hexdigest()[:16]
+    for root in _roots():
+        folder = root / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            os.utime(folder)  # the latest used
+            _prune(root)
+        except OSError:
+            continue
+        return folder
+    return Path(tempfile.mkdtemp(prefix="adhesion-"))
+
+
+def _sources(folder: Path, pattern: str = "*.py") -> bytes:
+    digest = sha256()
+    for path in sorted(folder.glob(pattern)):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.digest()
+
+
+@cache
+def _own_sources() -> bytes:
+    return _sources(_OWN, "**/*.py")
+
+
+def _roots() -> list[Path]:
+    """Where the cache may be, best first."""
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    return [base / "adhesion-cli", Path(tempfile.gettempdir()) / f"adhesion-cli-{user}"]
+
+
+def _prune(root: Path) -> None:
+    folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+    for old in folders[_KEEP:]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write `path` whole, with one fixed time so that numba takes every writer's copy as equal."""
+    part = path.with_suffix(f".{os.getpid()}")
+    part.write_text(text, encoding="utf-8")
+    os.utime(part, (0, 0))
+    os.replace(part, path)
