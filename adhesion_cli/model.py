@@ -65,6 +65,9 @@ class Channel:
     unit: str  # unit in the log; `data` is SI
     reason: str
     data: Column
+    rows: int = 0  # samples in the log; `data` holds those that may be used
+    starts: tuple[int, ...] = (0,)  # first index of each piece; the clock jumps back between two
+    gap_ns: int = 0  # a longer interval between samples is a gap
     step: float = 0.0  # quantisation step, SI; 0 where none shows
     rate_hz: float | None = None
     gaps: int = 0
@@ -223,6 +226,13 @@ class AxleResult:
     scores: tuple[Score, ...]
     applications: tuple[slice, ...]  # brake applications found in the record
     slip: Floats | None = None  # s, NaN below the speed limit
+
+    def error(self, algo: str) -> Floats:
+        """Estimate minus what it is scored against, truth or reference [N], shape (n,)."""
+        against = {s.algo: s.against for s in self.scores}.get(algo, "reference")
+        known = self.record.truth if against == "truth" else self.reference.force
+        assert known is not None  # nothing is scored against a truth that is not there
+        return self.estimates[algo] - known
 
 
 @dataclass(frozen=True, slots=True)

@@ -75,7 +75,9 @@ _WORDS: dict[str, set[str]] = {
         " latitude longitude altitude valid flag acceleration accel".split()
     ),
 }  # fmt: skip
-_GENERIC = set("value data val raw scalar float float64 double signal reading measurement x".split())
+_GENERIC = set(
+    "value data val raw scalar float float64 double signal reading measurement x".split()
+)
 
 # Units that a message type fixes by its definition, not by its name.
 _CONVENTIONS: tuple[tuple[str, str, str], ...] = (
@@ -97,7 +99,9 @@ def _words(text: str) -> list[str]:
     """Lower-case words of a name: camelCase, digits and punctuation part them."""
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
-    text = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)", " ", text)
+    text = re.sub(
+        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)", " ", text
+    )
     return re.findall(r"[^\W_]+", text.lower())
 
 
@@ -154,7 +158,9 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
         if dimension == "force" or _has("force", primary) or "夹" in clamping:
             return meant("clamping_force", clamping, _has("force", primary))
     pressure, cylinder = _has("pressure", primary), _has("cylinder", words)
-    if dimension in ("pressure", "") and (pressure or _has("cylinder", primary) or (dimension and cylinder)):
+    if dimension in ("pressure", "") and (
+        pressure or _has("cylinder", primary) or (dimension and cylinder)
+    ):
         if other := _has("other pressure", words):
             return None, axle, text, f"a pressure, but {other!r} is not the brake cylinder"
         return meant("pressure", pressure, cylinder)
@@ -251,7 +257,9 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
         if named and i not in named and (unit is None or unit.dimension == "speed"):
             taken = any(m.meaning == "train_speed" for m in meant)
             reason = "a speed, and another one is the wheel's"
-            meant[i] = replace(meant[i], meaning=None if taken else "train_speed", axle=None, reason=reason)
+            meant[i] = replace(
+                meant[i], meaning=None if taken else "train_speed", axle=None, reason=reason
+            )
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -270,7 +278,9 @@ def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for i in list(guesses):
         m = meant[i]
         name = title(m.field)
-        bogie = re.search(r"(?i)(?:bogie|truck|drehgestell|dg|转向架)[\s_\-/]*(\d)|(\d)\s*转向架", name)
+        bogie = re.search(
+            r"(?i)(?:bogie|truck|drehgestell|dg|转向架)[\s_\-/]*(\d)|(\d)\s*转向架", name
+        )
         if m.meaning == "pressure" and m.axle is None and bogie:
             second = 2 * int(bogie[1] or bogie[2])
             meant[i] = replace(m, axle=second - 1)
@@ -287,7 +297,7 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     seen: dict[tuple[str | None, int | None], int] = {}
     for i in guesses:
         m = meant[i]
-        key = (m.meaning, None if m.meaning == "train_speed" else m.axle)
+        key = (m.meaning, m.axle)
         if key not in seen:
             seen[key] = i
             continue

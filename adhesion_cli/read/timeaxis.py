@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model import Bools, Column, Finding, Floats, Times
+from ..model import Bools, Channel, Column, Finding, Floats, Times
 
 WRAPS_NS = {"32-bit millisecond": 2**32 * 10**6, "32-bit microsecond": 2**32 * 10**3}
 HOUR_NS = 3600 * 10**9
@@ -145,27 +145,37 @@ def _slices(starts: tuple[int, ...], n: int) -> list[slice]:
     return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)]
 
 
-def hold(t: Times, of: TimeAxis, piece: int) -> tuple[Floats, Bools]:
-    """Last value of a channel at each time of a piece, and whether it is fresh enough to use."""
-    own = _slices(of.starts, len(of.data.t))[piece]
-    index = np.searchsorted(of.data.t[own], t, side="right") - 1
+def piece_over(of: Channel, first: int, last: int) -> slice:
+    """The piece of a channel that shares most time with first..last [ns]."""
+    pieces = _slices(of.starts, len(of.data.t))
+
+    def shared(piece: slice) -> int:
+        t = of.data.t[piece]
+        return min(last, int(t[-1])) - max(first, int(t[0])) if len(t) else -(2**63)
+
+    return max(pieces, key=shared)
+
+
+def hold(t: Times, of: Channel, piece: slice) -> tuple[Floats, Bools]:
+    """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,)."""
+    xs, ys = of.data.t[piece], of.data.value[piece]
+    index = np.searchsorted(xs, t, side="right") - 1
     known = index >= 0
     index = np.maximum(index, 0)
-    fresh = known & (t - of.data.t[own][index] <= of.gap_ns)
-    return of.data.value[own][index], fresh
+    return ys[index], known & (t - xs[index] <= of.gap_ns)
 
 
-def interpolated(t: Times, of: TimeAxis, piece: int) -> Floats:
-    """Linear interpolation of a channel; NaN across its gaps, last value held at its end."""
-    own = _slices(of.starts, len(of.data.t))[piece]
-    xs, ys = of.data.t[own], of.data.value[own]
+def interpolated(t: Times, of: Channel, piece: slice) -> Floats:
+    """Linear interpolation of a channel, shape (n,).
+
+    NaN before its first sample and across its gaps; the last value holds as long as `hold` does.
+    """
+    xs, ys = of.data.t[piece], of.data.value[piece]
     after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
     before = np.maximum(after - 1, 0)
-    exact = xs[after] == t
+    gap = xs[after] - xs[before]
     # Differences of int64 are exact; seconds since 1970 as floats are not.
-    span = np.maximum(xs[after] - xs[before], 1)
-    part = np.clip((t - xs[before]) / span, 0.0, 1.0)
+    part = np.clip((t - xs[before]) / np.maximum(gap, 1), 0.0, 1.0)
     value = ys[before] + part * (ys[after] - ys[before])
-    outside = (t < xs[0]) | (t > xs[-1] + of.gap_ns)
-    across = ~exact & (t < xs[-1]) & (xs[after] - xs[before] > of.gap_ns)
-    return np.where(exact, ys[after], np.where(outside | across, np.nan, value))
+    unknown = (t < xs[0]) | (t > xs[-1] + of.gap_ns) | ((t < xs[after]) & (gap > of.gap_ns))
+    return np.where(unknown, np.nan, np.where(xs[after] == t, ys[after], value))

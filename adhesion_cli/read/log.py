@@ -1,0 +1,224 @@
+"""A log file as channels with meaning, in SI, on clean time axes."""
+
+import hashlib
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import UserError
+from ..model import Channel, Column, Finding, Floats, Log, Meaning, Vehicle
+from . import timeaxis, units
+from .meaning import Mapping, Meant, title, understood
+from .source import ReadOptions, Source
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+_EXAMPLES: dict[Meaning, str] = {
+    "wheel_speed": 'speed."axle 1" = {channel = "v_axle_1", unit = "km/h"}',
+    "pressure": 'pressure."axle 1" = {channel = "bc_1", unit = "bar"}',
+}
+
+
+class Opened(NamedTuple):
+    """A log and the source it came from."""
+
+    log: Log
+    source: Source
+
+
+def open_source(path: Path, options: ReadOptions) -> Source:
+    """Opens a log by what its first bytes are, whatever its name says.
+
+    Raises:
+        UserError: where the file is missing, no log, or damaged from the start.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MCAP_MAGIC))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file", "check the path") from None
+    except IsADirectoryError:
+        raise UserError(f"{path}: a folder, not a log", "name the log files in it") from None
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "check the file's permissions") from None
+    if not head:
+        raise UserError(f"{path}: the file is empty", "check that the logger closed it")
+    if head == MCAP_MAGIC or path.suffix.lower() == ".mcap":
+        from .mcap import open_mcap
+
+        return open_mcap(path, options)
+    from .csv import open_csv
+
+    return open_csv(path, options)
+
+
+def read(
+    path: Path,
+    options: ReadOptions,
+    mappings: tuple[Mapping, ...],
+    vehicle: Vehicle,
+    *,
+    max_gap_ns: int = 0,
+    every: bool = False,
+) -> Opened:
+    """Reads a log.
+
+    Args:
+        path: the file.
+        options: what the user stated about its form.
+        mappings: what the user stated about its channels.
+        vehicle: for the wheel radius, where a wheel speed is in km/h.
+        max_gap_ns: longer intervals are gaps; 0 decides per channel.
+        every: also the channels without a meaning, and no complaint about a missing unit.
+
+    Raises:
+        UserError: where the log cannot be read, or a unit that is needed cannot be known.
+    """
+    source = open_source(path, options)
+    meant, findings = understood(source.fields, mappings)
+    chosen = [m for m in meant if every or m.meaning]
+    if not every:
+        chosen = _without_spare_force(chosen)
+        for m in chosen:
+            if m.meaning:
+                _unit_of(m, path)
+    columns = source.columns([m.field for m in chosen])
+    start = min((int(c.t.min()) for c in columns if len(c.t)), default=0)
+    channels = []
+    for m, column in zip(chosen, columns, strict=True):
+        channel, found = _channel(m, column, path, vehicle, start, max_gap_ns, every)
+        channels.append(channel)
+        findings += found
+    log = Log(
+        str(path), source.format, _sha256(path), source.absolute, source.rows,
+        tuple(channels), tuple([*source.findings, *findings]),
+    )  # fmt: skip
+    return Opened(log, source)
+
+
+def _without_spare_force(chosen: list[Meant]) -> list[Meant]:
+    """Where a pressure is logged, K comes from it by (15): one way to K, the vehicle's."""
+    pressures = {m.axle for m in chosen if m.meaning == "pressure"}
+    spare = [m for m in chosen if m.meaning == "clamping_force" and {m.axle, None} & pressures]
+    return [m for m in chosen if m not in spare]
+
+
+def _unit_of(m: Meant, path: Path) -> units.Unit:
+    """The unit of a channel with a meaning.
+
+    Raises:
+        UserError: where the log does not state it: a guess would be silently wrong.
+    """
+    assert m.meaning
+    if not m.unit:
+        known = ", ".join(units.known_units(m.meaning))
+        key = {"wheel_speed": "speed"}.get(m.meaning, m.meaning)
+        place = key if m.meaning == "train_speed" else f'{key}."axle {m.axle or 1}"'
+        field = f', field = "{m.field.path}"' if m.field.path else ""
+        raise UserError(
+            f"{path}: channel {title(m.field)!r} looks like the {m.meaning.replace('_', ' ')}, "
+            "but its unit is not stated",
+            f"state it in a TOML given with -c: [channels] {place} = "
+            f'{{channel = "{m.field.channel}"{field}, unit = "…"}}; one of {known}',
+        )
+    unit = units.stated(m.unit, m.meaning, title(m.field))
+    if unit.dimension in ("pulse rate", "count") and not m.teeth:
+        raise UserError(
+            f"{path}: channel {title(m.field)!r} counts pulses ({m.unit}), pulses per turn unknown",
+            f'state them with -c: [channels] speed."axle {m.axle or 1}" = '
+            f'{{channel = "{m.field.channel}", unit = "{m.unit}", teeth = 80}}',
+        )
+    return unit
+
+
+def _channel(
+    m: Meant, column: Column, path: Path, vehicle: Vehicle, start: int, max_gap: int, every: bool
+) -> tuple[Channel, list[Finding]]:
+    name = title(m.field)
+    findings: list[Finding] = []
+    known = bool(m.meaning) and (not every or bool(m.unit))
+    step = _step(column.value[column.valid])
+    column = replace(column, valid=column.valid & np.isfinite(column.value))
+    axis = timeaxis.clean(name, column, start, max_gap)
+    data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
+    if known and (unit := units.unit(m.unit)) and _measures(unit, m):
+        radius = vehicle.radius(min(m.axle or 1, len(vehicle.wheel_radius))).value
+        factor = unit.factor
+        if m.meaning == "wheel_speed" and unit.dimension == "speed":
+            factor /= radius
+        if unit.dimension == "pulse rate":
+            factor *= 2.0 * math.pi / max(m.teeth, 1)
+        if unit.dimension in ("count", "angle"):
+            turn = 2.0 * math.pi / max(m.teeth, 1) if unit.dimension == "count" else unit.factor
+            data, starts, wrapped = _rate(data, starts, turn, m.wrap or _wrap(data.value, unit))
+            step = step * turn / (axis.interval_ns / 1e9) if axis.interval_ns else 0.0
+            if wrapped:
+                text = "counter wrapped: continued"
+                findings.append(Finding("counter-wrapped", "info", text, name, wrapped))
+        else:
+            data = replace(data, value=factor * data.value + unit.offset)
+            step *= factor
+    if not every and not len(data.t):
+        raise UserError(
+            f"{path}: channel {name!r} has no usable sample ({len(column.t)} in the log)",
+            f"`adhesion inspect {path}` shows why",
+        )
+    rate = 1e9 / axis.interval_ns if axis.interval_ns else None
+    return Channel(
+        name, m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
+        gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward,
+    ), [*axis.findings, *findings]  # fmt: skip
+
+
+def _measures(unit: units.Unit, m: Meant) -> bool:
+    return bool(m.meaning) and unit.dimension in units.EXPECTED[m.meaning]  # type: ignore[index]
+
+
+def _rate(
+    data: Column, starts: tuple[int, ...], turn: float, wrap: float
+) -> tuple[Column, tuple[int, ...], int]:
+    """Speed [rad/s] of a cumulative counter: the mean over an interval, at the interval's middle."""
+    step = np.diff(data.value)
+    wrapped = 0
+    if wrap:
+        over = step < -wrap / 2.0
+        under = step > wrap / 2.0
+        wrapped = int(over.sum() + under.sum())
+        step = step + wrap * over - wrap * under
+    dt = np.diff(data.t)
+    inside = np.ones(len(dt), dtype=np.bool_)
+    inside[[s - 1 for s in starts[1:]]] = False
+    middle = data.t[:-1] + dt // 2
+    speed = np.abs(step) * turn / (np.maximum(dt, 1) / 1e9)
+    new_starts = tuple(int(inside[:s].sum()) for s in starts)
+    kept = Column(middle[inside], speed[inside], np.ones(int(inside.sum()), dtype=np.bool_))
+    return kept, new_starts, wrapped
+
+
+def _wrap(values: Floats, unit: units.Unit) -> float:
+    """Where a counter starts anew, by its largest value; 0 where it never falls."""
+    if len(values) < 2 or not np.any(np.diff(values) < 0):
+        return 0.0
+    if unit.dimension == "angle":
+        return 2.0 * math.pi / unit.factor
+    return next((float(2**b) for b in (8, 10, 12, 16, 24, 32) if values.max() < 2**b), 0.0)
+
+
+def _step(values: Floats) -> float:
+    """The step of a quantised signal in its own unit, 0 where its values lie on no grid."""
+    head = values[:: max(1, len(values) // 20000)]
+    steps = np.diff(np.unique(head[np.isfinite(head)]))
+    if not len(steps):
+        return 0.0
+    smallest = float(steps.min())
+    if smallest <= 1e-9 * float(np.abs(head).max()):
+        return 0.0
+    ratio = steps / smallest
+    return smallest if float(np.abs(ratio - np.rint(ratio)).max()) < 0.02 else 0.0
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

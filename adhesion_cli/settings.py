@@ -1,0 +1,315 @@
+"""Settings: flag > `--set` > `-c` > `./adhesion.toml` > default, typed and checked once.
+
+The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`, and the
+parameters of each estimator in the registry: nothing is listed here a second time.
+"""
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping as Tree
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_type_hints
+
+from . import estimator
+from .errors import UserError, unknown
+from .estimator import Estimator
+from .model import Parameter, Quantity, Vehicle
+from .read.meaning import Mapping
+from .read.source import ReadOptions
+
+_MEANINGS = {
+    "pressure": "pressure",
+    "speed": "wheel_speed",
+    "wheel_speed": "wheel_speed",
+    "train_speed": "train_speed",
+    "clamping_force": "clamping_force",
+    "truth": "truth",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What `analyze` does with a log once it is read."""
+
+    reference: Annotated[str, Quantity("", "offline reference: smoother or butterworth")] = (
+        "smoother"
+    )
+    slowest: Annotated[float, Quantity("m/s", "no slip below this train speed")] = 1.0
+    max_gap: Annotated[
+        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one")
+    ] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Everything a user may state, checked.
+
+    Attributes:
+        overrides: estimator parameters stated by the user, by estimator and name.
+        stated: the tree as stated, for the result's record of how it was made.
+    """
+
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    mappings: tuple[Mapping, ...] = ()
+    read: ReadOptions = field(default_factory=ReadOptions)
+    analysis: Analysis = field(default_factory=Analysis)
+    overrides: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def params(self, est: Estimator) -> Any:
+        """An estimator's parameters: its defaults and what the user stated."""
+        return estimator.validated(est, self.overrides.get(est.name, {}))
+
+
+def load(
+    config: Path | None = None,
+    assignments: Sequence[str] = (),
+    base: Tree[str, Any] | None = None,
+    **read: Any,
+) -> Settings:
+    """Settings from files and `--set`.
+
+    Args:
+        config: the `-c` file; None takes `./adhesion.toml` where there is one.
+        assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
+        base: settings a result file carries, weaker than every other.
+        read: reading options from flags.
+
+    Raises:
+        UserError: for an unreadable file, an unknown key, a value out of range.
+    """
+    tree: dict[str, Any] = {}
+    if base:
+        _merge(tree, base)
+    here = Path("adhesion.toml")
+    if config or here.is_file():
+        _merge(tree, _toml(config or here))
+    for text in assignments:
+        _merge(tree, _assignment(text))
+    return _typed(tree, read)
+
+
+def tree(settings: Settings, algos: Sequence[Estimator]) -> dict[str, Any]:
+    """Every parameter in force, as a TOML would state it; `load(base=…)` takes it back."""
+    v = settings.vehicle
+    plain: dict[str, Any] = {}
+    for f in dataclasses.fields(v):
+        value = getattr(v, f.name)
+        of = [dict(p._asdict()) for p in (value if f.name == "wheel_radius" else (value,))]
+        plain[f.name] = of if len(of) > 1 else of[0]
+    out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
+    for est in algos:
+        out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
+    return out
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file", "-c takes a TOML file", code=2) from None
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", "-c takes a TOML file", code=2) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UserError(f"{path}: {error}", "see docs/settings.md for an example", code=2) from None
+
+
+def _assignment(text: str) -> dict[str, Any]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise UserError(f"--set {text!r} has no '='", "for example --set neso.beta1=100", code=2)
+    try:
+        parsed = tomllib.loads(f"x = {value}")["x"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()  # a bare word is a text
+    *sections, key = name.strip().split(".")
+    out: dict[str, Any] = {key: parsed}
+    for section in reversed(sections):
+        out = {section: out}
+    return out
+
+
+def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
+    """Lays `new` over `into`; tables merge, a number laid over `{value, tolerance}` replaces it."""
+    for key, value in new.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = dict(value) if isinstance(value, dict) else value
+
+
+def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
+    registry = estimator.registry()
+    vehicle_keys = _vehicle_keys()
+    sections = ["vehicle", "channels", "csv", "mcap", "analysis", *registry]
+    vehicle = {k: tree[k] for k in tree if k in vehicle_keys}
+    overrides: dict[str, dict[str, float]] = {}
+    for key, value in tree.items():
+        if key in vehicle_keys:
+            continue
+        if key not in sections:
+            raise unknown("setting", key, [*sections, *vehicle_keys])
+        if not isinstance(value, dict):
+            raise UserError(f"setting {key!r} is a table", f"write [{key}], then its keys", code=2)
+        if key == "vehicle":
+            vehicle |= value
+        elif key in registry:
+            overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
+            estimator.validated(registry[key], overrides[key])
+    mappings, stated = _channels(tree.get("channels", {}))
+    options = {
+        **stated,
+        **_fields("csv", tree.get("csv", {}), ("header", "delimiter", "decimal", "encoding")),
+        **_fields("mcap", tree.get("mcap", {}), ("max_inflated", "max_record")),
+        **{k: v for k, v in read.items() if v is not None},
+    }
+    analysis = _fields("analysis", tree.get("analysis", {}), tuple(_hints(Analysis)))
+    for name in ("slowest", "max_gap"):
+        if name in analysis:
+            analysis[name] = _number(f"analysis.{name}", analysis[name])
+            _in_range(f"analysis.{name}", analysis[name], _hints(Analysis)[name])
+    return Settings(
+        _vehicle(vehicle), tuple(mappings), ReadOptions(**options), Analysis(**analysis), overrides
+    )
+
+
+def _hints(of: type) -> dict[str, Quantity]:
+    """The `Quantity` beside each annotated field."""
+    hints = get_type_hints(of, include_extras=True)
+    return {
+        name: q
+        for name, hint in hints.items()
+        for q in get_args(hint)[1:]
+        if isinstance(q, Quantity)
+    }
+
+
+def _vehicle_keys() -> dict[str, str]:
+    """Every spelling of a vehicle parameter, and the field it means."""
+    names = {name: name for name in _hints(Vehicle)}
+    symbols = {q.symbol: name for name, q in _hints(Vehicle).items() if q.symbol}
+    return {**names, **symbols, "wheel_diameter": "wheel_radius"}
+
+
+def _vehicle(stated: dict[str, Any]) -> Vehicle:
+    keys, hints, default = _vehicle_keys(), _hints(Vehicle), Vehicle()
+    values: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    for key, value in stated.items():
+        if key not in keys:
+            raise unknown("vehicle parameter", key, list(keys))
+        name = keys[key]
+        if name in values:
+            message = f"vehicle.{key} and vehicle.{origin[name]} state the same parameter"
+            raise UserError(message, "keep one of them", code=2)
+        origin[name] = key
+        scale = 0.5 if key == "wheel_diameter" else 1.0
+        if name == "wheel_radius":
+            known = default.wheel_radius[0]
+            many = value if isinstance(value, list) else [value]
+            if not many:
+                raise UserError(
+                    f"vehicle.{key} is an empty list", "one value, or one per axle", code=2
+                )
+            values[name] = tuple(_parameter(key, v, known, hints[name], scale) for v in many)
+        else:
+            values[name] = _parameter(key, value, getattr(default, name), hints[name])
+    return Vehicle(**values)
+
+
+def _parameter(
+    key: str, stated: Any, default: Parameter, q: Quantity, scale: float = 1.0
+) -> Parameter:
+    """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
+    name = f"vehicle.{key}"
+    table = stated if isinstance(stated, dict) else {"value": stated}
+    if extra := set(table) - {"value", "tolerance"}:
+        raise unknown(f"key of {name}", min(extra), ["value", "tolerance"])
+    share = default.tolerance / default.value if default.value else 0.0
+    value = scale * _number(name, table["value"]) if "value" in table else default.value
+    tolerance = (
+        scale * _number(f"{name}.tolerance", table["tolerance"])
+        if "tolerance" in table
+        else share * abs(value)
+    )
+    _in_range(name, value, q)
+    if tolerance < 0.0:
+        raise UserError(
+            f"{name}: tolerance is negative", "1 sigma, in the parameter's unit", code=2
+        )
+    return Parameter(value, tolerance)
+
+
+def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
+    """`[channels]`: what each log name means, and how to read the time."""
+    mappings: list[Mapping] = []
+    options: dict[str, Any] = {}
+    for key, value in stated.items():
+        if key == "time":
+            table = _table(key, value)
+            known = {"channel": "time_channel", "unit": "time_unit", "source": "time_source"}
+            options |= {
+                known[k]: str(v) for k, v in _fields("channels.time", table, tuple(known)).items()
+            }
+        elif key == "group":
+            table = _fields("channels.group", _table(key, value), ("channel", "equals"))
+            options |= {f"group_{k}": str(v) for k, v in table.items()}
+        elif key in _MEANINGS:
+            for axle, entry in _by_axle(key, value):
+                names = tuple(f.name for f in dataclasses.fields(Mapping))[2:]
+                table = _fields(f"channels.{key}", _table(key, entry), names)
+                if "channel" not in table:
+                    hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
+                    raise UserError(f"channels.{key} names no channel", hint, code=2)
+                for text in ("channel", "field", "unit", "group"):
+                    if text in table:
+                        table[text] = str(table[text])
+                mappings.append(Mapping(_MEANINGS[key], axle, **table))  # type: ignore[arg-type]
+        else:
+            raise unknown("meaning in [channels]", key, ["time", "group", *_MEANINGS])
+    for name in ("time_channel", "group_channel"):
+        if options.get(name, "").isdigit():
+            options[name] = f"column {options[name]}"
+    return mappings, options
+
+
+def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
+    """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's."""
+    if not isinstance(value, dict) or "channel" in value:
+        return [(None, value)]
+    out: list[tuple[int | None, Any]] = []
+    for name, entry in value.items():
+        digits = name.lower().removeprefix("axle").strip(" _")
+        if not digits.isdigit() or int(digits) < 1:
+            hint = f'{key}."axle 1" = {{channel = "…"}}, axles count from 1'
+            raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
+        out.append((int(digits), entry))
+    return out
+
+
+def _table(key: str, value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {"channel": value}
+
+
+def _fields(section: str, stated: Any, known: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(stated, dict):
+        raise UserError(
+            f"setting {section!r} is a table", f"known keys: {', '.join(known)}", code=2
+        )
+    for key in stated:
+        if key not in known:
+            raise unknown(f"key of [{section}]", key, list(known))
+    return dict(stated)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UserError(f"{name} = {value!r} is not a number", "write a plain number, SI", code=2)
+    return float(value)
+
+
+def _in_range(name: str, value: float, q: Quantity) -> None:
+    if not q.low <= value <= q.high:
+        message = f"{name} = {value:g} is outside {q.low:g} to {q.high:g} {q.unit}"
+        raise UserError(message, f"{q.text}, in {q.unit}", code=2)
