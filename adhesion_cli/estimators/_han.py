@@ -1,0 +1,25 @@
+"""Han's two functions.
+
+Source: Han J.: From PID to active disturbance rejection control. IEEE Transactions on Industrial
+Electronics 56 (2009) 900-906.
+"""
+
+import math
+
+
+def fal_gain(x: float, alpha: float, delta: float) -> float:
+    """fal(x, α, δ)/x, the gain with which (10) feeds `x` back: finite and positive at every x."""
+    return math.pow(max(abs(x), delta), alpha - 1.0)  # (10)
+
+
+def fhan(x1: float, x2: float, r: float, h: float) -> float:
+    """The rate of x2, at most `r`, that brings x1 and x2 to 0 fastest and without chatter.
+
+    Within about r h² of 0 it is linear, a double pole at −1/h.
+    """
+    d = r * h * h
+    a0 = h * x2
+    y = x1 + a0
+    a1 = math.sqrt(d * (d + 8.0 * abs(y)))
+    a = a0 + y if abs(y) <= d else a0 + math.copysign(0.5 * (a1 - d), y)
+    return -r * a / d if abs(a) <= d else -math.copysign(r, a)
