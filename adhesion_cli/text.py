@@ -1,0 +1,38 @@
+"""Names and texts from logs are hostile: made safe here before anyone sees them."""
+
+import unicodedata
+
+# Control, format (bidi overrides, zero width, tags), surrogate, line and paragraph separators.
+_UNSAFE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def printable(text: str) -> str:
+    r"""The text on one line, with every character that could steer a terminal shown as its code.
+
+    >>> printable("speed\x1b[2J\u202e")
+    'speed\\x1b[2J\\u202e'
+    """
+    if text.isprintable():  # the ordinary case; stricter than the rule below
+        return text
+    return "".join(
+        c.encode("unicode_escape").decode() if unicodedata.category(c) in _UNSAFE else c
+        for c in text
+    )
+
+
+def distinct(names: list[str]) -> list[str]:
+    """The same names, each later repetition numbered.
+
+    >>> distinct(["a", "b", "a"])
+    ['a', 'b', 'a (2)']
+    """
+    taken: set[str] = set()
+    told = []
+    for name in names:
+        free, n = name, 1
+        while free in taken:
+            n += 1
+            free = f"{name} ({n})"
+        taken.add(free)
+        told.append(free)
+    return told

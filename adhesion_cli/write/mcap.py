@@ -1,0 +1,554 @@
+"""Results and logs as MCAP: protobuf messages, packed by columns, chunked, zstd, every CRC on.
+
+The records around the messages are the mcap package's own; the messages and their indexes are laid
+out by numpy, because one protobuf object per sample costs more than the whole analysis. The bytes
+of a message are those the protobuf library would have written.
+"""
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
+
+from .. import __version__, physics
+from ..errors import UserError
+from ..model import AxleResult, Floats, Log, Result, Times
+from ..text import printable
+from . import descriptors, names
+
+CHUNK = 4 << 20  # bytes of a chunk before compression, about
+_MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
+_END = struct.Struct("<BQQQI8s")  # footer record and closing magic
+_SECOND = 1_000_000_000
+_MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
+
+Offsets = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """One topic before packing: a column per double field, shape (n,); NaN leaves it absent."""
+
+    topic: str
+    message: str
+    t: Times
+    columns: dict[str, tuple[str, Floats]]  # field: (unit, values)
+    tails: tuple[bytes, ...] = (b"",)  # encoded fields that follow the doubles
+    tail: NDArray[np.int64] | None = None  # which of them, per row; None: the first
+    unit: str | None = None  # of the whole topic
+
+    def metadata(self) -> dict[str, str]:
+        """Units, as the channel record states them."""
+        if self.unit is not None:
+            return {"unit": self.unit}
+        return {f"unit.{name}": unit for name, (unit, _) in self.columns.items()}
+
+
+def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
+    """Write one analysed log, read it back and check it.
+
+    Args:
+        path: file to write; its old content is lost.
+        result: the analysed log.
+        metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+
+    Raises:
+        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
+        OSError: the file cannot be written.
+    """
+    shift = _shift(path, [result.log])
+    _write(
+        path,
+        _result_streams(result, ""),
+        {
+            "adhesion.settings": _flat(result.settings),
+            "adhesion.provenance": _provenance(result, shift),
+            "adhesion.metrics": {"json": _text(metrics_json)},
+        },
+        shift,
+    )
+
+
+def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | bytes) -> None:
+    """Write several analysed logs into one file, topics and metadata prefixed with the log's name.
+
+    Args:
+        path: file to write; its old content is lost.
+        results: the analysed logs.
+        metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+
+    Raises:
+        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
+        OSError: the file cannot be written.
+    """
+    shift = _shift(path, [r.log for r in results])
+    streams: list[_Stream] = []
+    settings: dict[str, str] = {}
+    provenance: dict[str, str] = {}
+    for name, result in zip(names.logs(results), results, strict=True):
+        streams += _result_streams(result, f"/{name}")
+        settings |= {f"{name}.{k}": v for k, v in _flat(result.settings).items()}
+        provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
+    _write(
+        path,
+        streams,
+        {
+            "adhesion.settings": settings,
+            "adhesion.provenance": provenance,
+            "adhesion.metrics": {"json": _text(metrics_json)},
+        },
+        shift,
+    )
+
+
+def write_log(path: Path, log: Log) -> None:
+    """Write a log as one topic of `adhesion.Scalar` per channel, each with its unit.
+
+    Args:
+        path: file to write; its old content is lost.
+        log: channels with a meaning are in SI, others in the unit they state.
+
+    Raises:
+        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
+        OSError: the file cannot be written.
+    """
+    scalar = descriptors.message("Scalar")
+    streams = []
+    for (name, unit), channel in zip(names.channels(log), log.channels, strict=True):
+        values = np.where(channel.data.valid, channel.data.value, np.nan)
+        tail = scalar(unit=unit).SerializeToString()
+        columns = {"value": (unit, values)}
+        streams.append(_Stream(name, "Scalar", channel.data.t, columns, (tail,), unit=unit))
+    shift = _shift(path, [log])
+    _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
+
+
+def verify(path: Path) -> None:
+    """Read a file of ours back: its CRCs cover every byte of it.
+
+    Raises:
+        UserError: the file is not what was written.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - _END.size))
+        try:
+            opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
+        except struct.error:
+            raise _damaged(path, "it is too short") from None
+        if (opcode, magic) != (Opcode.FOOTER, MCAP0_MAGIC):
+            raise _damaged(path, "it has no end")
+        data_end = summary_start - 4  # the CRC of all before its record closes the data section
+        if not 13 <= data_end <= size:
+            raise _damaged(path, "its footer points nowhere")
+        file.seek(0)
+        crc = _crc(file, data_end - 9)
+        file.seek(data_end)
+        if struct.unpack("<I", file.read(4)) != (crc,):
+            raise _damaged(path, "CRC of the data")
+        if _crc(file, size - summary_start - 12) != summary_crc:
+            raise _damaged(path, "CRC of the summary")
+
+
+def _crc(file: BinaryIO, length: int) -> int:
+    crc = 0
+    while length > 0 and (block := file.read(min(length, 1 << 20))):
+        crc = zlib.crc32(block, crc)
+        length -= len(block)
+    return crc
+
+
+def _damaged(path: Path, what: str) -> UserError:
+    return UserError(
+        f"{path.name}: does not read back as written ({what})", "check the disk, then run again"
+    )
+
+
+# ---- what goes into the file
+
+
+def _result_streams(result: Result, prefix: str) -> list[_Stream]:
+    streams: list[_Stream] = []
+    for axle in result.axles:
+        streams += _axle_streams(axle, result, f"{prefix}/axle/{axle.record.axle}")
+    return [*streams, *_events(result, prefix)]
+
+
+def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
+    record, reference = axle.record, axle.reference
+
+    def stream(name: str, message: str, **columns: tuple[str, Floats | None]) -> _Stream:
+        known = {f: (unit, v) for f, (unit, v) in columns.items() if v is not None}
+        return _Stream(f"{topic}/{name}", message, record.t, known)
+
+    def mu(force: Floats) -> Floats:
+        return physics.coefficient(force, result.vehicle)
+
+    yield stream(
+        "input", "AxleInput",
+        brake_cylinder_pressure=("Pa", record.pressure),
+        clamping_force=("N", record.clamping_force),
+        wheel_speed=("rad/s", record.wheel_speed),
+        train_speed=("m/s", record.train_speed),
+    )  # fmt: skip
+    yield stream(
+        "reference", "Reference",
+        force=("N", reference.force),
+        sigma=("N", reference.sigma),
+        lower=("N", reference.lower),
+        upper=("N", reference.upper),
+        coefficient=("-", mu(reference.force)),
+    )  # fmt: skip
+    for algo, force in sorted(axle.estimates.items()):
+        yield stream(
+            f"estimate/{algo}", "Estimate",
+            force=("N", force), coefficient=("-", mu(force)), error=("N", axle.error(algo)),
+        )  # fmt: skip
+    if record.truth is not None:
+        yield stream("truth", "Truth", force=("N", record.truth))
+    if axle.slip is not None:
+        yield stream("slip", "Slip", slip=("-", axle.slip), coefficient=("-", mu(reference.force)))
+
+
+def _events(result: Result, prefix: str) -> list[_Stream]:
+    """Findings and brake applications on one topic, in the order of their time."""
+    event, start = descriptors.message("Event"), result.log.start_ns()
+    events = []
+    for f in result.findings:
+        where = f"{printable(f.channel)}: " if f.channel else ""
+        text = f"{where}{printable(f.message)}"
+        t = start + round((f.first_s or 0.0) * _SECOND)
+        events.append((t, event(code=f.code, severity=f.severity, message=text)))
+    for axle in result.axles:
+        N = axle.record.axle
+        for s in axle.applications:
+            for i, what in ((s.start, "applied"), (s.stop - 1, "released")):
+                text = f"axle {N}: brake {what}"
+                told = event(code=f"brake-{what}", severity="info", axle=N, message=text)
+                events.append((int(axle.record.t[i]), told))
+    if not events:
+        return []
+    events.sort(key=lambda e: e[0])
+    tails = tuple(e.SerializeToString() for _, e in events)
+    times = np.array([t for t, _ in events], np.int64)
+    return [_Stream(f"{prefix}/events", "Event", times, {}, tails, np.arange(len(tails)))]
+
+
+def _origin(log: Log, shift: int) -> dict[str, str]:
+    origin = {
+        "version": __version__,
+        "input": printable(Path(log.path).name),
+        "input_sha256": log.sha256,
+        "input_format": log.format,
+    }
+    if shift:
+        origin["time_shift_ns"] = str(shift)
+    return origin
+
+
+def _provenance(result: Result, shift: int) -> dict[str, str]:
+    return {**_origin(result.log, shift), "sources": "\n".join(result.sources)}
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested settings as dotted keys with JSON values, sorted."""
+    flat: dict[str, str] = {}
+    for key, value in sorted(settings.items()):
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = json.dumps(value, ensure_ascii=False)
+    return flat
+
+
+def _text(document: str | bytes) -> str:
+    return document if isinstance(document, str) else document.decode()
+
+
+def _shift(path: Path, logs: Sequence[Log]) -> int:
+    """What to add to every time stamp [ns]: MCAP has no time before zero.
+
+    A log without a calendar may start at −5 s; whole seconds are added, and provenance says so.
+    """
+    first = min((int(c.data.t.min()) for g in logs for c in g.channels if len(c.data.t)), default=0)
+    if first < 0 and any(g.absolute for g in logs):
+        raise UserError(
+            f"{path.name}: the log has time stamps before 1970, which MCAP cannot hold",
+            "check the time channel and its unit",
+        )
+    return max(0, -(first // _SECOND) * _SECOND)
+
+
+# ---- how it goes into the file
+
+
+class _File:
+    """The data section: remembers where it is and the CRC of all before."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file, self.at, self.crc = file, 0, 0
+
+    def write(self, data: bytes) -> tuple[int, int]:
+        """Append; returns where it went, as (offset, length)."""
+        at = self.at
+        self.file.write(data)
+        self.crc = zlib.crc32(data, self.crc)
+        self.at += len(data)
+        return at, len(data)
+
+
+def _record(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def _write(
+    path: Path, streams: Sequence[_Stream], metadata: dict[str, dict[str, str]], shift: int
+) -> None:
+    if len(streams) > _MOST_CHANNELS:
+        raise UserError(
+            f"{path.name}: {len(streams)} channels, MCAP holds {_MOST_CHANNELS}",
+            "choose channels in [channels] of the TOML",
+        )
+    messages = sorted({s.message for s in streams})
+    schemas = [
+        Schema(i, descriptors.schema(m), "protobuf", f"adhesion.{m}")
+        for i, m in enumerate(messages, 1)
+    ]
+    channels = [
+        Channel(i, s.topic, "protobuf", s.metadata(), messages.index(s.message) + 1)
+        for i, s in enumerate(streams, 1)
+    ]
+    counts = {c.id: len(s.t) for c, s in zip(channels, streams, strict=True) if len(s.t)}
+    ends = [(int(s.t.min()) + shift, int(s.t.max()) + shift) for s in streams if len(s.t)]
+
+    with path.open("wb") as file:
+        out = _File(file)
+        out.write(MCAP0_MAGIC)
+        out.write(_record(Header("", f"adhesion-cli {__version__}")))
+        indexes = []
+        for name, entries in metadata.items():
+            at, length = out.write(_record(Metadata(name=name, metadata=entries)))
+            indexes.append(MetadataIndex(at, length, name))
+        out.write(_record(*schemas, *channels))
+        chunks = [_write_chunk(out, streams, parts, shift) for parts in _partition(streams)]
+        out.write(_record(DataEnd(out.crc)))
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(channels),
+            channel_message_counts=counts,
+            chunk_count=len(chunks),
+            message_count=sum(counts.values()),
+            message_start_time=min((a for a, _ in ends), default=0),
+            message_end_time=max((b for _, b in ends), default=0),
+            metadata_count=len(metadata),
+            schema_count=len(schemas),
+        )
+        _write_summary(file, out.at, [schemas, channels, [statistics], chunks, indexes])
+    verify(path)
+
+
+def _write_summary(file: BinaryIO, start: int, groups: Sequence[Sequence[McapRecord]]) -> None:
+    opcodes = (
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.STATISTICS,
+        Opcode.CHUNK_INDEX,
+        Opcode.METADATA_INDEX,
+    )
+    summary, offsets = b"", []
+    for opcode, records in zip(opcodes, groups, strict=True):
+        if records:
+            group = _record(*records)
+            offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+            summary += group
+    footer = Footer(start, start + len(summary), 0)
+    summary += _record(*offsets)
+    footer.summary_crc = zlib.crc32(summary + _record(footer)[:-4])
+    file.write(summary + _record(footer) + MCAP0_MAGIC)
+
+
+def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
+    """Cut the streams into chunks of about `CHUNK` bytes: the rows of each that go together.
+
+    Rows keep their order within a stream. Across streams they go by the latest time seen so far,
+    so that a chunk covers a span of time even where a clock jumps back.
+    """
+    if not any(len(s.t) for s in streams):
+        return
+    clocks: dict[int, Times] = {}  # by identity of the time axis: topics of one axle share theirs
+    for s in streams:
+        if id(s.t) not in clocks:
+            clocks[id(s.t)] = np.maximum.accumulate(s.t)
+    total = sum(len(s.t) * (_MESSAGE + 13 + 9 * len(s.columns) + len(s.tails[0])) for s in streams)
+    pieces = -(-total // CHUNK)
+    sample = np.sort(np.concatenate([clocks[id(s.t)][::64] for s in streams]))
+    edges = sample[len(sample) * np.arange(1, pieces) // pieces]
+
+    cuts = {}
+    for axis, clock in clocks.items():
+        # Many rows at one time (a clock that jumped back) fall on several equal edges: share them.
+        first, last = np.searchsorted(edges, edges, "left"), np.searchsorted(edges, edges, "right")
+        below, above = np.searchsorted(clock, edges, "left"), np.searchsorted(clock, edges, "right")
+        share = (np.arange(len(edges)) + 1 - first) * (above - below) // (last - first)
+        cuts[axis] = np.concatenate([[0], below + share, [len(clock)]])
+    for k in range(pieces):
+        yield [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
+
+
+def _write_chunk(
+    out: _File, streams: Sequence[_Stream], parts: list[slice], shift: int
+) -> ChunkIndex:
+    """Append one chunk and its message indexes."""
+    rows = [
+        _Rows(i, s, part, shift)
+        for i, (s, part) in enumerate(zip(streams, parts, strict=True), 1)
+        if part.stop > part.start
+    ]
+    clock = np.concatenate([np.maximum.accumulate(r.t) for r in rows])
+    order = np.argsort(clock, kind="stable")
+    sizes = np.concatenate([r.sizes for r in rows])
+    ends = np.cumsum(sizes[order])
+    at = np.empty_like(ends)
+    at[order] = ends - sizes[order]
+
+    buffer = np.zeros(int(ends[-1]), np.uint8)
+    index = []
+    begin = 0
+    for r in rows:
+        offsets = at[begin : begin + len(r.t)]
+        begin += len(r.t)
+        r.write(buffer, offsets)
+        entries = np.stack([r.t, offsets], axis=1).astype("<u8").tobytes()
+        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), r.channel, len(entries))
+        index.append((r.channel, head + entries))
+
+    raw = buffer.tobytes()
+    compressed = zstandard.ZstdCompressor(level=3).compress(raw)
+    chunk = Chunk(
+        compression="zstd",
+        data=compressed,
+        message_start_time=int(min(r.t.min() for r in rows)),
+        message_end_time=int(max(r.t.max() for r in rows)),
+        uncompressed_crc=zlib.crc32(raw),
+        uncompressed_size=len(raw),
+    )
+    start, length = out.write(_record(chunk))
+    places = {channel: out.write(record)[0] for channel, record in index}
+    return ChunkIndex(
+        chunk_start_offset=start,
+        chunk_length=length,
+        compression=chunk.compression,
+        compressed_size=len(compressed),
+        message_start_time=chunk.message_start_time,
+        message_end_time=chunk.message_end_time,
+        message_index_length=out.at - start - length,
+        message_index_offsets=places,
+        uncompressed_size=chunk.uncompressed_size,
+    )
+
+
+class _Rows:
+    """The messages of one stream in one chunk: first how long each is, then their bytes."""
+
+    def __init__(self, channel: int, stream: _Stream, part: slice, shift: int) -> None:
+        self.channel, self.first = channel, part.start
+        self.t = stream.t[part] + shift
+        seconds, nanos = np.divmod(self.t, _SECOND)
+        self.seconds, self.seconds_len = seconds, _varint_length(seconds)
+        self.nanos, self.nanos_len = nanos, _varint_length(nanos)
+        # A field with its default value is not written: that is how protobuf does it.
+        self.stamp_len = self.seconds_len + (seconds > 0) + self.nanos_len + (nanos > 0)
+        number = descriptors.numbers(stream.message)
+        self.columns = [
+            (number[name] << 3 | 1, values[part]) for name, (_, values) in stream.columns.items()
+        ]
+        self.tails = stream.tails
+        self.tail = None if stream.tail is None else stream.tail[part]
+        tail_len = np.array([len(t) for t in self.tails])
+        self.sizes: Offsets = _MESSAGE + 2 + self.stamp_len
+        self.sizes += tail_len[0] if self.tail is None else tail_len[self.tail]
+        for _, values in self.columns:
+            self.sizes += 9 * ~np.isnan(values)
+
+    def write(self, buffer: Bytes, at: Offsets) -> None:
+        """Fill in the message records that start at `at`, shape (n,)."""
+        _put(buffer, at, "u1", Opcode.MESSAGE)
+        _put(buffer, at + 1, "<u8", self.sizes - 9)
+        _put(buffer, at + 9, "<u2", self.channel)
+        _put(buffer, at + 11, "<u4", (self.first + np.arange(len(at))) & 0xFFFFFFFF)  # sequence
+        _put(buffer, at + 15, "<u8", self.t)  # log time
+        _put(buffer, at + 23, "<u8", self.t)  # publish time
+        _put(buffer, at + 31, "u1", 1 << 3 | 2)  # field 1, google.protobuf.Timestamp
+        _put(buffer, at + 32, "u1", self.stamp_len)
+        at = at + 33
+        at = _put_varint(buffer, at, 1 << 3, self.seconds, self.seconds_len)
+        at = _put_varint(buffer, at, 2 << 3, self.nanos, self.nanos_len)
+        for tag, values in self.columns:
+            here = ~np.isnan(values)
+            _put(buffer, at[here], "u1", tag)
+            _put(buffer, at[here] + 1, "<f8", values[here])
+            at = at + 9 * here
+        for k, tail in enumerate(self.tails):
+            if tail:
+                _put(
+                    buffer, at if self.tail is None else at[self.tail == k], f"V{len(tail)}",
+                    np.void(tail),
+                )  # fmt: skip
+
+
+def _put(buffer: Bytes, at: Offsets, dtype: str, values: Any) -> None:
+    """Store `values` at the byte offsets `at`, whatever their alignment."""
+    kind = np.dtype(dtype)
+    if len(at):
+        np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))[at] = values
+
+
+def _varint_length(values: NDArray[np.int64]) -> Offsets:
+    """Bytes of each value ≥ 0 as a varint; 0 for 0, which protobuf does not write."""
+    length = np.zeros(len(values), np.int64)
+    while values.any():
+        length += values > 0
+        values = values >> 7
+    return length
+
+
+def _put_varint(
+    buffer: Bytes, at: Offsets, tag: int, values: NDArray[np.int64], length: Offsets
+) -> Offsets:
+    """Store tag and varint where there is a value; returns where the next field goes."""
+    here = length > 0
+    _put(buffer, at[here], "u1", tag)
+    for k in range(int(length.max())):
+        here = length > k
+        more = np.where(length[here] > k + 1, 0x80, 0)
+        _put(buffer, at[here] + 1 + k, "u1", values[here] >> 7 * k & 0x7F | more)
+    return at + length + (length > 0)

@@ -1,0 +1,39 @@
+"""What channels and logs are called in a written file, and the unit of what is written."""
+
+from collections.abc import Sequence
+from pathlib import PurePath
+
+from ..model import Channel, Log, Meaning, Result
+from ..text import distinct, printable
+
+SI: dict[Meaning, str] = {
+    "time": "s",
+    "pressure": "Pa",
+    "wheel_speed": "rad/s",
+    "train_speed": "m/s",
+    "clamping_force": "N",
+    "truth": "N",
+}
+
+
+def channels(log: Log) -> list[tuple[str, str]]:
+    """Name and unit of each channel's values, in order; names printable and distinct.
+
+    A channel with a meaning holds SI; one without still has the unit the log states.
+    """
+    units = [SI[c.meaning] if c.meaning else c.unit for c in log.channels]
+    names = [_name(c, unit) for c, unit in zip(log.channels, units, strict=True)]
+    return list(zip(distinct(names), units, strict=True))
+
+
+def logs(results: Sequence[Result]) -> list[str]:
+    """A short name for each log: its file's stem; printable and distinct."""
+    return distinct([printable(PurePath(r.log.path).stem) for r in results])
+
+
+def _name(channel: Channel, unit: str) -> str:
+    name = channel.name if channel.field in ("", "value") else f"{channel.name}.{channel.field}"
+    if channel.unit and channel.unit != unit:  # "p [kPa]" must not stay the name of pascals
+        for bracketed in (f"[{channel.unit}]", f"({channel.unit})"):
+            name = name.removesuffix(bracketed).rstrip()
+    return printable(name)
