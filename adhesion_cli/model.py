@@ -60,6 +60,7 @@ class Channel:
 
     name: str  # topic or column header, as in the log
     field: str  # place inside a message, "" in a CSV
+    row_of: tuple[str, str]  # channels of one row or message share this: topic and device
     meaning: Meaning | None
     axle: int | None
     unit: str  # unit in the log; `data` is SI

@@ -5,6 +5,7 @@ parameters of each estimator in the registry: nothing is listed here a second ti
 """
 
 import dataclasses
+import json
 import tomllib
 from collections.abc import Mapping as Tree
 from collections.abc import Sequence
@@ -101,6 +102,17 @@ def tree(settings: Settings, algos: Sequence[Estimator]) -> dict[str, Any]:
     out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
     for est in algos:
         out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
+    return out
+
+
+def nested(flat: Tree[str, str]) -> dict[str, Any]:
+    """The tree from dotted keys with JSON values, as a result file carries it."""
+    out: dict[str, Any] = {}
+    for name, text in flat.items():
+        value = json.loads(text)
+        for section in reversed(name.split(".")):
+            value = {section: value}
+        _merge(out, value)
     return out
 
 

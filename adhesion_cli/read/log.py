@@ -4,7 +4,6 @@ import hashlib
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,17 +14,6 @@ from .meaning import Mapping, Meant, title, understood
 from .source import ReadOptions, Source
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-_EXAMPLES: dict[Meaning, str] = {
-    "wheel_speed": 'speed."axle 1" = {channel = "v_axle_1", unit = "km/h"}',
-    "pressure": 'pressure."axle 1" = {channel = "bc_1", unit = "bar"}',
-}
-
-
-class Opened(NamedTuple):
-    """A log and the source it came from."""
-
-    log: Log
-    source: Source
 
 
 def open_source(path: Path, options: ReadOptions) -> Source:
@@ -55,19 +43,17 @@ def open_source(path: Path, options: ReadOptions) -> Source:
 
 
 def read(
-    path: Path,
-    options: ReadOptions,
+    source: Source,
     mappings: tuple[Mapping, ...],
     vehicle: Vehicle,
     *,
     max_gap_ns: int = 0,
     every: bool = False,
-) -> Opened:
-    """Reads a log.
+) -> Log:
+    """Reads an opened log's values.
 
     Args:
-        path: the file.
-        options: what the user stated about its form.
+        source: the opened log.
         mappings: what the user stated about its channels.
         vehicle: for the wheel radius, where a wheel speed is in km/h.
         max_gap_ns: longer intervals are gaps; 0 decides per channel.
@@ -76,13 +62,17 @@ def read(
     Raises:
         UserError: where the log cannot be read, or a unit that is needed cannot be known.
     """
-    source = open_source(path, options)
+    path = source.path
     meant, findings = understood(source.fields, mappings)
     chosen = [m for m in meant if every or m.meaning]
     if not every:
         chosen = _without_spare_force(chosen)
-        for m in chosen:
-            if m.meaning:
+        for m in list(chosen):
+            if not m.unit and m.meaning in ("train_speed", "truth"):
+                chosen.remove(m)
+                text = f"looks like {m.meaning}, but its unit is not stated: left out"
+                findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
+            else:
                 _unit_of(m, path)
     columns = source.columns([m.field for m in chosen])
     start = min((int(c.t.min()) for c in columns if len(c.t)), default=0)
@@ -91,11 +81,10 @@ def read(
         channel, found = _channel(m, column, path, vehicle, start, max_gap_ns, every)
         channels.append(channel)
         findings += found
-    log = Log(
+    return Log(
         str(path), source.format, _sha256(path), source.absolute, source.rows,
-        tuple(channels), tuple([*source.findings, *findings]),
+        tuple(channels), (*source.findings, *findings),
     )  # fmt: skip
-    return Opened(log, source)
 
 
 def _without_spare_force(chosen: list[Meant]) -> list[Meant]:
@@ -167,7 +156,7 @@ def _channel(
         )
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     return Channel(
-        name, m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
+        name, m.field.path, (m.field.channel if m.field.encoding else "", m.field.group), m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
         gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward,
     ), [*axis.findings, *findings]  # fmt: skip
 
@@ -189,7 +178,7 @@ def _rate(
         step = step + wrap * over - wrap * under
     dt = np.diff(data.t)
     inside = np.ones(len(dt), dtype=np.bool_)
-    inside[[s - 1 for s in starts[1:]]] = False
+    inside[np.array(starts[1:], dtype=np.int64) - 1] = False
     middle = data.t[:-1] + dt // 2
     speed = np.abs(step) * turn / (np.maximum(dt, 1) / 1e9)
     new_starts = tuple(int(inside[:s].sum()) for s in starts)
