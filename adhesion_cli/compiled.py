@@ -142,7 +142,7 @@ def _compiled(name: str, text: str, reached: tuple[tuple[str, Any], ...]) -> Cal
     spec = spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
-    module = module_from_spec(spec)
+    module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
     done: dict[FunctionType, Any] = {}
     for key, x in reached:
         setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
