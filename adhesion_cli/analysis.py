@@ -1,6 +1,7 @@
 """The main job: a log in, reference, estimates, scores and findings out."""
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -78,7 +79,7 @@ def analyze(
         log,
         vehicle,
         tuple(done),
-        tuple([*log.findings, *findings]),
+        (*log.findings, *findings),
         settings_module.tree(settings, estimators),
         tuple(dict.fromkeys(sources)),
     )
@@ -167,8 +168,13 @@ def _one(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
         },
         "outputs": outputs,
         "axles": axles,
-        "findings": [asdict(f) for f in result.findings],
+        "findings": findings_document(result.findings),
     }
+
+
+def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Findings as the JSON names them."""
+    return [asdict(f) for f in findings]
 
 
 def rows_used(result: Result) -> int:
@@ -186,6 +192,11 @@ def rows_used(result: Result) -> int:
         row = channel.row_of
         by_origin[row] = max(by_origin.get(row, 0), int(kept.sum()))
     return sum(by_origin.values())
+
+
+def finite(value: float) -> float | None:
+    """The number, None where JSON has none for it."""
+    return value if math.isfinite(value) else None
 
 
 def iso(t_ns: int) -> str:

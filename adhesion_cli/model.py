@@ -60,7 +60,6 @@ class Channel:
 
     name: str  # topic or column header, as in the log
     field: str  # place inside a message, "" in a CSV
-    row_of: tuple[str, str]  # channels of one row or message share this: topic and device
     meaning: Meaning | None
     axle: int | None
     unit: str  # unit in the log; `data` is SI
@@ -74,6 +73,7 @@ class Channel:
     gaps: int = 0
     duplicates: int = 0
     backward: int = 0
+    row_of: tuple[str, str] = ("", "")  # topic and device: channels of one row share them
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,14 @@
 
 import hashlib
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import UserError
-from ..model import Channel, Column, Finding, Floats, Log, Meaning, Vehicle
+from ..model import Channel, Column, Finding, Floats, Log, Vehicle
 from . import timeaxis, units
 from .meaning import Mapping, Meant, title, understood
 from .source import ReadOptions, Source
@@ -42,47 +43,73 @@ def open_source(path: Path, options: ReadOptions) -> Source:
     return open_csv(path, options)
 
 
-def read(
-    source: Source,
-    mappings: tuple[Mapping, ...],
-    vehicle: Vehicle,
-    *,
-    max_gap_ns: int = 0,
-    every: bool = False,
-) -> Log:
-    """Reads an opened log's values.
+def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_ns: int = 0) -> Log:
+    """The channels of an opened log that mean something, in SI, on clean time axes.
 
     Args:
         source: the opened log.
         mappings: what the user stated about its channels.
         vehicle: for the wheel radius, where a wheel speed is in km/h.
         max_gap_ns: longer intervals are gaps; 0 decides per channel.
-        every: also the channels without a meaning, and no complaint about a missing unit.
 
     Raises:
-        UserError: where the log cannot be read, or a unit that is needed cannot be known.
+        UserError: where the log cannot be read, a unit that is needed cannot be known, or a
+            channel has no usable sample.
     """
-    path = source.path
     meant, findings = understood(source.fields, mappings)
-    chosen = [m for m in meant if every or m.meaning]
-    if not every:
-        chosen = _without_spare_force(chosen)
-        for m in list(chosen):
-            if not m.unit and m.meaning in ("train_speed", "truth"):
-                chosen.remove(m)
-                text = f"looks like {m.meaning}, but its unit is not stated: left out"
-                findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
-            else:
-                _unit_of(m, path)
+    chosen = _without_spare_force([m for m in meant if m.meaning])
+    for m in list(chosen):
+        if not m.unit and m.meaning in ("train_speed", "truth"):
+            chosen.remove(m)
+            text = f"looks like {m.meaning}, but its unit is not stated: left out"
+            findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
+        else:
+            _unit_of(m, source.path)
+    log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
+    for channel in log.channels:
+        if not len(channel.data.t):
+            raise UserError(
+                f"{source.path}: channel {channel.name!r} has no usable sample "
+                f"({channel.rows} in the log)",
+                f"`adhesion inspect {source.path}` shows why",
+            )
+    return log
+
+
+def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
+    """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
+    meant, findings = understood(source.fields, mappings)
+    return _log(source, meant, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, 0))
+
+
+def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
+    """Every numeric channel of an opened log as it is, in its own unit: for `convert`."""
+    meant, findings = understood(source.fields, mappings)
+
+    def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
+        name = title(m.field)
+        return Channel(
+            name, m.field.path, m.meaning, m.axle, m.unit, m.reason, column, len(column.t)
+        ), []
+
+    return _log(source, meant, findings, as_logged)
+
+
+def _log(
+    source: Source,
+    chosen: Sequence[Meant],
+    findings: list[Finding],
+    channel: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
+) -> Log:
     columns = source.columns([m.field for m in chosen])
     start = min((int(c.t.min()) for c in columns if len(c.t)), default=0)
     channels = []
     for m, column in zip(chosen, columns, strict=True):
-        channel, found = _channel(m, column, path, vehicle, start, max_gap_ns, every)
-        channels.append(channel)
+        made, found = channel(m, column, start)
+        channels.append(made)
         findings += found
     return Log(
-        str(path), source.format, _sha256(path), source.absolute, source.rows,
+        str(source.path), source.format, _sha256(source.path), source.absolute, source.rows,
         tuple(channels), (*source.findings, *findings),
     )  # fmt: skip
 
@@ -123,16 +150,15 @@ def _unit_of(m: Meant, path: Path) -> units.Unit:
 
 
 def _channel(
-    m: Meant, column: Column, path: Path, vehicle: Vehicle, start: int, max_gap: int, every: bool
+    m: Meant, column: Column, vehicle: Vehicle, start: int, max_gap: int
 ) -> tuple[Channel, list[Finding]]:
     name = title(m.field)
     findings: list[Finding] = []
-    known = bool(m.meaning) and (not every or bool(m.unit))
     step = _step(column.value[column.valid])
     column = replace(column, valid=column.valid & np.isfinite(column.value))
     axis = timeaxis.clean(name, column, start, max_gap)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
-    if known and (unit := units.unit(m.unit)) and _measures(unit, m):
+    if (unit := units.unit(m.unit)) and _measures(unit, m):
         radius = vehicle.radius(min(m.axle or 1, len(vehicle.wheel_radius))).value
         factor = unit.factor
         if m.meaning == "wheel_speed" and unit.dimension == "speed":
@@ -149,15 +175,11 @@ def _channel(
         else:
             data = replace(data, value=factor * data.value + unit.offset)
             step *= factor
-    if not every and not len(data.t):
-        raise UserError(
-            f"{path}: channel {name!r} has no usable sample ({len(column.t)} in the log)",
-            f"`adhesion inspect {path}` shows why",
-        )
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
+    row_of = (m.field.channel if m.field.encoding else "", m.field.group)
     return Channel(
-        name, m.field.path, (m.field.channel if m.field.encoding else "", m.field.group), m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
-        gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward,
+        name, m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
+        gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
     ), [*axis.findings, *findings]  # fmt: skip
 
 

@@ -1,0 +1,72 @@
+"""`adhesion compare`: which estimator does best."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import Shared, loader, shared
+
+
+@shared
+def command(
+    shared: Shared,
+    logs: Annotated[
+        list[Path] | None, typer.Argument(metavar="[LOG...]", help="Logs and results.")
+    ] = None,
+) -> int:
+    """Rank the estimators against truth where the log has it, else against the reference.
+
+    With no LOG: the newest *.adhesion.mcap here, else the bundled sample.
+
+    Example: adhesion compare a.mcap b.csv --algo neso --algo leso
+    """
+    from ..analysis import analyze, document, dumps
+    from ..estimator import registry
+    from ..metrics import ranked
+    from ..write import files, mcap, rrd
+    from . import show
+    from .analyze import embedded, named, outputs
+
+    if not logs:
+        logs = [_newest()]
+        show.message(f"no log given: comparing {logs[0]}", shared.quiet)
+    pair = outputs(shared.out or Path(), logs[0], "compare")
+    files.check(pair, shared.force, inputs=logs)
+    results = [
+        analyze(
+            log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to),
+            show.progress(shared.quiet),
+        )
+        for log in logs
+    ]  # fmt: skip
+    with files.outputs(pair, shared.force, inputs=logs) as (record, picture):
+        mcap.write_comparison(record, results, embedded(results))
+        rrd.write_comparison(picture, results, list(registry()))
+    found = [f for r in results for f in r.findings]
+    if shared.json:
+        print(dumps(document(results, [named(pair)] * len(results))))
+    else:
+        rows = [
+            (f"{Path(r.log.path).name} axle {a.record.axle}", s)
+            for r in results
+            for a in r.axles
+            for s in ranked(a.scores)
+        ]
+        print(show.scores(rows, "log"))
+        if found:
+            show.message(show.findings(found), shared.quiet)
+        print(f"wrote {pair[0]}\nwrote {pair[1]}")
+    if shared.view:
+        from .view import show_recording
+
+        show_recording(pair[1])
+    return 3 if show.lossy(found) else 0
+
+
+def _newest() -> Path:
+    """The newest result in the current folder, else the bundled sample."""
+    from .. import bundled
+
+    found = sorted(Path().glob("*.adhesion.mcap"), key=lambda p: (p.stat().st_mtime_ns, p.name))
+    return found[-1] if found else bundled.folder("sample_logs") / bundled.SAMPLE

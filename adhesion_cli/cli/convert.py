@@ -1,0 +1,49 @@
+"""`adhesion convert`: a log in another format."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import Shared, loader, shared
+
+
+@shared
+def command(
+    log: Annotated[Path, typer.Argument(metavar="IN", help="Log: CSV or MCAP.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv or .mcap.")],
+    shared: Shared,
+) -> int:
+    """Write a log's channels, as logged, in the format of OUT's suffix; units survive.
+
+    Example: adhesion convert log.csv log.mcap
+    """
+    from ..errors import UserError
+    from ..read.log import open_source, unchanged
+    from ..write import csv, files, mcap
+    from . import show
+
+    writers = {".csv": csv.write_log, ".mcap": mcap.write_log}
+    if target.suffix.lower() not in writers:
+        known = " or ".join(writers)
+        raise UserError(
+            f"{target}: unknown format {target.suffix!r}", f"end it with {known}", code=2
+        )
+    if shared.out:
+        target = shared.out / target
+    files.check([target], shared.force, inputs=[log])
+    settings = loader(shared)()
+    result = unchanged(open_source(log, settings.read), settings.mappings)
+    with files.outputs([target], shared.force, inputs=[log]) as (temporary,):
+        writers[target.suffix.lower()](temporary, result)
+    if shared.json:
+        from ..analysis import dumps, findings_document
+
+        print(dumps({
+            "schema": "adhesion.convert/1", "output": str(target),
+            "channels": len(result.channels), "findings": findings_document(result.findings),
+        }))  # fmt: skip
+    else:
+        show.message(show.findings(result.findings), shared.quiet or not result.findings)
+        print(f"wrote {target}: {len(result.channels)} channels")
+    return 3 if show.lossy(result.findings) else 0

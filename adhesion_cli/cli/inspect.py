@@ -1,0 +1,52 @@
+"""`adhesion inspect`: what is in a log."""
+
+from typing import Any
+
+from .options import Logs, Shared, loader, shared
+
+_WORST = (0, 3, 1, 2)  # exit codes from good to bad
+
+
+@shared
+def command(logs: Logs, shared: Shared) -> int:
+    """Show channels, what each means and why, units, rates, gaps and everything found.
+
+    Example: adhesion inspect log.csv
+    """
+    from ..analysis import dumps
+    from ..inspection import inspect
+
+    seen = [inspect(log, loader(shared)) for log in logs]
+    if shared.json:
+        print(dumps({"schema": "adhesion.inspect/1", "logs": [doc for doc, _ in seen]}))
+    else:
+        print("\n\n".join(_text(doc) for doc, _ in seen))
+    return max((code for _, code in seen), key=_WORST.index)
+
+
+def _text(doc: dict[str, Any]) -> str:
+    from ..model import Finding
+    from ..text import printable
+    from . import show
+
+    lines = [f"{printable(doc['path'])}: {doc['format'] or 'unknown format'}, {doc['status']}"]
+    if doc["error"]:
+        return "\n".join(
+            [*lines, f"error: {printable(doc['error'])}", f"hint: {printable(doc['hint'])}"]
+        )
+    lines += [f"{doc['rows_read']} rows, {doc['duration_s']:.3f} s", f"time: {doc['time']}"]
+    lines += [f"{name}: {printable(str(value))}" for name, value in doc["stated"].items()]
+    rows = [
+        [
+            c["name"], c["meaning"] or "-", show.number(c["axle"]), c["unit"] or "-",
+            show.number(c["rate_hz"], 2), str(c["rows"]), str(c["rows"] - c["valid"]),
+            str(c["gaps"]), str(c["duplicates"]), str(c["backward"]), c["reason"],
+        ]
+        for c in doc["channels"]
+    ]  # fmt: skip
+    header = [
+        "channel", "meaning", "axle", "unit", "Hz", "rows", "unused", "gaps", "dupl.", "back", "why",
+    ]  # fmt: skip
+    lines.append(show.table(header, [[*row[:-1], row[-1]] for row in rows], left=2))
+    found = [Finding(**f) for f in doc["findings"]]
+    return "\n".join([*lines, show.findings(found)] if found else lines)

@@ -1,0 +1,70 @@
+"""The options every command shares, declared once."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+Logs = Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs: CSV, MCAP or results.")]
+
+
+def _option(*flags: str, text: str, metavar: str | None = None) -> Any:
+    return typer.Option(*flags, help=text, metavar=metavar, show_default=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What the shared options say."""
+
+    config: Annotated[Path | None, _option("-c", "--config", metavar="FILE.toml", text="Vehicle, channels, estimator settings.")] = None  # fmt: skip  # noqa: E501
+    set_: Annotated[list[str], _option("--set", metavar="NAME=VALUE", text="One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.")] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
+    out: Annotated[Path | None, _option("-o", "--out", metavar="DIR", text="Folder for the results; the current one if not given.")] = None  # fmt: skip  # noqa: E501
+    algo: Annotated[list[str], _option("-a", "--algo", metavar="NAME", text="Only this estimator; repeatable.")] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
+    reference: Annotated[str | None, _option("--reference", metavar="NAME", text="Offline reference: smoother (default) or butterworth.")] = None  # fmt: skip  # noqa: E501
+    axle: Annotated[list[int], _option("--axle", metavar="N", text="Only this axle; repeatable.")] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
+    from_: Annotated[float | None, _option("--from", metavar="S", text="Begin S seconds after the log's start.")] = None  # fmt: skip  # noqa: E501
+    to: Annotated[float | None, _option("--to", metavar="S", text="End S seconds after the log's start.")] = None  # fmt: skip  # noqa: E501
+    json: Annotated[bool, _option("--json", text="One JSON document on stdout, nothing else.")] = False  # fmt: skip  # noqa: E501
+    force: Annotated[bool, _option("--force", text="Replace existing results.")] = False
+    strict: Annotated[bool, _option("--strict", text="Damaged data is an error, not a finding.")] = False  # fmt: skip  # noqa: E501
+    quiet: Annotated[bool, _option("-q", "--quiet", text="No messages but errors.")] = False
+    debug: Annotated[bool, _option("--debug", text="Show the traceback of an error.")] = False
+    view: Annotated[bool, _option("--view", text="Open the result in the Rerun viewer.")] = False
+
+
+def shared(command: Callable[..., int]) -> Callable[..., int]:
+    """Gives a command the shared options; it receives them as one `Shared` named `shared`."""
+    hints = get_type_hints(Shared, include_extras=True)
+    options = {f.name: f for f in fields(Shared)}
+    own = [p for name, p in inspect.signature(command).parameters.items() if name != "shared"]
+    extra = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=[] if f.default == () else f.default,
+            annotation=hints[name],
+        )
+        for name, f in options.items()
+    ]
+
+    @functools.wraps(command)
+    def run(**given: Any) -> int:
+        values = {name: given.pop(name) for name in options}
+        return command(shared=Shared(**values), **given)
+
+    run.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
+    own_hints = get_type_hints(command, include_extras=True)
+    run.__annotations__ = {p.name: own_hints.get(p.name, p.annotation) for p in (*own, *extra)}
+    return run
+
+
+def loader(shared: Shared) -> Callable[..., Any]:
+    """Reads the settings these options state; called again with a result file's own as `base`."""
+    from ..settings import load
+
+    flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
+    return functools.partial(load, shared.config, [*shared.set_, *flags], strict=shared.strict)

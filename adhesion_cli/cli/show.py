@@ -1,0 +1,89 @@
+"""Text for people: tables on stdout, progress and findings on stderr."""
+
+import sys
+from collections.abc import Callable, Sequence
+
+from ..model import Finding, Result, Score
+from ..text import printable
+
+_SEVERE = {"error": 0, "warning": 1, "info": 2}
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Columns under their header; the first `left` ones to the left, numbers to the right."""
+    cells = [[printable(c) for c in row] for row in (header, *rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    lines = []
+    for row in cells:
+        parts = [
+            c.ljust(w) if i < left else c.rjust(w)
+            for i, (c, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(parts).rstrip())
+    lines.insert(1, "  ".join("-" * w for w in widths))
+    return "\n".join(lines)
+
+
+def number(value: float | None, digits: int = 0) -> str:
+    """A number with fixed digits, a dash where there is none."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
+    """The table of estimators, whatever stands in the first column."""
+    header = [
+        title, "algorithm", "against", "rmse N", "bias N", "max N", "lag s", "gain", "95 % s",
+        "noise", "relative",
+    ]  # fmt: skip
+    lines = [
+        [
+            name, s.algo, s.against, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
+            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2),
+            number(s.noise_gain, 2), number(s.relative, 2),
+        ]
+        for name, s in rows
+    ]  # fmt: skip
+    return table(header, lines, left=3)
+
+
+def findings(found: Sequence[Finding], limit: int = 20) -> str:
+    """Findings, the severest first, one line each."""
+    ordered = sorted(found, key=lambda f: _SEVERE[f.severity])
+    lines = []
+    for f in ordered[:limit]:
+        where = f" at {f.first_s:.3f} s" if f.first_s is not None else ""
+        count = f" ({f.count}×{where})" if f.count > 1 else f" ({where.strip()})" if where else ""
+        channel = f" {printable(f.channel)}:" if f.channel else ""
+        lines.append(f"{f.severity:7s} {f.code}:{channel} {printable(f.message)}{count}")
+    if len(ordered) > limit:
+        lines.append(f"        and {len(ordered) - limit} more; --json lists all")
+    return "\n".join(lines)
+
+
+def lossy(found: Sequence[Finding]) -> bool:
+    """Whether data was dropped, repaired or refused: exit code 3."""
+    return any(f.severity != "info" for f in found)
+
+
+def headline(result: Result, seconds: float, rows_used: int) -> str:
+    """What was analysed, in one line."""
+    log = result.log
+    axles = ", ".join(str(a.record.axle) for a in result.axles)
+    many = "axles" if len(result.axles) > 1 else "axle"
+    return (
+        f"{printable(log.path)}: {log.format}, {seconds:.1f} s, "
+        f"{rows_used} of {log.rows_read} rows used, {many} {axles}"
+    )
+
+
+def progress(quiet: bool) -> Callable[[str], None]:
+    """Tells what is being done: on stderr, and only where somebody watches."""
+    if quiet or not sys.stderr.isatty():
+        return lambda _: None
+    return lambda text: print(f"\r\x1b[K{printable(text)} …", end="\r", file=sys.stderr, flush=True)
+
+
+def message(text: str, quiet: bool) -> None:
+    """One line on stderr."""
+    if not quiet:
+        print(text, file=sys.stderr)

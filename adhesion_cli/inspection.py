@@ -1,0 +1,64 @@
+"""What is in a log, without judging it: the `adhesion.inspect/1` document."""
+
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .errors import UserError
+from .model import Finding
+from .read import align
+from .read.log import open_source, survey
+from .settings import Settings
+
+
+def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], int]:
+    """One log's entry of the document, and the exit code it deserves; never raises UserError.
+
+    Args:
+        path: the log.
+        load: gives the settings.
+    """
+    settings = load()
+    doc: dict[str, Any] = {
+        "path": str(path), "format": None, "status": "ok", "error": None, "hint": None,
+        "rows_read": 0, "start": None, "duration_s": 0.0, "time": "", "stated": {},
+        "channels": [], "findings": [],
+    }  # fmt: skip
+    try:
+        source = open_source(path, settings.read)
+        log = survey(source, settings.mappings, settings.vehicle)
+    except UserError as error:
+        doc |= {"status": "error", "error": error.text, "hint": error.hint}
+        return doc, error.code
+    findings = [*log.findings, *_of_records(log, settings)]
+    first = log.start_ns()
+    last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
+    worst = {f.severity for f in findings}
+    doc |= {
+        "format": log.format,
+        "status": "damaged" if "error" in worst else "ok",
+        "rows_read": log.rows_read,
+        "duration_s": (last - first) / 1e9,
+        "time": source.time_reason,
+        "stated": source.stated,
+        "channels": [
+            {
+                "name": c.name, "field": c.field, "meaning": c.meaning, "axle": c.axle,
+                "unit": c.unit, "reason": c.reason, "rate_hz": c.rate_hz, "rows": c.rows,
+                "valid": len(c.data.t), "gaps": c.gaps, "duplicates": c.duplicates,
+                "backward": c.backward,
+            }
+            for c in log.channels
+        ],
+        "findings": [asdict(f) for f in findings],
+    }  # fmt: skip
+    return doc, 3 if worst - {"info"} else 0
+
+
+def _of_records(log: Any, settings: Settings) -> list[Finding]:
+    """What only the channels together show, as a frozen speed; or why there is no record."""
+    try:
+        return align.records(log, settings.vehicle)[1]
+    except UserError as error:
+        return [Finding("not-analysable", "info", f"{error.text}; {error.hint}")]
