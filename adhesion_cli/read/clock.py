@@ -1,0 +1,563 @@
+"""The time of a table: which column, in which form, and its exact int64 nanoseconds.
+
+Numbers are read as decimals and shifted, never through float64, which loses 256 ns at today's
+epoch. Stamps without a zone count as UTC, times of day from midnight.
+"""
+
+import re
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from ..errors import UserError
+from ..model import Bools, Finding, Times
+from .sniff import NULLS, Dialect, number_grammar
+from .source import ReadOptions
+from .words import (
+    NS_PER_UNIT,
+    is_clock_name,
+    is_counter_name,
+    is_date_name,
+    time_name,
+    time_unit,
+)
+
+TIME_UNITS = (*NS_PER_UNIT, "iso", "dmy", "mdy", "excel", "matlab")
+
+_S = 1_000_000_000
+_DAY = 86_400 * _S
+_EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
+_SERIALS = {"excel": (30_000, 60_000, 25_569), "matlab": (730_000, 753_000, 719_529)}
+_STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit nobody states
+_SPAN_S = (3.0, 43_200.0)  # and their lengths
+_SCALE = {"s": 9, "ms": 6, "us": 3, "ns": 0, "min": 9, "h": 9}
+_READABLE = 0.8  # of a time column's head must be readable
+
+_CLOCK = (
+    r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})(?::(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]+)|:(?P<l>[0-9]{3}))?)?"
+    r"(?:\s*(?P<p>[AaPp])[Mm])?"
+)
+_SHORT_CLOCK = r"(?P<M>[0-9]{1,2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]+)"
+_ZONE = r"\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{2})?"
+_GAP = r"(?:[Tt]|[\s,_]+)"
+_DATES = {
+    "ymd": r"(?P<y>[0-9]{4})[-/.年](?P<m>[0-9]{1,2})[-/.月](?P<d>[0-9]{1,2})日?",
+    "ymd compact": r"(?P<y>[0-9]{4})(?P<m>[0-9]{2})(?P<d>[0-9]{2})",
+    "dmy": r"(?P<d>[0-9]{1,2})[./-](?P<m>[0-9]{1,2})[./-](?P<y>[0-9]{4}|[0-9]{2})",
+    "mdy": r"(?P<m>[0-9]{1,2})[/-](?P<d>[0-9]{1,2})[/-](?P<y>[0-9]{4}|[0-9]{2})",
+    "d mon y": r"(?P<d>[0-9]{1,2})[-. ]{0,2}(?P<n>[A-Za-zä]{3})[a-z]*\.?[-. ]{0,2}(?P<y>[0-9]{4})",
+}
+_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec mär mai okt dez".split()
+_MONTH_NUMBER = np.array([*range(1, 13), 3, 5, 10, 12], dtype=np.int64)
+_CANONICAL = re.compile(
+    r"[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?"
+    r"(Z|[+-][0-9]{2}:[0-9]{2})?"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How to get int64 ns from one or two columns of the table."""
+
+    columns: tuple[int, ...]
+    unit: str  # of a number: key of `NS_PER_UNIT`; "excel", "matlab"; "" for stamps
+    pattern: str  # of a stamp, date and clock joined by a blank; "" for numbers
+    decimal: str
+    absolute: bool  # counts from 1970
+    reason: str
+    types: tuple[Any, ...]  # Arrow types to try in turn, text last
+    findings: tuple[Finding, ...] = ()
+
+    def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
+        """Times [ns] of the rows of one block, and which of them hold; shape (n,).
+
+        Args:
+            arrays: the clock's columns, of one of `types`, nulls where a cell says nothing.
+        """
+        if self.pattern:
+            if pa.types.is_timestamp(arrays[0].type):
+                ok = np.asarray(arrays[0].is_valid())
+                return np.asarray(arrays[0].cast(pa.int64()).fill_null(0)), ok
+            text = [pc.utf8_trim_whitespace(a) for a in arrays]
+            if len(text) == 2:
+                text = [pc.binary_join_element_wise(*text, " ")]
+            return _stamps(text[0], self.pattern)
+        (array,) = arrays
+        if self.unit in _SERIALS:
+            value, ok = _floats(array, self.decimal)
+            days = np.where(ok, value - _SERIALS[self.unit][2], 0.0)
+            whole = np.floor(days)
+            # a serial day holds about a microsecond; rounding there keeps even steps even
+            t = (
+                whole.astype(np.int64) * _DAY
+                + np.rint((days - whole) * 86_400e6).astype(np.int64) * 1000
+            )
+            return t, ok
+        t, ok = _decimals(array, _SCALE[self.unit], self.decimal)
+        return t * {"min": 60, "h": 3600}.get(self.unit, 1), ok
+
+
+def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:
+    """Decide which column is the time, in which form and unit, and why.
+
+    Args:
+        dialect: with the head's rows.
+        options: `time_channel` and `time_unit` beat what the head suggests.
+        rows: rows of the whole file, estimated.
+        path: for messages.
+
+    Raises:
+        UserError: where no column is a time, or its unit or order of day and month is open.
+    """
+    unit = options.time_unit
+    if unit is not None and unit not in TIME_UNITS:
+        raise UserError(f"unknown time unit {unit!r}", f"known: {', '.join(TIME_UNITS)}", code=2)
+    if options.time_channel is not None:
+        i = column_index(dialect, options.time_channel, path)
+        clock = _clock_of(dialect, i, unit, rows, path, "stated")
+        if clock is None:
+            cells = dialect.column(i)
+            raise UserError(
+                f"{path}: column {dialect.names[i]!r} holds no times"
+                + (f", as {cells[0][:40]!r}" if cells else ""),
+                'state another, as time = {channel = "…", unit = "s"} under [channels]',
+            )
+        return clock
+    named = []
+    for i, name in enumerate(dialect.names):
+        if dialect.headed and (found := _named(dialect, i)):
+            named.append((found[0], i, name))
+    for _, i, name in sorted(named):
+        if clock := _clock_of(dialect, i, unit, rows, path, f"column named {name!r}"):
+            _refuse_twin(dialect, i, path)
+            return clock
+    if dialect.headed:
+        for i, name in enumerate(dialect.names):
+            stamps = _date_form(dialect.column(i), unit) or _share(dialect.column(i), _CLOCK) > 0.8
+            if stamps and (
+                clock := _clock_of(dialect, i, unit, rows, path, "first column of stamps")
+            ):
+                return _guessed(clock, name)
+        for i, name in enumerate(dialect.names):
+            if is_counter_name(name) or not _rises(dialect, i):
+                continue
+            if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
+                return _guessed(clock, name)
+    raise UserError(
+        f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
+        'state it, as time = {channel = "…", unit = "s"} under [channels]',
+    )
+
+
+def column_index(dialect: Dialect, name: str, path: Any) -> int:
+    """Column of a name: the header text, one of its parts if unique, or "column N".
+
+    Raises:
+        UserError: for a name that no column has.
+    """
+    names = list(dialect.names)
+    if name in names:
+        return names.index(name)
+    if (found := re.fullmatch(r"column ([0-9]+)", name)) and 1 <= int(found[1]) <= len(names):
+        return int(found[1]) - 1
+    folded = [n.casefold().strip() for n in names]
+    if folded.count(name.casefold().strip()) == 1:
+        return folded.index(name.casefold().strip())
+    for cells in reversed(dialect.parts):
+        if cells.count(name) == 1:
+            return cells.index(name)
+    raise UserError(
+        f"{path}: no column {name!r}",
+        f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"',
+    )
+
+
+def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
+    for text in (dialect.names[i], *(cells[i] for cells in reversed(dialect.parts))):
+        if found := time_name(text):
+            return found
+    return (1000, None) if is_date_name(dialect.names[i]) else None
+
+
+def _guessed(clock: Clock, name: str) -> Clock:
+    note = Finding(
+        "time-guessed", "info",
+        f"time taken from column {name!r} ({clock.reason}); state time = {{channel = …}} if wrong",
+        name,
+    )  # fmt: skip
+    return replace(clock, findings=(*clock.findings, note))
+
+
+def _share(cells: Sequence[str], pattern: str) -> float:
+    return sum(bool(re.fullmatch(pattern, c)) for c in cells) / max(len(cells), 1)
+
+
+def _rises(dialect: Dialect, i: int) -> bool:
+    cells = dialect.column(i)
+    number = dialect.number()
+    if len(cells) < 3 or len(cells) < len(dialect.rows) or not all(map(number.fullmatch, cells)):
+        return False
+    values = [float(c.replace(",", ".")) for c in cells]
+    return all(b > a for a, b in pairwise(values))
+
+
+def _refuse_twin(dialect: Dialect, i: int, path: Any) -> None:
+    """Refuses a second time column of the same name with other values."""
+    name = dialect.names[i]
+    if name not in dialect.duplicates:
+        return
+    for k, other in enumerate(dialect.names):
+        if other.startswith(f"{name} (") and dialect.column(k) != dialect.column(i):
+            raise UserError(
+                f"{path}: columns {i + 1} and {k + 1} are both {name!r}, with different times",
+                f'state one, as time = {{channel = "column {i + 1}"}} under [channels]',
+            )
+
+
+def _clock_of(
+    dialect: Dialect, i: int, unit: str | None, rows: float, path: Any, why: str
+) -> Clock | None:
+    """The column read as a time, None where it is none."""
+    cells = dialect.column(i)
+    if not cells:
+        return None
+    number = dialect.number()
+    numeric = sum(bool(number.fullmatch(c)) for c in cells) >= _READABLE * len(cells)
+    dated = unit in ("iso", "dmy", "mdy") or (unit is None and is_date_name(dialect.names[i]))
+    if numeric and not (dated and _share(cells, r"[12][0-9]{7}") == 1):
+        return _number_clock(dialect, i, unit, rows, path, why)
+    return _stamp_clock(dialect, i, unit, path, why)
+
+
+def _number_clock(
+    dialect: Dialect, i: int, unit: str | None, rows: float, path: Any, why: str
+) -> Clock | None:
+    name = dialect.names[i]
+    number = dialect.number()
+    cells = [c for c in dialect.column(i) if number.fullmatch(c)]
+    values = [float(c.replace(",", ".")) for c in cells]
+    steps = [b - a for a, b in pairwise(values) if b > a]
+    step = statistics.median(steps) if steps else 0.0
+    span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(rows - 1, 1)
+    named = _named(dialect, i)
+    stated, source = unit, "stated"
+    if stated is None and (from_row := time_unit(dialect.units[i] if dialect.units else "")):
+        stated, source = from_row, "units row"
+    if stated is None and named and named[1]:
+        stated, source = named[1], "header"
+    notes: tuple[Finding, ...] = ()
+    ask = (
+        f'state it, as time = {{channel = {toml(name)}, unit = "ms"}} under [channels] '
+        f"(one of {', '.join(NS_PER_UNIT)}, excel, matlab)"
+    )
+    if stated in ("iso", "dmy", "mdy"):
+        return None
+    if stated is None:
+        for serial, (low, high, _) in _SERIALS.items():
+            digits = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
+            if (
+                low <= values[0] <= high
+                and digits > len(cells) / 2
+                and (not steps or 1e-5 <= step * 86_400 <= 60)
+            ):
+                stated, source = serial, f"serial days between {low} and {high}"
+    if stated in _SERIALS:
+        types: tuple[Any, ...] = (pa.float64(), pa.string())
+        reason = f"{why}; {stated} serial days ({source})"
+        return Clock((i,), stated, "", dialect.decimal, True, reason, types, notes)
+    if stated is None:
+        for u in ("s", "ms", "us", "ns"):
+            second = _S // NS_PER_UNIT[u]
+            if all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in (values[0], values[-1])) and (
+                step / second <= 60
+            ):
+                stated, source = u, "epoch by its magnitude"
+    if stated is None:
+        stated, source = _plausible_unit(values, step, span), f"step {step:g}, about {span:g} long"
+        if stated is None:
+            raise UserError(
+                f"{path}: the unit of time column {name!r} is not stated and not plain from its "
+                f"values (step {step:g}, from {cells[0]} to {cells[-1]})",
+                ask,
+            )
+        notes = (
+            Finding(
+                "time-unit-guessed", "info",
+                f"time column {name!r} taken in {stated} ({source}); state unit = … if wrong", name,
+            ),
+        )  # fmt: skip
+    seconds = values[0] * NS_PER_UNIT[stated] / _S
+    if seconds > 4.2e9 and seconds * _S < 2**63 and source != "stated":
+        raise UserError(
+            f"{path}: time column {name!r} in {stated} ({source}) would lie beyond the year 2100 "
+            f"({cells[0]})",
+            ask,
+        )
+    if abs(seconds) >= 9.2e9:
+        raise UserError(
+            f"{path}: times in column {name!r} do not fit 64-bit nanoseconds ({cells[0]} {stated})",
+            ask,
+        )
+    absolute = _EPOCH_S[0] <= seconds <= 4.2e9
+    reason = f"{why}; {'Unix epoch, ' if absolute else ''}{stated} ({source})"
+    scale = _SCALE[stated]
+    types = (pa.decimal128(38, scale), pa.decimal128(38, 18), pa.string())
+    return Clock((i,), stated, "", dialect.decimal, absolute, reason, types, notes)
+
+
+def _plausible_unit(values: list[float], step: float, span: float) -> str | None:
+    """The one unit in which a brake log could have this step and length, None if several."""
+    possible = [
+        u
+        for u in ("s", "ms", "us", "ns")
+        if _STEP_S[0] <= step * NS_PER_UNIT[u] / _S <= _STEP_S[1]
+        and _SPAN_S[0] <= span * NS_PER_UNIT[u] / _S <= _SPAN_S[1]
+    ]
+    whole = all(v == int(v) for v in values)
+    if not whole and step < 1 and _STEP_S[0] <= step:  # fractions below 1 ms would be above 1 kHz
+        return "s"
+    return possible[0] if len(possible) == 1 else None
+
+
+def toml(text: str) -> str:
+    """A TOML basic string."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _date_form(cells: Sequence[str], unit: str | None) -> str | None:
+    """Name of the date form most cells start with, None for none; "dmy|mdy" where both fit."""
+    if not cells:
+        return None
+    fits = {
+        form: _share(cells, f"{date}(?:{_GAP}{_CLOCK}{_ZONE})?") >= _READABLE
+        for form, date in _DATES.items()
+    }
+    if fits["dmy"] or fits["mdy"]:
+        if unit in ("dmy", "mdy"):
+            return unit if fits[unit] else None
+        found = [re.match(r"([0-9]{1,2})([./-])([0-9]{1,2})", c) for c in cells]
+        pairs = [(int(m[1]), int(m[3])) for m in found if m]
+        if (fits["dmy"] and any(a > 12 for a, _ in pairs)) or not fits["mdy"]:
+            return "dmy"
+        if any(b > 12 for _, b in pairs):
+            return "mdy"
+        return "dmy|mdy"
+    return next((form for form, ok in fits.items() if ok), None)
+
+
+def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str) -> Clock | None:
+    cells = dialect.column(i)
+    columns = [i]
+    date_only = clock_only = False
+    form = _date_form(cells, unit)
+    if form and _share(cells, "|".join(_unnamed(d) for d in _DATES.values())) >= _READABLE:
+        date_only = True
+    clocks = f"(?:{_unnamed(_CLOCK)}{_unnamed(_ZONE)})"
+    if not form and _share(cells, clocks) >= _READABLE:
+        clock_only = True
+    if date_only or clock_only:
+        partner = _partner(dialect, i, date_only, clocks, unit)
+        if partner is not None:
+            columns = [i, partner] if date_only else [partner, i]
+            if clock_only:
+                form = _date_form(dialect.column(partner), unit)
+        elif date_only:
+            return None
+    names = " + ".join(repr(dialect.names[k]) for k in columns)
+    if form == "dmy|mdy":
+        raise UserError(
+            f"{path}: {dialect.column(columns[0])[0]!r} in {names} may be day/month or month/day",
+            f'state it, as time = {{channel = {toml(dialect.names[i])}, unit = "dmy"}} '
+            '(or "mdy") under [channels]',
+        )
+    notes: list[Finding] = []
+    if form:
+        pattern = f"{_DATES[form]}{_GAP}{_CLOCK}{_ZONE}"
+        whole = [" ".join(p) for p in zip(*(dialect.column(k) for k in columns), strict=False)]
+        zones = [m["z"] for c in whole if (m := re.fullmatch(pattern, c))]
+        naive = sum(not z for z in zones)
+        if naive > len(zones) / 2:
+            notes.append(
+                Finding(
+                    "time-naive", "info",
+                    f"stamps in {names} name no time zone; they count as UTC", dialect.names[i],
+                )
+            )  # fmt: skip
+        reason = (
+            f"{why}; {'date and time in' if len(columns) == 2 else 'stamps in'} {names} ({form})"
+        )
+        types: tuple[Any, ...] = (pa.string(),)
+        plain = [_CANONICAL.fullmatch(c) for c in cells]
+        if len(columns) == 1 and all(plain):
+            with_zone = {bool(m[1]) for m in plain if m}
+            if len(with_zone) == 1:
+                types = (pa.timestamp("ns", "UTC" if with_zone.pop() else None), pa.string())
+        return Clock(
+            tuple(columns), "", pattern, dialect.decimal, True, reason, types, tuple(notes)
+        )
+    if clock_only:
+        pattern = f"{_CLOCK}{_ZONE}"
+    elif _share(cells, _SHORT_CLOCK) >= _READABLE:
+        pattern = _SHORT_CLOCK
+    else:
+        return None
+    reason = f"{why}; time of day in {names}, without a date"
+    return Clock((i,), "", pattern, dialect.decimal, False, reason, (pa.string(),))
+
+
+def _unnamed(pattern: str) -> str:
+    return re.sub(r"\?P<\w+>", "?:", pattern)
+
+
+def _partner(
+    dialect: Dialect, i: int, date_only: bool, clocks: str, unit: str | None
+) -> int | None:
+    """The column that holds the other half of date and time: by name, else the neighbour."""
+    named = is_clock_name if date_only else is_date_name
+    order = [k for k, n in enumerate(dialect.names) if k != i and named(n)]
+    beside = i + 1 if date_only else i - 1
+    order += [beside] if 0 <= beside < len(dialect.names) else []
+    dates = "|".join(_unnamed(d) for d in _DATES.values())
+    for k in order:
+        if _share(dialect.column(k), clocks if date_only else dates) >= _READABLE:
+            return k
+    return None
+
+
+def _floats(array: Any, decimal: str) -> tuple[Any, Bools]:
+    """Values and which hold, from float64 or checked text."""
+    value, state = checked_floats(array, decimal)
+    return value, state == 0
+
+
+def checked_floats(array: Any, decimal: str) -> tuple[Any, Any]:
+    """Numbers of one column of a block by the strict grammar.
+
+    Args:
+        array: Arrow array of float64 or text, null where a cell says nothing.
+        decimal: decimal mark of the text.
+
+    Returns:
+        float64 values, NaN where there is none, and int8 states: 0 number, 1 nothing said,
+        2 no number; both of shape (n,).
+    """
+    if pa.types.is_floating(array.type):
+        value = array.to_numpy(zero_copy_only=False)
+        return value, (~np.isfinite(value)).astype(np.int8)
+    text = pc.utf8_trim_whitespace(array)
+    missing = np.asarray(pc.fill_null(_is_null(text), True))
+    numeric = pc.fill_null(pc.match_substring_regex(text, _re2(decimal)), False)
+    plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
+    value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)
+    state = np.where(np.isfinite(value), 0, np.where(missing, 1, 2)).astype(np.int8)
+    return np.where(state == 0, value, np.nan), state
+
+
+def _is_null(text: Any) -> Any:
+    return pc.is_in(text, pa.array(NULLS, pa.string()))
+
+
+def is_missing(array: Any) -> Bools:
+    """Which cells of a column of a block say nothing, shape (n,)."""
+    if pa.types.is_string(array.type):
+        array = pc.utf8_trim_whitespace(array)
+        return np.asarray(pc.fill_null(_is_null(array), True))
+    if pa.types.is_floating(array.type):
+        return np.asarray(np.isnan(array.to_numpy(zero_copy_only=False)))
+    return np.asarray(array.is_null())
+
+
+def _re2(decimal: str) -> str:
+    return f"^(?:{number_grammar(decimal).pattern})$"
+
+
+def _decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
+    """Decimals times 10**scale as int64, exactly, rounded to the nearest; and which hold."""
+    extra: Any = None
+    if pa.types.is_string(array.type):
+        text = pc.utf8_trim_whitespace(array)
+        text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
+        ok = pc.fill_null(pc.match_substring_regex(text, _re2(".")), False)
+        power = pc.match_substring(text, "e", ignore_case=True)
+        # digits beyond the 18th decimal say nothing here; powers of ten are small enough for float
+        short = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
+        short = pc.if_else(
+            pc.match_substring_regex(short, r"^[+-]?[0-9]{0,19}(?:\.|$)"), short, None
+        )
+        array = pc.cast(
+            pc.if_else(pc.and_(ok, pc.invert(power)), short, None), pa.decimal128(38, 18)
+        )
+        extra = pc.cast(pc.if_else(pc.and_(ok, power), text, None), pa.float64())
+    if array.type.scale != scale:
+        array = pc.round(array, ndigits=scale, round_mode="half_to_even")
+        array = array.cast(pa.decimal128(38, scale))
+    words = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
+    low, high = words[0::2], words[1::2]
+    ok = np.asarray(array.is_valid()) & (high == low >> 63)
+    t = np.where(ok, low, 0)
+    if extra is not None:
+        value = extra.to_numpy(zero_copy_only=False) * 10.0**scale
+        use = np.abs(value) < 2.0**62
+        t = np.where(use, np.rint(np.where(use, value, 0)).astype(np.int64), t)
+        ok = ok | use
+    return t, ok
+
+
+def _stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
+    """Times [ns] of stamps that match the pattern, and which do."""
+    found = pc.extract_regex(text, pattern=f"^(?:{pattern})$")
+    ok = np.asarray(found.is_valid())
+    names = [found.type.field(k).name for k in range(found.type.num_fields)]
+
+    def part(name: str) -> Any:
+        return pc.fill_null(pc.struct_field(found, name), "")
+
+    def number(name: str, default: int = 0, digits: Any = None) -> Times:
+        if name not in names:
+            return np.full(len(text), default, np.int64)
+        cells = part(name) if digits is None else digits(part(name))
+        cells = pc.if_else(pc.equal(cells, ""), str(default), cells)
+        return np.asarray(pc.cast(cells, pa.int64()))
+
+    def nine(cells: Any) -> Any:
+        padded = pc.utf8_rpad(pc.utf8_slice_codeunits(cells, 0, 9), 9, padding="0")
+        return pc.if_else(pc.equal(cells, ""), "", padded)
+
+    hour, minute, second = number("H"), number("M"), number("S")
+    fraction = number("f", digits=nine) + number("l") * 1_000_000
+    if "p" in names:
+        half = part("p")
+        said = np.asarray(pc.not_equal(half, ""))
+        ok &= ~said | ((hour >= 1) & (hour <= 12))
+        afternoon = np.asarray(pc.equal(pc.utf8_lower(half), "p"))
+        hour = np.where(said, hour % 12 + 12 * afternoon, hour)
+    ok &= (hour < 24) & (minute < 60) & (second <= 60)
+    ns = (hour * 3600 + minute * 60 + second) * _S + fraction
+    if "y" in names:
+        year, day = number("y", 1970), number("d", 1)
+        year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
+        if "n" in names:
+            index = pc.index_in(pc.utf8_lower(part("n")), pa.array(_MONTHS))
+            at = np.asarray(pc.fill_null(index, -1))
+            ok &= at >= 0
+            month = _MONTH_NUMBER[at]
+        else:
+            month = number("m", 1)
+        ok &= (month >= 1) & (month <= 12) & (year >= 1678) & (year <= 2261) & (day >= 1)
+        months = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
+        days = months.astype("datetime64[D]") + np.where(ok, day - 1, 0)
+        ok &= days.astype("datetime64[M]") == months
+        ns = ns + days.astype(np.int64) * _DAY
+    if "z" in names:
+        zone = pc.replace_substring_regex(part("z"), "[^0-9+-]", "")
+        digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
+        shift = np.asarray(pc.cast(digits, pa.int64()))
+        shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
+        ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
+    return np.where(ok, ns, 0), ok

@@ -1,0 +1,117 @@
+"""Words by which a table's time column, group column and units row are known.
+
+Chinese, English, German. What the other columns mean is decided in `meaning`.
+"""
+
+import re
+import unicodedata
+
+NS_PER_UNIT = {
+    "ns": 1,
+    "us": 1_000,
+    "ms": 1_000_000,
+    "s": 1_000_000_000,
+    "min": 60_000_000_000,
+    "h": 3_600_000_000_000,
+}
+
+_UNIT_WORDS = {
+    "ns": "ns nsec nanos nanosecond nanoseconds nanosekunden 纳秒",
+    "us": "us µs μs usec micros microsecond microseconds mikrosekunden 微秒",
+    "ms": "ms msec millis millisecond milliseconds millisekunden 毫秒",
+    "s": "s sec secs second seconds sek sekunde sekunden 秒",
+    "min": "min mins minute minutes minuten 分 分钟",
+    "h": "h hr hrs hour hours stunde stunden 小时",
+}
+_UNIT = {_word: unit for unit, words in _UNIT_WORDS.items() for _word in words.split()}
+
+# Names in the order in which they are preferred; compared without case, spaces, "_", "-", ".".
+_TIME = (
+    "time timestamp t zeit zeitstempel 时间 时间戳 datetime dateandtime datetimestamp datumzeit "
+    "datumuhrzeit datumundzeit 日期时间 elapsed elapsedtime reltime relativetime timerel "
+    "timeelapsed timesincestart logtime logtimestamp recordtime recordingtime systemtime systime "
+    "sampletime samplingtime timeutc utctime utc utctimestamp timestamputc localtime timelocal "
+    "unixtime unixtimestamp epoch epochtime posixtime ts tstamp stamp clock uptime "
+    "messzeit messzeitpunkt aufzeichnungszeit relativzeit laufzeit uhrzeit zeitpunkt systemzeit "
+    "采样时间 测量时间 记录时间 采集时间 相对时间 系统时间 运行时间 时刻 gpstime utcgpstime gpsutc "
+    "gpstimestamp timeaxis zeitachse millis micros milliseconds microseconds seconds sekunden "
+    "excel exceltime exceldate matlabtime datenum serialdate"
+).split()
+_DATE = "date datum 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
+_CLOCK = "time uhrzeit zeit 时间 timeofday clock localtime utctime utc 时刻".split()
+_GROUP = (
+    "axle axleid axleno axlenr axlenumber axleindex axlenum wheelset wheelsetid wheelsetno wheel "
+    "wheelid device deviceid deviceno unit unitid vehicle vehicleid car carid carno bogie bogieid "
+    "train trainid sensor sensorid node nodeid source id "
+    "achse achsnr achsnummer achsid radsatz radsatznr rad gerät gerätenr geräteid fahrzeug "
+    "fahrzeugid fahrzeugnr wagen wagennr drehgestell "
+    "轴 轴号 轴位 车轴 车轴号 轮对 轮对号 设备 设备号 设备id 车号 车厢 车厢号 转向架"
+).split()
+_COUNTER = "index idx i n no nr number row rownumber sample samples samplenumber count counter seq sequence record frame line id zeile lfdnr nummer 序号 编号 行号".split()  # noqa: E501
+
+_UNITS_ROW = frozenset(
+    "s sec ms msec us µs μs ns min h d bar mbar kpa mpa pa hpa psi km/h kmh kph m/s mph rpm 1/min "
+    "u/min min-1 min^-1 rad/s 1/s hz khz kn n nm v mv a ma w kw % ‰ ° deg rad °c c degc k m mm cm "
+    "km g kg t l m/s2 m/s² m/s^2 1 - -- bool enum text string utc iso counts imp pulses "
+    "秒 毫秒 千帕 兆帕 帕 巴 公里/小时 千米/小时 米/秒 转/分 牛 千牛 无".split()
+)
+
+
+def normal(text: str) -> str:
+    """The text as it is compared: compatibility forms folded, no case, no separators."""
+    return re.sub(r"[\s_.\-]+", "", unicodedata.normalize("NFKC", text).casefold())
+
+
+def time_unit(text: str) -> str | None:
+    """Unit a units cell states ("[ms]", "(s)", "秒"), as a key of `NS_PER_UNIT`."""
+    return _UNIT.get(normal(text).strip("[](){}<>"))
+
+
+def time_name(header: str) -> tuple[int, str | None] | None:
+    """Rank (lower is likelier) and stated unit of a header that names time, None of another.
+
+    "t [ms]", "time_ms", "Zeit (s)", "时间(s)", "Time/s", "timeMs", "elapsed_seconds".
+    """
+    text = unicodedata.normalize("NFKC", header).strip()
+    unit = None
+    for pattern in (
+        r"^(.*?)\s*[\[(<{]\s*([^\])>}]*)\s*[\])>}]$",
+        r"^(.*?)\s*(?:/|,|\bin\b)\s*(\w+)$",
+        r"^(.*?)[ _\-.](\w+)$",
+        r"^(.*?[a-z])(Ns|Us|Ms|S|Sec)$",
+    ):
+        if (found := re.match(pattern, text)) and (stated := time_unit(found[2])):
+            text, unit = found[1], stated
+            break
+    name = normal(text)
+    if name not in _TIME:
+        return None
+    return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
+
+
+def is_date_name(header: str) -> bool:
+    """Whether a header names the date half of a date and time pair."""
+    return normal(header) in _DATE
+
+
+def is_clock_name(header: str) -> bool:
+    """Whether a header names the time-of-day half of a date and time pair."""
+    return normal(header) in _CLOCK
+
+
+def is_group_name(header: str) -> bool:
+    """Whether a header names a device or an axle, as long layouts have."""
+    return normal(header) in _GROUP
+
+
+def is_counter_name(header: str) -> bool:
+    """Whether a header names a row counter, which rises like a time and is none."""
+    return normal(header) in _COUNTER
+
+
+def is_units_row(cells: list[str]) -> bool:
+    """Whether every cell of a row is a unit, in brackets or known, and at least one is."""
+    said = [normal(c) for c in cells if c.strip()]
+    return any(c not in ("-", "--") for c in said) and all(
+        c in _UNITS_ROW or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]", c) for c in said
+    )
