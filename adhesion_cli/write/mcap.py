@@ -5,7 +5,6 @@ out by numpy, because one protobuf object per sample costs more than the whole a
 of a message are those the protobuf library would have written.
 """
 
-import json
 import os
 import struct
 import zlib
@@ -87,7 +86,7 @@ def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
         path,
         _result_streams(result, ""),
         {
-            "adhesion.settings": _flat(result.settings),
+            "adhesion.settings": names.flat(result.settings),
             "adhesion.provenance": _provenance(result, shift),
             "adhesion.metrics": {"json": _text(metrics_json)},
         },
@@ -113,7 +112,7 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
     provenance: dict[str, str] = {}
     for name, result in zip(names.logs(results), results, strict=True):
         streams += _result_streams(result, f"/{name}")
-        settings |= {f"{name}.{k}": v for k, v in _flat(result.settings).items()}
+        settings |= {f"{name}.{k}": v for k, v in names.flat(result.settings).items()}
         provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
     _write(
         path,
@@ -274,17 +273,6 @@ def _origin(log: Log, shift: int) -> dict[str, str]:
 
 def _provenance(result: Result, shift: int) -> dict[str, str]:
     return {**_origin(result.log, shift), "sources": "\n".join(result.sources)}
-
-
-def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, str]:
-    """Nested settings as dotted keys with JSON values, sorted."""
-    flat: dict[str, str] = {}
-    for key, value in sorted(settings.items()):
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = json.dumps(value, ensure_ascii=False)
-    return flat
 
 
 def _text(document: str | bytes) -> str:

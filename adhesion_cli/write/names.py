@@ -1,7 +1,9 @@
 """What channels and logs are called in a written file, and the unit of what is written."""
 
+import json
 from collections.abc import Sequence
 from pathlib import PurePath
+from typing import Any
 
 from ..model import Channel, Log, Meaning, Result
 from ..text import distinct, printable
@@ -29,6 +31,17 @@ def channels(log: Log) -> list[tuple[str, str]]:
 def logs(results: Sequence[Result]) -> list[str]:
     """A short name for each log: its file's stem; printable and distinct."""
     return distinct([printable(PurePath(r.log.path).stem) for r in results])
+
+
+def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested settings as dotted keys with JSON values, sorted."""
+    dotted: dict[str, str] = {}
+    for key, value in sorted(settings.items()):
+        if isinstance(value, dict):
+            dotted |= flat(value, f"{prefix}{key}.")
+        else:
+            dotted[prefix + key] = json.dumps(value, ensure_ascii=False)
+    return dotted
 
 
 def _name(channel: Channel, unit: str) -> str:

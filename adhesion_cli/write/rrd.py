@@ -1,0 +1,481 @@
+"""Results as a Rerun recording that opens in its own layout; the only module that knows Rerun.
+
+The MCAP is the record; a recording is a view of it that opens only in a neighbouring version of the
+viewer and can be made again. Everything is sent by columns.
+"""
+
+import hashlib
+import math
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from .. import physics
+from ..model import AxleResult, Bools, Finding, Floats, Result, Score, Times
+from ..text import printable
+from . import names
+
+OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
+_OVERVIEW_ROWS = 20_000  # rows of an overview
+_SCATTER = 20_000  # points of one slip-adhesion scatter
+
+_REFERENCE, _TRUTH = 0xC8C8C8FF, 0x54A24BFF
+_TRAIN, _WHEEL, _PRESSURE, _CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
+_ESTIMATORS = (
+    0x4C9BE8FF, 0xF2A33AFF, 0xE45756FF, 0xB98AE0FF, 0x3FBFB2FF,
+    0xEBD03CFF, 0xFF8FB3FF, 0xA8794FFF, 0x8BD450FF, 0x7C83FFFF,
+)  # fmt: skip
+_LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_ROWS = 1 << 18  # rows sent at once
+_GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
+
+
+def write_result(path: Path, result: Result, algorithms: Sequence[str]) -> None:
+    """Write one analysed log.
+
+    Args:
+        path: file to write; its old content is lost.
+        result: the analysed log.
+        algorithms: every estimator there is, in a fixed order: each keeps its colour whatever the
+            selection.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    _write(path, [("", result)], algorithms)
+
+
+def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
+    """Write several analysed logs into one recording, each in a tab of its own.
+
+    Time counts from each log's own brake start, so that they lie over one another.
+
+    Args:
+        path: file to write; its old content is lost.
+        results: the analysed logs.
+        algorithms: every estimator there is, in a fixed order.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    _write(path, list(zip(names.logs(results), results, strict=True)), algorithms)
+
+
+def _write(path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str]) -> None:
+    rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
+    known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
+    colours = {a: _ESTIMATORS[i % len(_ESTIMATORS)] for i, a in enumerate(dict.fromkeys(known))}
+    pages = [_Page(name, result, colours) for name, result in logs]
+    identity = hashlib.sha256(" ".join(r.log.sha256 for _, r in logs).encode()).hexdigest()
+    rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
+    try:
+        rec.save(path, default_blueprint=_Layout(pages))
+        rec.send_recording_name(", ".join(page.title for page in pages))
+        rows = sum(page.send(rec) for page in pages)
+        rec.flush()
+    except RuntimeError as error:  # the binding's word for a file that cannot be written
+        raise OSError(f"{path.name}: {error}") from error
+    finally:
+        rec.disconnect()
+    _verify(path, rows)
+
+
+def _verify(path: Path, rows: int) -> None:
+    """Read the file once: the SDK's writing thread keeps a full disk to itself."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a missing footer is only a warning
+            chunks = RrdReader(path).stream().filter(is_static=False)
+            found = sum(chunk.num_rows for chunk in chunks)
+    except (RuntimeError, RerunWarning) as error:
+        raise OSError(f"{path.name}: does not read back as written ({error})") from error
+    if found != rows:
+        raise OSError(f"{path.name}: does not read back as written ({found} of {rows} rows)")
+
+
+# ---- what is drawn
+
+
+@dataclass(frozen=True, slots=True)
+class _Plot:
+    """Series that share an entity: values of shape (n, k), as a band where `half` is given."""
+
+    name: str
+    series: tuple[str, ...]
+    colours: tuple[int, ...]
+    values: Floats
+    half: Floats | None = None  # half width of a band around the values, shape (n, k)
+    widths: tuple[float, ...] = ()
+
+
+class _Page:
+    """One log: its entities under `root` and the views that show them."""
+
+    def __init__(self, name: str, result: Result, colours: dict[str, int]) -> None:
+        self.result, self.colours = result, colours
+        self.title = printable(Path(result.log.path).name)
+        self.root = rr.new_entity_path([name]) if name else ""
+        started = [int(a.record.t[a.applications[0].start]) for a in result.axles if a.applications]
+        self.start = result.log.start_ns()
+        self.zero = min(started, default=self.start)  # brake start
+        self.braked = bool(started)
+        points = sum(len(a.record) * (2 * len(a.estimates) + 7) for a in result.axles)
+        self.large = points > OVERVIEW_FROM
+
+    # -- data
+
+    def send(self, rec: rr.RecordingStream) -> int:
+        """Send everything; returns the number of rows on a timeline."""
+        rows = 0
+        for axle in self.result.axles:
+            path = f"axle/{axle.record.axle}"
+            t, index, inside = _rows(axle)
+            for plot in self._plots(axle, index, inside):
+                rows += self._send_plot(rec, f"{self.root}/{path}/{plot.name}", t, plot)
+                if self.large:
+                    whole = f"{self.root}/overview/{path}/{plot.name}"
+                    rows += self._send_plot(rec, whole, *_envelope(t, plot))
+            rows += self._send_brake(rec, f"{self.root}/{path}/brake", axle)
+            if axle.slip is not None:
+                _send_scatter(rec, f"{self.root}/{path}/slip", axle, self.result)
+        rows += self._send_events(rec)
+        text = rr.TextDocument(_summary(self.result), media_type=rr.MediaType.MARKDOWN)
+        rec.log(f"{self.root}/summary", text, static=True)
+        return rows
+
+    def _times(self, t: Times) -> list[rr.TimeColumn]:
+        columns = [rr.TimeColumn("time", duration=(t - self.zero).astype("timedelta64[ns]"))]
+        if self.result.log.absolute:
+            columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
+        return columns
+
+    def _plots(self, axle: AxleResult, index: NDArray[np.int64], inside: Bools) -> Iterator[_Plot]:
+        record, reference = axle.record, axle.reference
+
+        def column(values: Floats, factor: float = 1.0) -> Floats:
+            return np.where(index < 0, np.nan, values[index] * factor)
+
+        def computed(values: Floats) -> Floats:
+            return np.where(inside, column(values), np.nan)
+
+        radius = self.result.vehicle.radius(record.axle).value
+        speeds = [("wheel [km/h]", _WHEEL, column(record.wheel_speed, radius * 3.6))]
+        if record.train_speed is not None:
+            speeds.insert(0, ("train [km/h]", _TRAIN, column(record.train_speed, 3.6)))
+        yield _lines("speed", speeds)
+        brake = [("clamping force K [kN]", _CLAMPING, column(record.clamping_force, 1e-3))]
+        if record.pressure is not None:
+            bar = column(record.pressure, 1e-5)
+            brake.insert(0, ("brake cylinder pressure [bar]", _PRESSURE, bar))
+        yield _lines("braking", brake)
+
+        lower, upper = computed(reference.lower), computed(reference.upper)
+        yield _Plot(
+            "force/band", ("95 % band of the reference [N]",), (_REFERENCE,),
+            (lower + upper)[:, None] / 2, (upper - lower)[:, None] / 2, (0.0,),
+        )  # fmt: skip
+        yield _Plot(
+            "force/reference", ("reference, ± 1 sigma of its noise [N]",), (_REFERENCE,),
+            computed(reference.force)[:, None], computed(reference.sigma)[:, None], (2.5,),
+        )  # fmt: skip
+        if record.truth is not None:
+            yield _lines("force/truth", [("truth [N]", _TRUTH, computed(record.truth))], 2.5)
+        algos = [a for a in self.colours if a in axle.estimates]
+        estimates = [(f"{a} [N]", self.colours[a], computed(axle.estimates[a])) for a in algos]
+        errors = [(f"{a} [N]", self.colours[a], computed(axle.error(a))) for a in algos]
+        if algos:
+            yield _lines("force/estimates", estimates)
+            yield _lines("error", errors)
+
+    def _send_plot(self, rec: rr.RecordingStream, path: str, t: Times, plot: _Plot) -> int:
+        style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
+        series, colours = list(plot.series), np.array(plot.colours, np.uint32)
+        rec.log(path, style(names=series, colors=colours, widths=list(plot.widths)), static=True)
+        for at in range(0, len(t), _ROWS):
+            part = slice(at, at + _ROWS)
+            values = plot.values[part]
+            if plot.half is None:
+                data = rr.Scalars.columns(scalars=values)
+            else:
+                data = rr.Measurements.columns(
+                    values=values.ravel(), variances=plot.half[part].ravel() ** 2
+                )
+            rec.send_columns(path, self._times(t[part]), data)
+        return len(t)
+
+    def _send_brake(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> int:
+        t = axle.record.t
+        edges = [int(t[i]) for s in axle.applications for i in (s.start, s.stop - 1)]
+        states = ["applied", "released"] * len(axle.applications)
+        if not edges:
+            return 0
+        look = rr.StateConfiguration(
+            values=["applied", "released"], labels=["brake applied", "released"],
+            colors=np.array([_CLAMPING, 0x5A5A5AFF], np.uint32),
+        )  # fmt: skip
+        rec.log(path, look, static=True)
+        times = np.array(edges, np.int64)
+        rec.send_columns(path, self._times(times), rr.StateChange.columns(state=states))
+        return len(times)
+
+    def _send_events(self, rec: rr.RecordingStream) -> int:
+        events = [
+            (self.start + round((f.first_s or 0.0) * 1e9), _LEVEL[f.severity], _finding(f))
+            for f in self.result.findings
+        ]
+        for axle in self.result.axles:
+            for s in axle.applications:
+                for i, what in ((s.start, "applied"), (s.stop - 1, "released")):
+                    text = f"axle {axle.record.axle}: brake {what}"
+                    events.append((int(axle.record.t[i]), "INFO", text))
+        if not events:
+            return 0
+        events.sort(key=lambda e: e[0])
+        times, levels, texts = zip(*events, strict=True)
+        data = rr.TextLog.columns(text=texts, level=levels)
+        rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
+        return len(events)
+
+    # -- layout
+
+    def layout(self) -> rrb.Container:
+        """Tabs: one per axle, then the summary; a second set of axles with full data if large."""
+        tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in self.result.axles]
+        if self.large:
+            full = [self._axle_tab(a, "") for a in self.result.axles]
+            tabs.append(rrb.Tabs(*full, name="Full data"))
+        summary = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Summary")
+        return rrb.Tabs(*tabs, summary, name=self.title)
+
+    def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
+        N = axle.record.axle
+        path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
+        against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
+        rows = [
+            _chart(f"{path}/speed", f"Axle {N}: speed [km/h]"),
+            _chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [kN]"),
+            _chart(f"{path}/force", f"Axle {N}: adhesion force [N]"),
+        ]
+        shares = [3.0, 3.0, 6.0]
+        if axle.estimates:
+            rows.append(_chart(f"{path}/error", f"Axle {N}: estimate minus {against} [N]"))
+            shares.append(3.0)
+        if axle.applications:
+            rows.insert(0, _states(f"{exact}/brake", f"Axle {N}: brake"))
+            shares.insert(0, 1.3)
+        side: list[rrb.View] = []
+        if axle.slip is not None:
+            side.append(
+                rrb.Spatial2DView(
+                    origin=f"{exact}/slip", name=f"Axle {N}: adhesion coefficient over slip",
+                    visual_bounds=_bounds(), background=_BACKGROUND,
+                )
+            )  # fmt: skip
+        side.append(rrb.TextLogView(origin=f"{self.root}/events", name="Events"))
+        return rrb.Horizontal(
+            rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side),
+            column_shares=[7, 3], name=f"Axle {N}",
+        )  # fmt: skip
+
+
+def _lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5) -> _Plot:
+    series, colours, values = zip(*columns, strict=True)
+    matrix = np.stack(values, axis=1)
+    return _Plot(name, series, colours, matrix, widths=(width,) * len(series))
+
+
+def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
+    """Rows to draw: each sample, and one without values wherever a segment begins or ends.
+
+    Returns:
+        time [ns], index into the record's columns (−1 for a break), and whether the row lies in a
+        segment; shape (m,).
+    """
+    t = axle.record.t
+    inside = np.zeros(len(t), bool)
+    for s in axle.record.segments:
+        inside[s] = True
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} - {0, len(t)}
+    edges = np.array(sorted(bounds), np.int64)
+    index = np.insert(np.arange(len(t)), edges, -1)
+    return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
+
+
+def _envelope(t: Times, plot: _Plot) -> tuple[Times, _Plot]:
+    """The lowest and the highest value of each of some thousand spans, as two rows a span."""
+    step = -(-2 * len(t) // _OVERVIEW_ROWS)
+    at = np.arange(0, len(t), step)
+    below, above = plot.values, plot.values
+    if plot.half is not None:
+        below, above = below - plot.half, above + plot.half
+    low = np.fmin.reduceat(below, at, axis=0)  # fmin, fmax pass over NaN
+    high = np.fmax.reduceat(above, at, axis=0)
+    values, half = np.stack([low, high], axis=1).reshape(-1, low.shape[1]), None
+    if plot.half is not None:
+        values, half = (
+            np.repeat((low + high) / 2, 2, axis=0),
+            np.repeat((high - low) / 2, 2, axis=0),
+        )
+    middle = np.minimum(at + step // 2, len(t) - 1)
+    return np.stack([t[at], t[middle]], axis=1).ravel(), replace(plot, values=values, half=half)
+
+
+# ---- views
+
+
+class _Layout(rrb.Blueprint):
+    """The whole window: paused, side panels shut, every chart on the same time axis, all of it."""
+
+    def __init__(self, pages: Sequence[_Page]) -> None:
+        layouts = [page.layout() for page in pages]
+        super().__init__(
+            layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
+            auto_views=False,
+            auto_layout=False,
+        )
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        # Linked charts take the range of a view that has no name in the API; the default of that
+        # one is half a minute around the cursor.
+        super()._log_to_stream(stream)
+        everything = rr.encodings.TimeRange(
+            start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
+        )
+        stream.log(f"{_GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
+
+
+def _chart(origin: str, name: str) -> rrb.View:
+    return rrb.TimeSeriesView(
+        origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        plot_legend=rrb.PlotLegend(corner="RightTop"),
+    )  # fmt: skip
+
+
+def _states(origin: str, name: str) -> rrb.View:
+    return rrb.StateTimelineView(
+        origin=origin, name=name, time_view=rrb.TimeAxis(link="LinkToGlobal")
+    )
+
+
+# ---- slip over adhesion: Rerun has no such chart, so its axes are drawn as lines and labels
+
+_WIDTH, _HEIGHT = 150.0, 100.0  # of the plotted area, in scene units; y points down
+_LEAST, _MOST = -0.1, 1.0  # slips shown; a wheel at the limit of observation can say anything
+_BACKGROUND = [16, 18, 20]
+
+
+def _bounds() -> rrb.VisualBounds2D:
+    return rrb.VisualBounds2D(x_range=[-25, _WIDTH + 10], y_range=[-_HEIGHT - 15, 28])
+
+
+def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: Result) -> None:
+    assert axle.slip is not None
+    mu = physics.coefficient(axle.reference.force, result.vehicle)
+    known = np.flatnonzero(np.isfinite(axle.slip) & np.isfinite(mu))
+    shown = known[(axle.slip[known] >= _LEAST) & (axle.slip[known] <= _MOST)]
+    outside = len(known) - len(shown)
+    shown = shown[:: max(1, -(-len(shown) // _SCATTER))]
+    s, mu = axle.slip[shown] * 100.0, mu[shown]
+
+    xs, ys = _ticks(s, 5.0), _ticks(mu, 0.05)
+
+    def x(value: Floats) -> Floats:
+        return np.interp(value, xs[[0, -1]], [0.0, _WIDTH])
+
+    def y(value: Floats) -> Floats:
+        return np.interp(value, ys[[0, -1]], [0.0, -_HEIGHT])
+
+    grid = [[(a, 0), (a, -_HEIGHT)] for a in x(xs)] + [[(0, b), (_WIDTH, b)] for b in y(ys)]
+    rec.log(f"{path}/grid", rr.LineStrips2D(grid, colors=0x4A4A4AFF, radii=0.15), static=True)
+    texts = [f"{v:g}" for v in xs] + [f"{v:g}" for v in ys]
+    places = [(a, 5.0) for a in x(xs)] + [(-8.0, b) for b in y(ys)]
+    notes = ["slip [%]", "µ [-]"]
+    spots = [(_WIDTH / 2, 13.0), (-8.0, -_HEIGHT - 9.0)]
+    notes.append("from dark to bright: start to end of the log")
+    spots.append((_WIDTH / 2, 21.0))
+    if outside:
+        notes.append(f"{outside} points outside {_LEAST:.0%} to {_MOST:.0%} slip not shown")
+        spots.append((_WIDTH / 2, -_HEIGHT - 9.0))
+    labels = rr.Points2D(
+        [*places, *spots], labels=[*texts, *notes], radii=0.0, show_labels=True, colors=0xD0D0D0FF
+    )
+    rec.log(f"{path}/labels", labels, static=True)
+    age = np.linspace(0.0, 1.0, len(s))[:, None]
+    colours = (1 - age) * np.array([35, 75, 140]) + age * np.array([255, 205, 70])
+    points = rr.Points2D(np.stack([x(s), y(mu)], 1), radii=0.45, colors=colours.astype(np.uint8))
+    rec.log(f"{path}/points", points, static=True)
+
+
+def _ticks(values: Floats, least: float) -> Floats:
+    """Round numbers around the values, zero among them, at least `least` apart in total."""
+    low = min(0.0, float(values.min(initial=0.0)))
+    high = max(least, float(values.max(initial=0.0)))
+    rough = (high - low) / 5
+    step = 10.0 ** math.floor(math.log10(rough))
+    step *= next(m for m in (1.0, 2.0, 5.0, 10.0) if m * step >= rough)
+    return np.arange(math.floor(low / step), math.ceil(high / step) + 1, dtype=np.float64) * step
+
+
+# ---- text
+
+
+def _summary(result: Result) -> str:
+    log = result.log
+    lines = [f"# {_plain(Path(log.path).name)}", ""]
+    for axle in result.axles:
+        lines += [f"## Axle {axle.record.axle}", "", *_scores(axle.scores), ""]
+    lines += ["## Findings", ""]
+    lines += [f"- **{f.severity}** {_plain(_finding(f))}" for f in result.findings] or ["none"]
+    lines += [
+        "", "## Colours", "",
+        "Grey is the reference: the wide band holds the truth with 95 %, vehicle tolerances "
+        "included; the narrow one is one sigma of its noise. Green is the truth, where the log has "
+        "it. Each estimator has its own colour everywhere. A gap in a line is a gap in the data.",
+        "", "Time counts from the first brake application; the wall clock is the timeline `clock`.",
+        "", "## Settings", "", "| setting | value |", "|---|---|",
+    ]  # fmt: skip
+    lines += [f"| {_plain(k)} | {_plain(v)} |" for k, v in names.flat(result.settings).items()]
+    lines += ["", "## Sources", "", *(f"- {_plain(s)}" for s in result.sources), ""]
+    lines += [f"Input `{log.sha256}`"]
+    return "\n".join(lines)
+
+
+def _scores(scores: Sequence[Score]) -> list[str]:
+    head = ["estimator", "against", "RMSE [N]", "bias [N]", "max error [N]", "lag [s]", "gain",
+            "response [s]", "relative"]  # fmt: skip
+    rows = [
+        [
+            _plain(s.algo), s.against, _number(s.rmse_n, 1), _number(s.bias_n, 1),
+            _number(s.max_error_n, 0), _number(s.lag_s, 2), _number(s.gain, 3),
+            _number(s.response_s, 2), _number(s.relative, 2),
+        ]
+        for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
+    ]  # fmt: skip
+    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _finding(finding: Finding) -> str:
+    where = f"{finding.channel}: " if finding.channel else ""
+    often = f" ({finding.count} ×)" if finding.count > 1 else ""
+    return printable(f"{finding.code}: {where}{finding.message}{often}")
+
+
+def _plain(text: str) -> str:
+    """Text from a log that must not become markup, a link or a picture."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
