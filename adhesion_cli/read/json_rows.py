@@ -1,0 +1,194 @@
+"""JSON messages: parsed one by one, taken apart key by key."""
+
+from itertools import zip_longest
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+import orjson
+
+from ..model import Floats
+from .tree import (
+    LONG_ARRAY,
+    Bytes,
+    Fault,
+    Offsets,
+    Steps,
+    Tree,
+    Undecodable,
+    Wanted,
+    at,
+    label_fault,
+    length_faults,
+    path,
+)
+
+_NUMBERS = {int, float, bool}
+
+
+class JsonDecoder:
+    """JSON messages of one channel, with or without a JSON schema.
+
+    Args:
+        schema: the JSON schema, b"" where there is none.
+
+    Raises:
+        Undecodable: where the schema is no JSON object.
+    """
+
+    def __init__(self, schema: bytes) -> None:
+        try:
+            self._schema = orjson.loads(schema) if schema.strip() else {}
+        except orjson.JSONDecodeError as e:
+            raise Undecodable(f"JSON schema: {e}") from None
+        self._known: Tree = None  # all keys of the messages seen on opening
+
+    def tree(self, message: bytes) -> Tree:
+        """One message as plain values."""
+        try:
+            return orjson.loads(message)
+        except orjson.JSONDecodeError as e:
+            raise Undecodable(f"not JSON: {e}") from None
+
+    def know(self, tree: Tree) -> None:
+        """States which keys messages have; others are a fault from then on."""
+        self._known = tree
+
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The property `unit` (or `units`) that the JSON schema states beside the type."""
+        node: Any = self._schema
+        for step in steps:
+            if not isinstance(node, dict):
+                return "", ""
+            if isinstance(step, int):
+                node = node.get("items")
+            else:
+                properties = node.get("properties")
+                node = properties.get(step) if isinstance(properties, dict) else None
+        for key in ("unit", "units"):
+            if isinstance(node, dict) and isinstance(node.get(key), str):
+                return node[key], f"JSON schema {key!r}"
+        return "", ""
+
+    def columns(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
+        """Many messages at once, see Decoder."""
+        raw, loads = buffer.data, orjson.loads
+        spans = list(zip(start.tolist(), end.tolist(), strict=True))
+        faults: list[Fault] = []
+        rows = np.arange(len(spans))
+        try:
+            messages = [loads(raw[a:b]) for a, b in spans]
+        except orjson.JSONDecodeError:
+            messages, bad = [], {}
+            for i, (a, b) in enumerate(spans):
+                try:
+                    messages.append(loads(raw[a:b]))
+                except orjson.JSONDecodeError as e:
+                    bad[i] = f"not JSON: {e.msg}"
+            faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
+            rows = np.delete(rows, list(bad))
+        values = np.full((len(wanted.leaves), len(spans)), np.nan)
+        spread = _Spread(wanted, rows, values, faults)
+        if messages:
+            spread.walk(messages, rows, self._known, ())
+        for steps, named in wanted.labels.items():
+            other = np.zeros(len(spans), np.bool_)
+            other[rows] = [at(m, steps) != named for m in messages]
+            if other.any():
+                faults.append(label_fault(wanted, steps, other, values))
+        return values, faults
+
+
+class _Spread:
+    """Takes a list of trees apart, place by place."""
+
+    def __init__(self, wanted: Wanted, rows: Offsets, values: Floats, faults: list[Fault]) -> None:
+        self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
+        self._wanted, self._values, self._faults = wanted, values, faults
+        self._rows = rows
+
+    def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        """Takes what the messages `rows` have at a place.
+
+        Args:
+            nodes: what they have there.
+            rows: their numbers in the batch.
+            known: what messages had there on opening.
+            steps: the place.
+        """
+        if isinstance(known, dict):
+            if found := self._only(dict, nodes, rows, steps):
+                self._object(*found, known, steps)
+        elif isinstance(known, list):
+            if len(known) <= LONG_ARRAY and (found := self._only(list, nodes, rows, steps)):
+                self._array(*found, known, steps)
+        elif (i := self._columns.get(steps)) is not None:
+            self._number(nodes, rows, i, steps)
+
+    def _only(
+        self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
+    ) -> tuple[list[Tree], Offsets] | None:
+        if set(map(type, nodes)) == {kind}:
+            return nodes, rows
+        is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
+        other = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
+        self._type_fault(rows[other], steps)
+        if not is_kind.any():
+            return None
+        return [node for node in nodes if type(node) is kind], rows[is_kind]
+
+    def _type_fault(self, rows: Offsets, steps: Steps) -> None:
+        if len(rows):
+            text = f"{path(steps) or 'message'} is of another type than at first"
+            self._faults.append(Fault("mcap-type-change", text, rows))
+
+    def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        for key in sorted(set().union(*nodes) - known.keys()):
+            late = np.array([key in node for node in nodes], np.bool_)
+            text = f"{path((*steps, key))} is not in the channel's first messages and is not read"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+        for key, child in known.items():
+            place = (*steps, key)
+            if not isinstance(child, (dict, list)) and place not in self._columns:
+                continue
+            try:
+                self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
+            except KeyError:
+                has = np.array([key in node for node in nodes], np.bool_)
+                below = [node[key] for node in nodes if key in node]
+                if below:
+                    self.walk(below, rows[has], child, place)
+
+    def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        count = np.array(list(map(len, nodes)))
+        for fault in length_faults(self._wanted, steps, count, len(rows)):
+            self._faults.append(Fault(fault.code, fault.text, rows[fault.rows]))
+        for k, child in enumerate(known):
+            place = (*steps, k)
+            if not isinstance(child, (dict, list)) and place not in self._columns:
+                continue
+            has = count > k
+            below = [node[k] for node in nodes if len(node) > k]
+            if below:
+                self.walk(below, rows[has], child, place)
+
+    def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
+        if set(map(type, nodes)) <= _NUMBERS:
+            self._values[i, rows] = nodes
+            return
+        number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
+        self._values[i, rows[number]] = [node for node in nodes if type(node) in _NUMBERS]
+        other = ~number & np.array([node is not None for node in nodes], np.bool_)
+        self._type_fault(rows[other], steps)
+
+
+def merged(first: Tree, second: Tree) -> Tree:
+    """What either of two messages has; of two values at one place a number, else the first."""
+    if isinstance(first, dict) and isinstance(second, dict):
+        keys = first | second  # in the order of their first sight
+        return {key: merged(first.get(key), second.get(key)) for key in keys}
+    if isinstance(first, list) and isinstance(second, list):
+        return [merged(a, b) for a, b in zip_longest(first, second)]
+    return second if first is None else first

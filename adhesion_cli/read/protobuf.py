@@ -1,0 +1,522 @@
+"""Protobuf messages, all messages of a batch one field at a time.
+
+Writers put the fields of a message in the order of their numbers. So all messages of a batch
+are read in lock-step: of the tags that come next, the lowest is taken from every message that
+has it, and the others wait. What is unusual (groups, broken varints, very many fields) goes
+message by message through the protobuf library, which also judges what is broken.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from google.protobuf.descriptor import FieldDescriptor as F
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError
+from google.protobuf.message_factory import GetMessageClass
+from google.protobuf.unknown_fields import UnknownFieldSet
+from numpy.typing import NDArray
+
+from ..model import Floats
+from .tree import (
+    DEEPEST,
+    LONG_ARRAY,
+    Bytes,
+    Fault,
+    Offsets,
+    Steps,
+    Tree,
+    Undecodable,
+    Wanted,
+    label_fault,
+    length_faults,
+    path,
+)
+
+_VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
+_WIRE = {
+    F.TYPE_DOUBLE: _FIXED64, F.TYPE_FIXED64: _FIXED64, F.TYPE_SFIXED64: _FIXED64,
+    F.TYPE_FLOAT: _FIXED32, F.TYPE_FIXED32: _FIXED32, F.TYPE_SFIXED32: _FIXED32,
+    F.TYPE_STRING: _LEN, F.TYPE_BYTES: _LEN, F.TYPE_MESSAGE: _LEN, F.TYPE_GROUP: 3,
+}  # fmt: skip
+_DTYPE = {
+    F.TYPE_DOUBLE: "<f8", F.TYPE_FIXED64: "<u8", F.TYPE_SFIXED64: "<i8",
+    F.TYPE_FLOAT: "<f4", F.TYPE_FIXED32: "<u4", F.TYPE_SFIXED32: "<i4",
+}  # fmt: skip
+_MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
+_TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
+_MOST_ROUNDS = 512  # rounds of the lock-step beyond which a message counts as unusual
+_NOWHERE = 1 << 62  # the end of a varint that has no end
+
+Words = NDArray[np.uint64]
+
+
+class ProtobufDecoder:
+    """Messages of one protobuf schema.
+
+    Args:
+        name: full name of the message type.
+        data: a serialized FileDescriptorSet.
+
+    Raises:
+        Undecodable: where the set is broken, incomplete, cyclic or has no such type.
+    """
+
+    def __init__(self, name: str, data: bytes) -> None:
+        pool = _pool(data)
+        try:
+            self._type = pool.FindMessageTypeByName(name)
+        except KeyError:
+            raise Undecodable(f"schema does not define {name}") from None
+        self._class = GetMessageClass(self._type)
+        try:
+            self._options = GetMessageClass(
+                pool.FindMessageTypeByName("google.protobuf.FieldOptions")
+            )
+        except KeyError:
+            self._options = None
+
+    def _parse(self, message: bytes) -> Any:
+        try:
+            parsed = self._class.FromString(message)
+        except DecodeError as e:
+            raise Undecodable(f"not a {self._type.full_name}: {e}") from None
+        if number := _wrong_wire(parsed):
+            raise Undecodable(f"field {number} of {self._type.full_name} has another wire type")
+        return parsed
+
+    def tree(self, message: bytes) -> Tree:
+        """One message as plain values; messages inside that are absent show their defaults."""
+        return _tree(self._parse(message), (self._type,))
+
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The unit a custom field option named `unit` states."""
+        kind, option = self._type, None
+        for step in steps:
+            if isinstance(step, str):
+                option = kind.fields_by_name[step] if kind else None
+                kind = option.message_type if option else None
+        if option is None or self._options is None:
+            return "", ""
+        for extension, value in self._options.FromString(
+            option.GetOptions().SerializeToString()
+        ).ListFields():
+            if extension.name in ("unit", "units") and isinstance(value, str):
+                return value, f"field option {extension.full_name}"
+        return "", ""
+
+    def columns(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
+        """Many messages at once, see Decoder."""
+        return _LockStep(self, buffer, start, end, wanted).columns()
+
+    def numbers(self, message: bytes, leaves: tuple[Steps, ...]) -> list[float]:
+        """The wanted numbers of one message by the protobuf library, NaN where absent."""
+        parsed = self._parse(message)
+        return [_number(parsed, steps) for steps in leaves]
+
+
+def _pool(data: bytes) -> DescriptorPool:
+    """The files of a descriptor set, each after those it imports."""
+    try:
+        files = FileDescriptorSet.FromString(data).file
+    except DecodeError as e:
+        raise Undecodable(f"schema is no FileDescriptorSet: {e}") from None
+    waiting = {file.name: file for file in files}
+    if len(waiting) < len(files):
+        raise Undecodable("schema defines a file twice")
+    needs = {name: set(file.dependency) for name, file in waiting.items()}
+    users: dict[str, list[str]] = {}
+    for name, needed in needs.items():
+        for other in needed:
+            users.setdefault(other, []).append(name)
+    ready = [name for name, needed in needs.items() if not needed]
+    pool, added = DescriptorPool(), 0
+    while ready:
+        name = ready.pop()
+        try:
+            pool.Add(waiting[name])
+        except TypeError as e:
+            raise Undecodable(f"schema file {name!r} is wrong: {e}") from None
+        added += 1
+        for user in users.get(name, ()):
+            needs[user].discard(name)
+            if not needs[user]:
+                ready.append(user)
+    if added < len(waiting):
+        raise Undecodable("schema imports files in a circle or files it does not hold")
+    return pool
+
+
+def _wrong_wire(message: Any) -> int:
+    """The number of a known field that a message carries as another wire type, else 0."""
+    known = message.DESCRIPTOR.fields_by_number
+    for unknown in UnknownFieldSet(message):
+        if unknown.field_number in known:
+            return int(unknown.field_number)
+    for f, value in message.ListFields():
+        if f.type in _MESSAGES and not _is_map(f):
+            for sub in value if f.is_repeated else (value,):
+                if number := _wrong_wire(sub):
+                    return number
+    return 0
+
+
+def _is_map(f: Any) -> bool:
+    return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
+
+
+def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
+    tree: dict[str, Tree] = {}
+    for f in message.DESCRIPTOR.fields:
+        if _is_map(f) or f.type == F.TYPE_BYTES:
+            continue
+        value = getattr(message, f.name)
+        if f.is_repeated:
+            some = value[: LONG_ARRAY + 1]
+            if f.type in _MESSAGES:
+                tree[f.name] = [_tree(v, (*above, f.message_type)) for v in some]
+            else:
+                tree[f.name] = list(some)
+        elif f.type not in _MESSAGES:
+            tree[f.name] = value
+        elif message.HasField(f.name) or (f.message_type not in above and len(above) < DEEPEST):
+            tree[f.name] = _tree(value, (*above, f.message_type))
+    return tree
+
+
+def _number(message: Any, steps: Steps) -> float:
+    for i, step in enumerate(steps):
+        if isinstance(step, int):
+            if step >= len(message):
+                return float("nan")
+            message = message[step]
+        else:
+            f = message.DESCRIPTOR.fields_by_name[step]
+            if f.has_presence and not message.HasField(step):
+                return float("nan")
+            message = getattr(message, step)
+    return float(message)
+
+
+@dataclass(slots=True)
+class _Slot:
+    """What to do with one field of a message type."""
+
+    type: int
+    wire: int
+    repeated: bool
+    steps: Steps
+    columns: dict[int, int] = field(default_factory=dict)  # element (0 if single) to column
+    inside: dict[int, "_Node"] = field(default_factory=dict)  # element (0 if single) to message
+    count: Offsets | None = None  # elements seen so far, per message of the batch
+    labels: list[str] | None = None
+    clears: list[int] = field(default_factory=list)  # columns of the same oneof's other members
+
+
+@dataclass(slots=True)
+class _Node:
+    """What to do with a message type at one place."""
+
+    slots: dict[int, _Slot]
+    zeros: list[int]  # columns that are 0 where the message is there and does not say more
+    seen: NDArray[np.bool_]
+
+
+class _LockStep:
+    def __init__(
+        self, decoder: ProtobufDecoder, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> None:
+        self._decoder, self._buffer, self._wanted = decoder, buffer, wanted
+        self._start, self._end = start, end
+        self._words: Words = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
+        n = len(start)
+        self._values = np.full((len(wanted.leaves), n), np.nan)
+        self._odd = np.zeros(n, np.bool_)  # unusual: the library decides
+        self._slots: list[_Slot] = []
+        self._relabelled = {steps: np.zeros(n, np.bool_) for steps in wanted.labels}
+        self._terminators: Offsets | None = None
+        self._root = self._node(decoder._type, (), list(enumerate(wanted.leaves)))
+
+    def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:
+        node = _Node({}, [], np.zeros(len(self._start), np.bool_))
+        depth = len(at)
+        by_name: dict[str, list[tuple[int, Steps]]] = {}
+        for i, steps in below:
+            by_name.setdefault(str(steps[depth]), []).append((i, steps))
+        for f in kind.fields:
+            steps = (*at, f.name)
+            repeated = f.is_repeated
+            slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), repeated, steps)
+            mine = by_name.get(f.name, [])
+            if f.type in _MESSAGES:
+                groups: dict[int, list[tuple[int, Steps]]] = {}
+                for i, leaf in mine:
+                    element = leaf[depth + 1] if repeated else 0
+                    assert isinstance(element, int)
+                    groups.setdefault(element, []).append((i, leaf))
+                for element, leaves in groups.items():
+                    place = (*steps, element) if repeated else steps
+                    slot.inside[element] = self._node(f.message_type, place, leaves)
+            else:
+                for i, leaf in mine:
+                    element = leaf[-1] if repeated else 0
+                    assert isinstance(element, int)
+                    slot.columns[element] = i
+                if slot.columns and not repeated and not f.has_presence:
+                    node.zeros += slot.columns.values()
+            slot.labels = self._wanted.labels.get(steps)
+            if repeated and (mine or slot.labels):
+                slot.count = np.zeros(len(self._start), np.int64)
+            if mine or slot.labels:
+                self._slots.append(slot)
+            if f.containing_oneof is not None:
+                others = {o.name for o in f.containing_oneof.fields} - {f.name}
+                slot.clears = [i for name in others for i, _ in by_name.get(name, [])]
+            node.slots[f.number] = slot
+        return node
+
+    def columns(self) -> tuple[Floats, list[Fault]]:
+        n = len(self._start)
+        self._message(self._root, np.arange(n), self._start, self._end)
+        faults: list[Fault] = []
+        bad: dict[str, list[int]] = {}
+        odd = np.flatnonzero(self._odd)
+        for i in odd.tolist():
+            message = self._buffer[self._start[i] : self._end[i]].tobytes()
+            try:
+                self._values[:, i] = self._decoder.numbers(message, tuple(self._wanted.leaves))
+                self._recount(message, i)
+            except Undecodable as e:
+                self._values[:, i] = np.nan
+                bad.setdefault(str(e), []).append(i)
+        good = np.ones(n, np.bool_)
+        for text, rows in bad.items():
+            faults.append(Fault("mcap-bad-message", text, np.array(rows)))
+            good[rows] = False
+        for slot in self._slots:
+            if slot.count is None:
+                continue
+            if slot.labels is not None:
+                self._relabelled[slot.steps] |= slot.count != len(slot.labels)
+            expected = self._wanted.lengths.get(slot.steps)
+            count = slot.count if expected is None else np.where(good, slot.count, expected)
+            faults += length_faults(self._wanted, slot.steps, count, n)
+        faults += [
+            label_fault(self._wanted, steps, other & good, self._values)
+            for steps, other in self._relabelled.items()
+            if (other & good).any()
+        ]
+        return self._values, faults
+
+    def _recount(self, message: bytes, row: int) -> None:
+        """Array lengths and names of a message that the library read."""
+        parsed = self._decoder._parse(message)
+        for slot in self._slots:
+            if slot.count is None:
+                continue
+            array: Any = parsed
+            for step in slot.steps:
+                if isinstance(step, int):
+                    array = array[step] if step < len(array) else ()
+                else:
+                    array = getattr(array, step, ())
+            slot.count[row] = len(array)
+            if slot.labels is not None:
+                self._relabelled[slot.steps][row] = list(array) != slot.labels
+
+    def _varint(self, p: Offsets) -> tuple[Words, Offsets]:
+        """Varints at p, and the offsets behind them (_NOWHERE where one does not end)."""
+        x = self._words[p]
+        if not (x & np.uint64(0x80)).any():
+            return x & np.uint64(0x7F), p + 1
+        stop = ~x & np.uint64(0x8080808080808080)
+        mask = stop ^ (stop - np.uint64(1))  # the bytes up to the first with its top bit clear
+        size = np.bitwise_count(mask).astype(np.int64) >> 3
+        x = x & mask
+        for keep, move, shift in (
+            (0x007F007F007F007F, 0x7F007F007F007F00, 1),
+            (0x00003FFF00003FFF, 0x3FFF00003FFF0000, 2),
+            (0x000000000FFFFFFF, 0x0FFFFFFF00000000, 4),
+        ):
+            x = (x & np.uint64(keep)) | ((x & np.uint64(move)) >> np.uint64(shift))
+        after = p + size
+        if len(long := np.flatnonzero(stop == 0)):
+            ninth = self._buffer[p[long] + 8].astype(np.uint64)
+            tenth = self._buffer[p[long] + 9].astype(np.uint64)
+            ends = ninth < 0x80
+            x[long] |= (ninth & np.uint64(0x7F)) << np.uint64(56)
+            x[long] |= np.where(ends, np.uint64(0), tenth << np.uint64(63))
+            after[long] = np.where(
+                ends, p[long] + 9, np.where(tenth < 0x80, p[long] + 10, _NOWHERE)
+            )
+        return x, after
+
+    def _message(self, node: _Node, rows: Offsets, p: Offsets, end: Offsets) -> None:
+        fresh = rows[~node.seen[rows]] if node.seen.any() else rows
+        for i in node.zeros:
+            self._values[i, fresh] = 0.0
+        node.seen[rows] = True
+        for _ in range(_MOST_ROUNDS):
+            live = p < end
+            if not live.all():
+                rows, p, end = rows[live], p[live], end[live]
+            if not len(rows):
+                return
+            tag, q = self._varint(p)
+            lowest = tag.min()
+            now = tag == lowest
+            if now.all():
+                p = self._field(node, int(lowest), rows, q, end)
+            else:
+                p = p.copy()
+                p[now] = self._field(node, int(lowest), rows[now], q[now], end[now])
+            if len(strange := np.flatnonzero((p > end) | self._odd[rows])):
+                self._odd[rows[strange]] = True
+                p = np.where(self._odd[rows], end, p)
+        self._odd[rows[p < end]] = True
+
+    def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, end: Offsets) -> Offsets:
+        """Reads one field of the messages that have it next; returns the offsets behind it."""
+        number, wire = tag >> 3, tag & 7
+        slot = node.slots.get(number)
+        q = np.minimum(q, end)
+        value: Words | None = None
+        if wire == _VARINT:
+            value, after = self._varint(q)
+        elif wire == _FIXED64:
+            after = q + 8
+        elif wire == _FIXED32:
+            after = q + 4
+        elif wire == _LEN:
+            length, q = self._varint(q)
+            room = np.maximum(end - q, -1)
+            fits = (room >= 0) & (length <= np.maximum(room, 0).astype(np.uint64))
+            after = np.where(fits, q + length.astype(np.int64), _NOWHERE)
+        else:
+            after = np.full(len(q), _NOWHERE)
+        if number == 0:
+            after = np.full(len(q), _NOWHERE)
+        if slot is None:
+            return after
+        packed = wire == _LEN and slot.wire not in (_LEN, 3) and slot.repeated
+        if wire != slot.wire and not packed:
+            after = np.full(len(q), _NOWHERE)
+        if not (slot.columns or slot.inside or slot.count is not None or slot.clears):
+            return after
+        if not (whole := after <= end).all():
+            self._odd[rows[~whole]] = True
+            rows, q, end = rows[whole], q[whole], after[whole]
+            value = value if value is None else value[whole]
+        else:
+            end = after
+        if len(rows):
+            self._store(slot, rows, q, end, value, packed)
+        return after
+
+    def _store(
+        self,
+        slot: _Slot,
+        rows: Offsets,
+        q: Offsets,
+        end: Offsets,
+        value: Words | None,
+        packed: bool,
+    ) -> None:
+        for i in slot.clears:
+            self._values[i, rows] = np.nan
+        if slot.inside or slot.type in _MESSAGES:
+            self._each(slot, rows, lambda k, r, pick: self._inside(slot, k, r, q[pick], end[pick]))
+        elif slot.type in _TEXTS:
+            self._each(slot, rows, lambda k, r, pick: self._label(slot, k, r, q[pick], end[pick]))
+        elif packed:
+            self._packed(slot, rows, q, end)
+        else:
+            numbers = self._numbers(slot.type, q, value)
+
+            def put(k: int, r: Offsets, pick: Any) -> None:
+                if (i := slot.columns.get(k)) is not None:
+                    self._values[i, r] = numbers[pick]
+
+            self._each(slot, rows, put)
+
+    def _each(self, slot: _Slot, rows: Offsets, put: Any) -> None:
+        """Hands on rows by the number of the element they are at."""
+        if slot.count is None:
+            put(0, rows, slice(None))
+            return
+        at = slot.count[rows]
+        if (at == at[0]).all():
+            put(int(at[0]), rows, slice(None))
+        else:
+            for k in np.unique(at).tolist():
+                pick = at == k
+                put(k, rows[pick], pick)
+        slot.count[rows] += 1
+
+    def _inside(self, slot: _Slot, k: int, rows: Offsets, q: Offsets, end: Offsets) -> None:
+        if node := slot.inside.get(k):
+            self._message(node, rows, q, end)
+
+    def _label(self, slot: _Slot, k: int, rows: Offsets, q: Offsets, end: Offsets) -> None:
+        if slot.labels is not None and k < len(slot.labels):
+            raw = np.frombuffer(slot.labels[k].encode(), np.uint8)
+            same = end - q == len(raw)
+            where = np.where(same, q, 0)[:, None] + np.arange(len(raw))
+            self._relabelled[slot.steps][rows] |= ~(same & (self._buffer[where] == raw).all(1))
+
+    def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets) -> None:
+        assert slot.count is not None
+        before = slot.count[rows]
+        if dtype := _DTYPE.get(slot.type):
+            size = np.dtype(dtype).itemsize
+            count, rest = np.divmod(end - q, size)
+            if rest.any():
+                self._odd[rows[rest > 0]] = True
+        else:
+            if self._terminators is None:
+                self._terminators = np.flatnonzero(self._buffer < 0x80)
+            first = np.searchsorted(self._terminators, q)
+            count = np.searchsorted(self._terminators, end) - first
+            broken = (end > q) & (self._buffer[end - 1] >= 0x80)
+            if broken.any():
+                self._odd[rows[broken]] = True
+        for k, i in slot.columns.items():
+            has = (before <= k) & (k < before + count)
+            if not has.any():
+                continue
+            element = (k - before)[has]
+            if dtype:
+                where, value = q[has] + element * size, None
+            else:
+                assert self._terminators is not None
+                last = self._terminators[first[has] + element - 1]
+                where = np.where(element > 0, last + 1, q[has])
+                value, after = self._varint(where)
+                self._odd[rows[has][after > end[has]]] = True
+            self._values[i, rows[has]] = self._numbers(slot.type, where, value)
+        slot.count[rows] += count
+
+    def _numbers(self, kind: int, q: Offsets, value: Words | None) -> NDArray[Any]:
+        if dtype := _DTYPE.get(kind):
+            size = np.dtype(dtype).itemsize
+            view = np.ndarray((len(self._buffer) - size + 1,), dtype, self._buffer, 0, (1,))
+            found: NDArray[Any] = view[q]
+            return found
+        assert value is not None
+        if kind in (F.TYPE_INT32, F.TYPE_ENUM):
+            return value.astype(np.uint32).view(np.int32)
+        if kind == F.TYPE_INT64:
+            return value.view(np.int64)
+        if kind == F.TYPE_UINT32:
+            return value.astype(np.uint32)
+        if kind == F.TYPE_BOOL:
+            truth: NDArray[np.bool_] = value != 0
+            return truth
+        if kind == F.TYPE_SINT32:
+            value = value.astype(np.uint32).astype(np.uint64)
+        if kind in (F.TYPE_SINT32, F.TYPE_SINT64):
+            return (value >> np.uint64(1)).view(np.int64) ^ -(value & np.uint64(1)).view(np.int64)
+        return value

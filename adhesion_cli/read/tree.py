@@ -1,0 +1,273 @@
+"""A message as a tree of plain values, and the numbers in it: alike for every MCAP encoding."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import Floats
+
+Tree = Any  # dict[str, Tree] | list[Tree] | float | int | bool | str | None
+Steps = tuple[str | int, ...]  # the way from the root of a message to a value
+Bytes = NDArray[np.uint8]
+Offsets = NDArray[np.int64]
+Units = Callable[[Steps], tuple[str, str]]  # unit and where it stood, ("", "") if nowhere
+
+LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scalar series
+MOST_LEAVES = 4096  # scalar series of one channel
+DEEPEST = 32  # levels of a message
+PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
+
+_STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
+_STAMP_AT: tuple[Steps, ...] = (
+    ("header", "stamp"),
+    ("header", "timestamp"),
+    ("timestamp",),
+    ("stamp",),
+)
+
+
+class Undecodable(Exception):
+    """A schema or a message that is not what it says it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One number of a message: where it is, and what the message itself says about it."""
+
+    steps: Steps
+    label: str = ""
+    unit: str = ""
+    unit_from: str = ""
+
+    @property
+    def path(self) -> str:
+        """The place as users write it: "joints[1].position"."""
+        return path(self.steps)
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What decoding had to leave out, of which messages of the batch."""
+
+    code: str
+    text: str
+    rows: Offsets
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """The numbers asked for, and what the first message said that later ones must repeat."""
+
+    leaves: Sequence[Steps]
+    lengths: dict[Steps, int]  # of the arrays that hold wanted numbers
+    labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
+
+    def under(self, parent: Steps) -> list[int]:
+        """Which wanted numbers stand in arrays directly inside `parent`."""
+        n = len(parent)
+        return [
+            i
+            for i, s in enumerate(self.leaves)
+            if len(s) > n + 1 and s[:n] == parent and isinstance(s[n + 1], int)
+        ]
+
+
+class Decoder(Protocol):
+    """Turns the messages of one schema into trees (one) and columns (many)."""
+
+    def tree(self, message: bytes) -> Tree:
+        """One message as plain values, a schema's absent numbers as their defaults.
+
+        Raises:
+            Undecodable: where the message breaks its encoding.
+        """
+        ...
+
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The unit the schema states for a number, and where."""
+        ...
+
+    def columns(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
+        """Many messages at once.
+
+        Args:
+            buffer: bytes that hold the messages, PADDING more after the last of them.
+            start: offsets of the messages' first bytes, shape (n,).
+            end: offsets behind their last bytes, shape (n,).
+            wanted: what to take from each.
+
+        Returns:
+            Values of shape (len(wanted.leaves), n), NaN where a message has no such number,
+            and what was left out.
+        """
+        ...
+
+
+def path(steps: Steps) -> str:
+    """The place of a number as users write it: "joints[1].position"."""
+    text = ""
+    for step in steps:
+        text += f"[{step}]" if isinstance(step, int) else f".{step}" if text else step
+    return text
+
+
+def is_number(value: Tree) -> bool:
+    """Whether a tree is one number."""
+    return isinstance(value, (int, float))
+
+
+def stamp_keys(tree: Tree) -> tuple[str, str] | None:
+    """The names of seconds and nanoseconds, where a tree is a time or a duration of these."""
+    if isinstance(tree, dict) and len(tree) == 2 and all(map(is_number, tree.values())):
+        return next((keys for keys in _STAMPS if tree.keys() == set(keys)), None)
+    return None
+
+
+def at(tree: Tree, steps: Steps) -> Tree:
+    """The value at a place, None where there is none."""
+    for step in steps:
+        if isinstance(step, int):
+            tree = tree[step] if isinstance(tree, list) and step < len(tree) else None
+        else:
+            tree = tree.get(step) if isinstance(tree, dict) else None
+    return tree
+
+
+def stamp(tree: Tree) -> tuple[Steps, Steps] | None:
+    """Where a message keeps its own time: the places of its seconds and nanoseconds."""
+    for steps in _STAMP_AT:
+        if keys := stamp_keys(at(tree, steps)):
+            return (*steps, keys[0]), (*steps, keys[1])
+    return None
+
+
+def leaves(
+    tree: Tree, schema_unit: Units, metadata: dict[str, str]
+) -> tuple[list[Leaf], list[str]]:
+    """Every number of a message, in its order.
+
+    A unit is taken from a string beside the number (`<name>_unit`, `unit`, `units`), else one
+    level above, else from the channel's metadata (`unit.<path>`, `unit`, `units`), else from
+    the schema.
+
+    Args:
+        tree: the message.
+        schema_unit: the unit the schema states for a place.
+        metadata: the channel's metadata.
+
+    Returns:
+        The numbers, and the places that are not offered because they are too long or too deep.
+    """
+    found: list[Leaf] = []
+    left_out: list[str] = []
+
+    def unit(steps: Steps) -> tuple[str, str]:
+        where = steps
+        while where:
+            *above, name = where
+            if isinstance(name, str):
+                beside = at(tree, tuple(above))
+                for key in (f"{name}_unit", f"{name}_units", "unit", "units"):
+                    stated = at(beside, (key,))
+                    if isinstance(stated, list) and isinstance(steps[-1], int):
+                        stated = at(stated, (steps[-1],))
+                    if isinstance(stated, str) and stated:
+                        return stated, f"field {path((*above, key))}"
+            if len(steps) - len(where) > 2:
+                break
+            where = tuple(above)
+        for key in (f"unit.{path(steps)}", "unit", "units"):
+            if metadata.get(key):
+                return metadata[key], f"channel metadata {key!r}"
+        return schema_unit(steps)
+
+    def walk(node: Tree, steps: Steps, label: str) -> None:
+        if is_number(node):
+            if len(found) < MOST_LEAVES:
+                found.append(Leaf(steps, label, *unit(steps)))
+            elif len(found) == MOST_LEAVES and path(steps) not in left_out[-1:]:
+                left_out[:] = [*left_out[:20], f"all after {found[-1].path}"]
+        elif isinstance(node, (dict, list)) and len(steps) >= DEEPEST:
+            left_out.append(path(steps))
+        elif isinstance(node, dict):
+            if stamp_keys(node):
+                return
+            own = node.get("name")
+            if steps and isinstance(steps[-1], int) and isinstance(own, str):
+                label = own
+            for key, value in node.items():
+                if isinstance(value, list):
+                    walk_list(value, (*steps, key), names(node, len(value)), label)
+                else:
+                    walk(value, (*steps, key), label)
+        elif isinstance(node, list):
+            walk_list(node, steps, None, label)
+
+    def walk_list(node: list[Tree], steps: Steps, named: list[str] | None, label: str) -> None:
+        if not any(isinstance(value, (int, float, dict, list)) for value in node):
+            return
+        if len(node) > LONG_ARRAY:
+            left_out.append(f"{path(steps)} ({len(node)} elements)")
+            return
+        for i, value in enumerate(node):
+            walk(value, (*steps, i), named[i] if named else label)
+
+    walk(tree, (), "")
+    return found, left_out
+
+
+def names(parent: Tree, length: int) -> list[str] | None:
+    """The string array `name` or `names` of a message that names the elements of its arrays."""
+    for key in ("name", "names"):
+        found = parent.get(key) if isinstance(parent, dict) else None
+        if (
+            isinstance(found, list)
+            and len(found) == length > 0
+            and all(isinstance(name, str) for name in found)
+        ):
+            return found
+    return None
+
+
+def repeated(tree: Tree, wanted: Sequence[Steps]) -> Wanted:
+    """What a first message says about wanted numbers that later ones must repeat."""
+    lengths: dict[Steps, int] = {}
+    labels: dict[Steps, list[str]] = {}
+    for steps in wanted:
+        for i, step in enumerate(steps):
+            if not isinstance(step, int):
+                continue
+            array = at(tree, steps[:i])
+            if isinstance(array, list):
+                lengths[steps[:i]] = len(array)
+                parent = at(tree, steps[: i - 1]) if i else None
+                if parent is not None and (named := names(parent, len(array))):
+                    key = "name" if parent.get("name") is named else "names"
+                    labels[(*steps[: i - 1], key)] = named
+    return Wanted(tuple(wanted), lengths, labels)
+
+
+def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int) -> Iterator[Fault]:
+    """The fault of messages in which a wanted array has another length than in the first."""
+    expected = wanted.lengths.get(steps)
+    if expected is not None:
+        other = np.broadcast_to(np.not_equal(count, expected), rows)
+        if other.any():
+            yield Fault(
+                "mcap-array-length",
+                f"{path(steps)} has another length than {expected}, which it has at first",
+                np.flatnonzero(other),
+            )
+
+
+def label_fault(wanted: Wanted, steps: Steps, other: NDArray[np.bool_], values: Floats) -> Fault:
+    """Takes out the numbers of messages in which an array of names differs from the first's."""
+    rows = np.flatnonzero(other)
+    for i in wanted.under(steps[:-1]):
+        values[i, rows] = np.nan
+    return Fault("mcap-label-change", f"{path(steps)} names other elements than at first", rows)
