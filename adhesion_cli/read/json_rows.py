@@ -15,7 +15,7 @@ from .tree import (
     Offsets,
     Steps,
     Tree,
-    Undecodable,
+    UndecodableError,
     Wanted,
     at,
     label_fault,
@@ -33,14 +33,14 @@ class JsonDecoder:
         schema: the JSON schema, b"" where there is none.
 
     Raises:
-        Undecodable: where the schema is no JSON object.
+        UndecodableError: where the schema is no JSON object.
     """
 
     def __init__(self, schema: bytes) -> None:
         try:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
-            raise Undecodable(f"JSON schema: {e}") from None
+            raise UndecodableError(f"JSON schema: {e}") from None
         self._known: Tree = None  # all keys of the messages seen on opening
 
     def tree(self, message: bytes) -> Tree:
@@ -48,7 +48,7 @@ class JsonDecoder:
         try:
             return orjson.loads(message)
         except orjson.JSONDecodeError as e:
-            raise Undecodable(f"not JSON: {e}") from None
+            raise UndecodableError(f"not JSON: {e}") from None
 
     def know(self, tree: Tree) -> None:
         """States which keys messages have; others are a fault from then on."""

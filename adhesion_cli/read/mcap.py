@@ -30,7 +30,7 @@ from .tree import (
     Offsets,
     Steps,
     Tree,
-    Undecodable,
+    UndecodableError,
     at,
     leaves,
     repeated,
@@ -59,7 +59,7 @@ _SEVERITY: dict[str, Severity] = {
 }
 
 
-class Damage(Exception):
+class DamageError(Exception):
     """Bytes that are not what the specification or the file itself says they are.
 
     Args:
@@ -81,7 +81,7 @@ class _Content:
 
     def raw(self, size: int) -> bytes:
         if size > len(self._data) - self._p:
-            raise Damage(self._at, f"a field of {size} bytes does not fit into its record")
+            raise DamageError(self._at, f"a field of {size} bytes does not fit into its record")
         self._p += size
         return self._data[self._p - size : self._p]
 
@@ -92,7 +92,7 @@ class _Content:
         try:
             return self.raw(self.number(4)).decode()
         except UnicodeDecodeError:
-            raise Damage(self._at, "text is not UTF-8") from None
+            raise DamageError(self._at, "text is not UTF-8") from None
 
     def pairs(self) -> dict[str, str]:
         inner = _Content(self.raw(self.number(4)), self._at)
@@ -122,7 +122,7 @@ class _File:
         while len(data) < size:
             more = os.pread(self._file.fileno(), size - len(data), at + len(data))
             if not more:
-                raise Damage(at, "file became shorter while it was read")
+                raise DamageError(at, "file became shorter while it was read")
             data += more
         return data
 
@@ -137,8 +137,8 @@ class _File:
 
     def crc(self, start: int, end: int) -> int:
         crc = 0
-        for at in range(start, end, _PIECE):
-            crc = zlib.crc32(self.read(at, min(_PIECE, end - at)), crc)
+        for piece in range(start, end, _PIECE):
+            crc = zlib.crc32(self.read(piece, min(_PIECE, end - piece)), crc)
         return crc
 
 
@@ -220,7 +220,7 @@ class McapSource:
         self._heads: dict[int, tuple[int, list[bytes]]] = {}  # log time, messages
         self._head_bytes = 0
         self._blocks: list[_Block] = []
-        self._damage: list[Damage] = []
+        self._damage: list[DamageError] = []
         self._unknown = 0
         self._times = (1 << 63, -1)  # first and last log time
         self._compressions: set[str] = set()
@@ -257,16 +257,16 @@ class McapSource:
         at, size = len(MAGIC), self._file.size
         while True:
             if size - at < _HEADER.size:
-                raise Damage(at, "file ends without a footer")
+                raise DamageError(at, "file ends without a footer")
             opcode, length = self._file.head(at)
             if opcode == 0:
-                raise Damage(at, "a record of kind 0, which does not exist")
+                raise DamageError(at, "a record of kind 0, which does not exist")
             if length > size - at - _HEADER.size:
                 left = size - at - _HEADER.size
-                raise Damage(at, f"a record says it has {length} bytes where {left} are left")
+                raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
             if length > self._options.max_record and opcode not in _NOT_LOADED:
                 limit = self._options.max_record
-                raise Damage(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
+                raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
             yield opcode, at, length
             at += _HEADER.size + length
             if opcode == Opcode.FOOTER:
@@ -275,12 +275,12 @@ class McapSource:
     def _content(self, at: int, length: int) -> _Content:
         return _Content(self._file.read(at + _HEADER.size, length), at)
 
-    def _note(self, damage: Damage) -> None:
+    def _note(self, damage: DamageError) -> None:
         self._damage.append(damage)
         if self._options.strict:
             raise self._error(damage)
 
-    def _error(self, damage: Damage) -> UserError:
+    def _error(self, damage: DamageError) -> UserError:
         hint = damage.hint or "`adhesion recover` writes what is whole as a new file"
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
 
@@ -291,10 +291,10 @@ class McapSource:
             for opcode, at, length in self._outer():
                 try:
                     walk.record(opcode, at, length)
-                except Damage as damage:
+                except DamageError as damage:
                     self._note(damage)  # the record's own; the walk goes on behind it
             walk.finish()
-        except Damage as damage:
+        except DamageError as damage:
             walk.flush()
             self._note(damage)
 
@@ -308,8 +308,8 @@ class McapSource:
                 self._define(opcode, content, block.at, schemas, channels)
             log = records.u64(15)
             if len(log) and log.min() < 0:
-                raise Damage(block.at, "a log time beyond the year 2262")
-        except Damage as damage:
+                raise DamageError(block.at, "a log time beyond the year 2262")
+        except DamageError as damage:
             self._note(damage)
             return
         self._schemas, self._channels = schemas, channels
@@ -353,15 +353,15 @@ class McapSource:
             number, name, encoding = content.number(2), content.text(), content.text()
             schema = Schema(number, content.raw(content.number(4)), encoding, name)
             if number == 0:
-                raise Damage(at, "a schema with the reserved id 0")
+                raise DamageError(at, "a schema with the reserved id 0")
             if schemas.setdefault(number, schema) != schema:
-                raise Damage(at, f"schema {number} is defined a second time, differently")
+                raise DamageError(at, f"schema {number} is defined a second time, differently")
         else:
             number, schema_id = content.number(2), content.number(2)
             topic, encoding = content.text(), content.text()
             channel = Channel(number, topic, encoding, content.pairs(), schema_id)
             if channels.setdefault(number, channel) != channel:
-                raise Damage(at, f"channel {number} is defined a second time, differently")
+                raise DamageError(at, f"channel {number} is defined a second time, differently")
 
     # ------------------------------------------------------------------ reading a block
 
@@ -384,20 +384,22 @@ class McapSource:
         packed = content.raw(content.number(8))
         if size > self._options.max_inflated:
             limit = self._options.max_inflated
-            raise Damage(block.at, f"a chunk of {size} inflated bytes, limit {limit}", _RAISE_LIMIT)
+            raise DamageError(
+                block.at, f"a chunk of {size} inflated bytes, limit {limit}", _RAISE_LIMIT
+            )
         data = np.empty(size + PADDING, np.uint8)
         data[size:] = 0
         try:
             found = _INFLATE[compression](packed, data.data[: size + 1])
         except KeyError:
-            raise Damage(block.at, f"unknown compression {compression[:20]!r}") from None
+            raise DamageError(block.at, f"unknown compression {compression[:20]!r}") from None
         except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
-            raise Damage(block.at, f"chunk does not inflate: {e}") from None
+            raise DamageError(block.at, f"chunk does not inflate: {e}") from None
         if found != size:
             more = "more" if found > size else f"{found}"
-            raise Damage(block.at, f"chunk says {size} inflated bytes and has {more}")
+            raise DamageError(block.at, f"chunk says {size} inflated bytes and has {more}")
         if crc and zlib.crc32(data[:size].data) != crc:
-            raise Damage(block.at, "chunk has another CRC than it says")
+            raise DamageError(block.at, "chunk has another CRC than it says")
         data[size:] = 0
         self._compressions.add(compression or "none")
         return data, size
@@ -512,7 +514,7 @@ class McapSource:
                 continue
             try:
                 s.decoder = self._decoder(s)
-            except Undecodable as e:
+            except UndecodableError as e:
                 self._tell("mcap-bad-schema", "error", str(e), s.topic, s.rows)
                 continue
             if s.decoder is None:
@@ -525,7 +527,7 @@ class McapSource:
             for head in s.heads:
                 try:
                     tree = s.decoder.tree(head)
-                except Undecodable as e:
+                except UndecodableError as e:
                     why = why or str(e)
                     continue
                 if s.encoding == "json":
@@ -627,7 +629,7 @@ class McapSource:
                 records = self._records(block)
                 for taker in takers.values():
                     taker.take(records, block)
-        except Damage as damage:  # whole when the file was opened
+        except DamageError as damage:  # whole when the file was opened
             raise UserError(
                 f"{self.path}: byte {damage.at}: {damage.what}",
                 "the file changed while it was read",
@@ -755,7 +757,7 @@ class _Outer:
         if not self._header:
             self._header = True
             if opcode != Opcode.HEADER:
-                source._note(Damage(at, "first record is no header"))
+                source._note(DamageError(at, "first record is no header"))
         self._counts[opcode] += 1
         in_data = not self._data_end
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) and in_data:
@@ -778,7 +780,7 @@ class _Outer:
             self._data_end = end
             crc = source._content(at, length).number(4)
             if crc and self._file.crc(0, at) != crc:
-                raise Damage(at, "data section has another CRC than it says")
+                raise DamageError(at, "data section has another CRC than it says")
         elif opcode == Opcode.HEADER and self._counts[opcode] == 1:
             content = source._content(at, length)
             source.stated |= {"profile": content.text(), "library": content.text()}
@@ -798,11 +800,11 @@ class _Outer:
             content.raw(16)
             place, size = content.number(8), content.number(8)
             if self._chunks.get(place) != size:
-                raise Damage(at, f"an index of a chunk at byte {place} that is not there")
+                raise DamageError(at, f"an index of a chunk at byte {place} that is not there")
         elif opcode == Opcode.FOOTER:
             self._footer(at, length)
         elif opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.HEADER):
-            raise Damage(at, f"a record of kind {opcode} where none may be")
+            raise DamageError(at, f"a record of kind {opcode} where none may be")
         elif opcode not in set(Opcode):
             source._unknown += 1
 
@@ -826,12 +828,12 @@ class _Outer:
         }
         for name, count in found.items():
             if said[name] != count:
-                source._note(Damage(at, f"statistics say {said[name]} {name}, found {count}"))
+                source._note(DamageError(at, f"statistics say {said[name]} {name}, found {count}"))
         for channel, count in channels.items():
             if source._counts[channel] != count:
                 here = source._counts[channel]
                 what = f"statistics say {count} messages of channel {channel}, found {here}"
-                source._note(Damage(at, what))
+                source._note(DamageError(at, what))
 
     def _attachment(self, at: int, length: int) -> None:
         place, end = at + _HEADER.size, at + _HEADER.size + length
@@ -840,10 +842,10 @@ class _Outer:
         content.text(), content.text()
         behind = place + content.number(8) + content.place()
         if behind + 4 > end:
-            raise Damage(at, "an attachment's data does not fit into its record")
+            raise DamageError(at, "an attachment's data does not fit into its record")
         crc = int.from_bytes(self._file.read(behind, 4), "little")
         if crc and self._file.crc(place, behind) != crc:
-            raise Damage(at, "attachment has another CRC than it says")
+            raise DamageError(at, "attachment has another CRC than it says")
 
     def _read_statistics(self, at: int, length: int) -> None:
         content = self._source._content(at, length)
@@ -863,17 +865,17 @@ class _Outer:
         content = self._source._content(at, length)
         summary, _, crc = content.number(8), content.number(8), content.number(4)
         if not self._data_end:
-            self._source._note(Damage(at, "no end of the data section before the footer"))
+            self._source._note(DamageError(at, "no end of the data section before the footer"))
         start = self._data_end or summary
         if crc and self._file.crc(start, at + _HEADER.size + 16) != crc:
-            self._source._note(Damage(start, "summary has another CRC than it says"))
+            self._source._note(DamageError(start, "summary has another CRC than it says"))
         behind = at + _HEADER.size + length
         if self._file.size - behind < len(MAGIC) or self._file.read(behind, len(MAGIC)) != MAGIC:
-            self._source._note(Damage(behind, "no magic bytes behind the footer"))
+            self._source._note(DamageError(behind, "no magic bytes behind the footer"))
         elif self._file.size - behind > len(MAGIC):
             more = self._file.size - behind - len(MAGIC)
             what = f"{more} bytes behind the end of the log (two files joined?), not read"
-            self._source._note(Damage(behind + len(MAGIC), what))
+            self._source._note(DamageError(behind + len(MAGIC), what))
 
 
 def _inflate_none(packed: bytes, into: memoryview) -> int:
@@ -939,10 +941,10 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> _Reco
                 unknown += 1
             p += _HEADER.size + length
 
-    def wrong(p: int, what: str) -> Damage:
+    def wrong(p: int, what: str) -> DamageError:
         if block.chunk:
-            return Damage(block.at, f"chunk, at its inflated byte {p}: {what}")
-        return Damage(block.at + p, what)
+            return DamageError(block.at, f"chunk, at its inflated byte {p}: {what}")
+        return DamageError(block.at + p, what)
 
     start = None
     if hints is not None and len(hints):
@@ -956,7 +958,7 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> _Reco
                 walk(int(ends[i]), int(stops[i]))
             if starts:
                 start = np.sort(np.append(start, starts))
-        except Damage:
+        except DamageError:
             start, starts, others, unknown = None, [], [], 0
     if start is None:
         walk(0, size)

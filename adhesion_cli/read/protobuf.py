@@ -27,11 +27,10 @@ from .tree import (
     Offsets,
     Steps,
     Tree,
-    Undecodable,
+    UndecodableError,
     Wanted,
     label_fault,
     length_faults,
-    path,
 )
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -60,7 +59,7 @@ class ProtobufDecoder:
         data: a serialized FileDescriptorSet.
 
     Raises:
-        Undecodable: where the set is broken, incomplete, cyclic or has no such type.
+        UndecodableError: where the set is broken, incomplete, cyclic or has no such type.
     """
 
     def __init__(self, name: str, data: bytes) -> None:
@@ -68,7 +67,7 @@ class ProtobufDecoder:
         try:
             self._type = pool.FindMessageTypeByName(name)
         except KeyError:
-            raise Undecodable(f"schema does not define {name}") from None
+            raise UndecodableError(f"schema does not define {name}") from None
         self._class = GetMessageClass(self._type)
         try:
             self._options = GetMessageClass(
@@ -81,9 +80,11 @@ class ProtobufDecoder:
         try:
             parsed = self._class.FromString(message)
         except DecodeError as e:
-            raise Undecodable(f"not a {self._type.full_name}: {e}") from None
+            raise UndecodableError(f"not a {self._type.full_name}: {e}") from None
         if number := _wrong_wire(parsed):
-            raise Undecodable(f"field {number} of {self._type.full_name} has another wire type")
+            raise UndecodableError(
+                f"field {number} of {self._type.full_name} has another wire type"
+            )
         return parsed
 
     def tree(self, message: bytes) -> Tree:
@@ -123,10 +124,10 @@ def _pool(data: bytes) -> DescriptorPool:
     try:
         files = FileDescriptorSet.FromString(data).file
     except DecodeError as e:
-        raise Undecodable(f"schema is no FileDescriptorSet: {e}") from None
+        raise UndecodableError(f"schema is no FileDescriptorSet: {e}") from None
     waiting = {file.name: file for file in files}
     if len(waiting) < len(files):
-        raise Undecodable("schema defines a file twice")
+        raise UndecodableError("schema defines a file twice")
     needs = {name: set(file.dependency) for name, file in waiting.items()}
     users: dict[str, list[str]] = {}
     for name, needed in needs.items():
@@ -139,14 +140,14 @@ def _pool(data: bytes) -> DescriptorPool:
         try:
             pool.Add(waiting[name])
         except TypeError as e:
-            raise Undecodable(f"schema file {name!r} is wrong: {e}") from None
+            raise UndecodableError(f"schema file {name!r} is wrong: {e}") from None
         added += 1
         for user in users.get(name, ()):
             needs[user].discard(name)
             if not needs[user]:
                 ready.append(user)
     if added < len(waiting):
-        raise Undecodable("schema imports files in a circle or files it does not hold")
+        raise UndecodableError("schema imports files in a circle or files it does not hold")
     return pool
 
 
@@ -188,7 +189,7 @@ def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
 
 
 def _number(message: Any, steps: Steps) -> float:
-    for i, step in enumerate(steps):
+    for step in steps:
         if isinstance(step, int):
             if step >= len(message):
                 return float("nan")
@@ -289,7 +290,7 @@ class _LockStep:
             try:
                 self._values[:, i] = self._decoder.numbers(message, tuple(self._wanted.leaves))
                 self._recount(message, i)
-            except Undecodable as e:
+            except UndecodableError as e:
                 self._values[:, i] = np.nan
                 bad.setdefault(str(e), []).append(i)
         good = np.ones(n, np.bool_)

@@ -18,7 +18,7 @@ from .tree import (
     Offsets,
     Steps,
     Tree,
-    Undecodable,
+    UndecodableError,
     Wanted,
     label_fault,
     length_faults,
@@ -58,14 +58,14 @@ class Ros2Decoder:
         data: the schema: message definitions, joined by lines of "=".
 
     Raises:
-        Undecodable: where the schema is no such text or names types that it does not define.
+        UndecodableError: where the schema is no such text or names types that it does not define.
     """
 
     def __init__(self, name: str, data: bytes) -> None:
         try:
             text = data.decode()
         except UnicodeDecodeError as e:
-            raise Undecodable(f"schema is not UTF-8: {e}") from e
+            raise UndecodableError(f"schema is not UTF-8: {e}") from e
         self._types = {f"builtin_interfaces/{n}": _members("", _TIME) for n in ("Time", "Duration")}
         lines = "\n".join(line for line in text.splitlines() if line.strip())
         current, self._root = name, _short(name)
@@ -77,9 +77,9 @@ class Ros2Decoder:
 
     def _check(self, kind: str, above: tuple[str, ...], done: set[str]) -> None:
         if kind not in self._types:
-            raise Undecodable(f"type {kind} is not defined")
+            raise UndecodableError(f"type {kind} is not defined")
         if kind in above or len(above) > DEEPEST:
-            raise Undecodable(f"type {kind} contains itself or nests too deep")
+            raise UndecodableError(f"type {kind} contains itself or nests too deep")
         for member in self._types[kind]:
             if member.type not in _DTYPES and member.type != "string" and member.type not in done:
                 self._check(member.type, (*above, kind), done)
@@ -115,7 +115,7 @@ class Ros2Decoder:
             try:
                 put(steps, raw.decode())
             except UnicodeDecodeError as e:
-                raise Undecodable(f"a string is not UTF-8: {e}") from e
+                raise UndecodableError(f"a string is not UTF-8: {e}") from e
 
         def array(steps: Steps, count: _Place) -> None:
             put(steps, [])
@@ -126,7 +126,7 @@ class Ros2Decoder:
         )  # fmt: skip
         walk.message(self._root, ())
         if walk.bad[0]:
-            raise Undecodable(walk.why)
+            raise UndecodableError(walk.why)
         return root
 
     def unit(self, steps: Steps) -> tuple[str, str]:
@@ -361,7 +361,7 @@ class _Walk:
 
 
 def _short(name: str) -> str:
-    """ "package/Name" of "package/msg/Name"."""
+    """The name without its middle part: "package/Name" of "package/msg/Name"."""
     parts = name.split("/")
     return f"{parts[0]}/{parts[-1]}"
 
@@ -374,21 +374,21 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
             continue
         found = _FIELD.fullmatch(code)
         if not found:
-            raise Undecodable(f"schema line not understood: {line.strip()[:80]!r}")
+            raise UndecodableError(f"schema line not understood: {line.strip()[:80]!r}")
         if found["rest"].startswith("="):
             continue  # a constant
         kind = found["type"]
         if kind not in _DTYPES and kind != "string":
             if kind in ("wstring", "time", "duration"):
-                raise Undecodable(f"type {kind} is not read")
+                raise UndecodableError(f"type {kind} is not read")
             kind = _short(kind) if "/" in kind else f"{package}/{kind}"
         size = None
         if found["array"]:
             size = 0 if found["bound"] else int(found["size"] or 0)
             if found["size"] and int(found["size"]) == 0:
-                raise Undecodable(f"array without elements: {line.strip()[:80]!r}")
+                raise UndecodableError(f"array without elements: {line.strip()[:80]!r}")
         unit = _UNIT.search(line)
         members.append(_Member(found["name"], kind, size, unit.group(1) if unit else ""))
     if len({m.name for m in members}) < len(members):
-        raise Undecodable("a field name occurs twice")
+        raise UndecodableError("a field name occurs twice")
     return tuple(members)

@@ -29,7 +29,7 @@ _STAMP_AT: tuple[Steps, ...] = (
 )
 
 
-class Undecodable(Exception):
+class UndecodableError(Exception):
     """A schema or a message that is not what it says it is."""
 
 
@@ -82,7 +82,7 @@ class Decoder(Protocol):
         """One message as plain values, a schema's absent numbers as their defaults.
 
         Raises:
-            Undecodable: where the message breaks its encoding.
+            UndecodableError: where the message breaks its encoding.
         """
         ...
 
