@@ -19,6 +19,7 @@ named by a hash over all sources of this package and of the folder the function 
 anywhere compiles anew. Safe with several processes at once.
 """
 
+import math
 import os
 import shutil
 import sys
@@ -45,18 +46,21 @@ def call({arguments}):
     return target({arguments})
 """
 
+# Slices, as an index known to count from 0 costs no check for a negative one.
 _BATCH = """
-def call(params, constants, t, K, y, starts, F):
+def call(params, constants, t_all, K_all, y_all, starts, F_all):
     p = Params({params})
     w = Wheelset({constants})
     for j in range(len(starts)):
-        first = starts[j]
-        last = starts[j + 1] if j + 1 < len(starts) else len(t)
-        s = init(p, w, K[first], y[first])
-        F[first] = s.F
-        for i in range(first + 1, last):
-            s = step(p, w, s, (t[i] - t[i - 1]) * 1e-9, K[i], y[i])
+        segment = slice(starts[j], starts[j + 1] if j + 1 < len(starts) else len(t_all))
+        t, K, y, F = t_all[segment], K_all[segment], y_all[segment], F_all[segment]
+        s = init(p, w, K[0], y[0])
+        F[0] = s.F
+        before = t[0]
+        for i in range(1, len(t)):
+            s = step(p, w, s, (t[i] - before) * 1e-9, K[i], y[i])
             F[i] = s.F
+            before = t[i]
 """
 
 
@@ -83,8 +87,12 @@ def batch(
     Raises:
         UserError: where an interval is too long for a forward Euler step that was asked for.
     """
-    t, K, y, starts = _inputs(t_ns, K, y, starts)
-    _check_steps(est, p, t, starts)
+    t, starts = (np.ascontiguousarray(x, np.int64) for x in (t_ns, starts))
+    K, y = (np.ascontiguousarray(x, np.float64) for x in (K, y))
+    if est.longest_step(p) < math.inf:
+        h = np.diff(t)
+        h[starts[1:] - 1] = 0  # between segments
+        check_step(est, p, float(h.max(initial=0)) * 1e-9)
     F = np.empty(len(t))
     _loop(est, _BATCH)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
     return F
@@ -97,24 +105,6 @@ def function(target: Callable[..., Any]) -> Callable[..., Any]:
     arguments = ", ".join(code.co_varnames[: code.co_argcount])
     name = f"{target.__module__}.{target.__name__}".replace(".", "_")
     return _compiled(name, _WRAPPER.format(arguments=arguments), (("target", target),))
-
-
-def _inputs(
-    t_ns: Times, K: Floats, y: Floats, starts: NDArray[np.int64]
-) -> tuple[Times, Floats, Floats, NDArray[np.int64]]:
-    """The arrays as the loops are compiled for: contiguous, int64 and float64."""
-    return (
-        np.ascontiguousarray(t_ns, np.int64),
-        np.ascontiguousarray(K, np.float64),
-        np.ascontiguousarray(y, np.float64),
-        np.ascontiguousarray(starts, np.int64),
-    )
-
-
-def _check_steps(est: Estimator, p: Any, t: Times, starts: NDArray[np.int64]) -> None:
-    h = np.diff(t)
-    h[starts[1:] - 1] = 0  # between segments
-    check_step(est, p, float(h.max(initial=0)) * 1e-9)
 
 
 def _loop(est: Estimator, template: str) -> Callable[..., Any]:
@@ -161,7 +151,7 @@ def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
             if isinstance(names.get(name), FunctionType):
                 names[name] = _lowered(names[name], done)
         plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        done[f] = njit(error_model="numpy")(plain)
+        done[f] = njit(error_model="numpy", forceinline=True)(plain)
     return done[f]
 
 

@@ -20,6 +20,9 @@ def fhan(x1: float, x2: float, r: float, h: float) -> float:
     d = r * h * h
     a0 = h * x2
     y = x1 + a0
-    a1 = math.sqrt(d * (d + 8.0 * abs(y)))
-    a = a0 + y if abs(y) <= d else a0 + math.copysign(0.5 * (a1 - d), y)
+    if abs(y) <= d:
+        a = a0 + y
+    else:
+        a1 = math.sqrt(d * (d + 8.0 * abs(y)))
+        a = a0 + math.copysign(0.5 * (a1 - d), y)
     return -r * a / d if abs(a) <= d else -math.copysign(r, a)

@@ -1,0 +1,73 @@
+"""Time per sample of every compiled estimator loop, and its ratio to the same loop in C.
+
+    python benchmarks/estimators.py
+
+The C is `estimators.c`, compiled with $CC (cc) -O3 -march=native. Both run on the same log, turn
+by turn; the quickest of the turns counts. Both must give the same F̂.
+"""
+
+import ctypes
+import os
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from adhesion_cli import compiled, estimator
+from adhesion_cli.model import Vehicle
+from adhesion_cli.physics import wheelset
+
+N = 200_000  # samples, 1 kHz with jitter
+TURNS = 25
+
+
+def c_library(folder: str) -> ctypes.CDLL:
+    library = Path(folder) / "estimators.so"
+    source = Path(__file__).with_suffix(".c")
+    compiler = os.environ.get("CC", "cc")
+    flags = ["-O3", "-march=native", "-shared", "-fPIC", "-o"]
+    subprocess.run([compiler, *flags, str(library), str(source), "-lm"], check=True)
+    return ctypes.CDLL(str(library))
+
+
+def main() -> None:
+    w = wheelset(Vehicle(), 1)
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.integers(900_000, 1_100_000, N))
+    K = 21e3 * np.minimum(t * 1e-9, 1.0) + rng.normal(0.0, 50.0, N)
+    y = 100.0 - 0.4 * t * 1e-9 + rng.normal(0.0, 3e-3, N)
+    starts = np.zeros(1, np.int64)
+    constants = np.array(w)
+
+    with tempfile.TemporaryDirectory() as folder:
+        library = c_library(folder)
+        print(f"{'':10} {'compiled':>10} {'C':>10} {'ratio':>7}   ns per sample, 1 kHz")
+        for name, est in estimator.registry().items():
+            p = estimator.validated(est, {})
+            loop = getattr(library, name)
+            values = np.array(p)
+            inputs = [ctypes.c_void_p(x.ctypes.data) for x in (values, constants, t, K, y)]
+
+            def run_c(loop=loop, inputs=inputs):
+                F = np.empty(N)
+                loop(*inputs, ctypes.c_long(N), ctypes.c_void_p(F.ctypes.data))
+                return F
+
+            def run_compiled(est=est, p=p):
+                return compiled.batch(est, p, w, t, K, y, starts)
+
+            np.testing.assert_allclose(run_c(), run_compiled(), rtol=1e-9, atol=1e-6)
+            ours, theirs = [], []
+            for _ in range(TURNS):
+                for times, run in ((ours, run_compiled), (theirs, run_c)):
+                    begin = time.perf_counter()
+                    run()
+                    times.append(time.perf_counter() - begin)
+            ns, c_ns = min(ours) / N * 1e9, min(theirs) / N * 1e9
+            print(f"{name:10} {ns:10.1f} {c_ns:10.1f} {ns / c_ns:7.2f}")
+
+
+if __name__ == "__main__":
+    main()
