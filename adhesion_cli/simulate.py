@@ -209,7 +209,7 @@ def _stage(
     plant: _Plant, rails: list[Condition], friction: Floats, h: float,
     v_from: float, w_from: Floats, v: float, w: Floats, work: Floats,
 ) -> float:  # fmt: skip
-    """Implicit stage: v = v_from − h ΣF/M, w = max(0, w_from + h R² (F − B)/I), w rim speeds.
+    """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
 
     Newton's method; the Jacobian is an arrow. F falls so steeply about zero sliding that an iterate
     never crosses it but starts again from there, where F is steepest and it cannot overshoot.
@@ -230,7 +230,7 @@ def _stage(
             work[i, 0], work[i, 1], work[i, 2] = g, c, D
             residual += e * (F + D * g / (1.0 + c * D))
             slope += e * D / (1.0 + c * D)
-        dv = -residual / slope
+        dv = max(-residual / slope, -v)
         largest = abs(dv)
         for i in range(len(w)):
             g, c, D = work[i, 0], work[i, 1], work[i, 2]
@@ -377,7 +377,7 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     shape = (n, scenario.train.axles)
     pressure, wheel_speed, force = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     speed, distance = np.zeros(n), np.zeros(n)
-    seconds: Floats = np.arange(n) * dt
+    seconds = np.arange(n, dtype=np.float64) * np.float64(dt)
     if scenario.rig:
         K = _sweep(scenario, seconds, wheel_speed, force, speed, distance)
         per_pascal, at_zero = _line(scenario.vehicle)
@@ -410,7 +410,8 @@ def _sweep(
         rail, knot = _rail_at(track, z, knot, plant.cleaning[0])
         force[k, 0] = creep_force(sliding[k], v, rail, plant.patch)[0]
     slowing = s.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
-    return (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
+    K: Floats = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
+    return K
 
 
 # --- sensors ------------------------------------------------------------------------------------
