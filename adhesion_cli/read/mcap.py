@@ -315,30 +315,30 @@ class McapSource:
         self._schemas, self._channels = schemas, channels
         self._blocks.append(block)
         self._unknown += records.unknown
-        ids, first, counts = np.unique(records.channel, return_index=True, return_counts=True)
-        for channel, row, count in zip(ids.tolist(), first.tolist(), counts.tolist(), strict=True):
-            self._counts[channel] += count
+        counts = np.bincount(records.channel)
+        for channel in np.flatnonzero(counts).tolist():
+            self._counts[channel] += int(counts[channel])
             if channel not in self._heads and channel in channels:
-                self._keep_heads(channels[channel], records, row, int(log[row]))
+                self._keep_heads(channels[channel], records, log)
         if len(log):
             self._times = (
                 min(self._times[0], int(log.min())),
                 max(self._times[1], int(log.max())),
             )
 
-    def _keep_heads(self, channel: Channel, records: _Records, row: int, time: int) -> None:
-        rows = [row]
-        if channel.message_encoding == "json":
-            rows = np.flatnonzero(records.channel == channel.id)[:_JSON_HEADS].tolist()
-        lengths = records.u64(1)
+    def _keep_heads(self, channel: Channel, records: _Records, log: Times) -> None:
+        """Keeps the first message of a channel, of a JSON channel the first of its first block."""
+        mine = records.channel == channel.id
+        most = _JSON_HEADS if channel.message_encoding == "json" else 1
+        rows = np.flatnonzero(mine)[:most] if most > 1 else np.argmax(mine)[None]
         heads = []
-        for i in rows:
-            start = int(records.start[i]) + _HEADER.size
-            self._head_bytes += int(lengths[i])
+        for start, length in zip(records.start[rows], records.u64(1)[rows], strict=True):
+            self._head_bytes += int(length)
             if self._head_bytes > _HEADS:
                 break
-            heads.append(records.data[start + _MESSAGE : start + int(lengths[i])].tobytes())
-        self._heads[channel.id] = time, heads
+            end = start + _HEADER.size + length
+            heads.append(records.data[start + _HEADER.size + _MESSAGE : end].tobytes())
+        self._heads[channel.id] = int(log[rows[0]]), heads
 
     def _define(
         self,
@@ -948,7 +948,7 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> _Reco
 
     start = None
     if hints is not None and len(hints):
-        start = _tiling(data, size, np.unique(hints))
+        start = _tiling(data, size, np.sort(hints))
     if start is not None:
         ends = start + _HEADER.size + _u64(data, start + 1)
         stops = np.append(start, size)
