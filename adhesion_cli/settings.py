@@ -80,14 +80,14 @@ def load(
     Raises:
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
-    tree: dict[str, Any] = {}
-    if base:
-        _merge(tree, base)
     here = Path("adhesion.toml")
+    layers: list[Tree[str, Any]] = [base] if base else []
     if config or here.is_file():
-        _merge(tree, _toml(config or here))
-    for text in assignments:
-        _merge(tree, _assignment(text))
+        layers.append(_toml(config or here))
+    layers += [_assignment(text) for text in assignments]
+    tree: dict[str, Any] = {}
+    for layer in layers:
+        _merge(tree, _one_spelling(layer))
     return _typed(tree, read)
 
 
@@ -151,24 +151,43 @@ def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
             into[key] = dict(value) if isinstance(value, dict) else value
 
 
+def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
+    """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
+    keys = _vehicle_keys()
+    out = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
+    given = {k: v for k, v in layer.items() if k in keys}
+    vehicle: dict[str, Any] = {}
+    for key, value in [*given.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
+        if key not in keys:
+            raise unknown("vehicle parameter", key, list(keys))
+        if keys[key] in vehicle:
+            message = f"vehicle.{keys[key]} is stated twice, the second time as {key!r}"
+            raise UserError(message, "keep one of them", code=2)
+        vehicle[keys[key]] = _halved(value) if key == "wheel_diameter" else value
+    return {**out, "vehicle": vehicle} if vehicle else out
+
+
+def _halved(value: Any) -> Any:
+    """A radius from a diameter: a number, `{value, tolerance}`, or a list of them."""
+    if isinstance(value, list):
+        return [_halved(v) for v in value]
+    if isinstance(value, dict):
+        return {k: _halved(v) for k, v in value.items()}
+    return _number("vehicle.wheel_diameter", value) / 2.0
+
+
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     registry = estimator.registry()
-    vehicle_keys = _vehicle_keys()
     sections = ["vehicle", "channels", "csv", "mcap", "analysis", *registry]
-    vehicle = {k: tree[k] for k in tree if k in vehicle_keys}
     overrides: dict[str, dict[str, float]] = {}
     for key, value in tree.items():
-        if key in vehicle_keys:
-            continue
         if key not in sections:
-            raise unknown("setting", key, [*sections, *vehicle_keys])
-        if not isinstance(value, dict):
-            raise UserError(f"setting {key!r} is a table", f"write [{key}], then its keys", code=2)
-        if key == "vehicle":
-            vehicle |= value
-        elif key in registry:
+            raise unknown("setting", key, [*sections, *_vehicle_keys()])
+        _table_of(key, value)
+        if key in registry:
             overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
             estimator.validated(registry[key], overrides[key])
+    vehicle = tree.get("vehicle", {})
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
         **stated,
@@ -205,43 +224,31 @@ def _vehicle_keys() -> dict[str, str]:
 
 
 def _vehicle(stated: dict[str, Any]) -> Vehicle:
-    keys, hints, default = _vehicle_keys(), _hints(Vehicle), Vehicle()
+    hints, default = _hints(Vehicle), Vehicle()
     values: dict[str, Any] = {}
-    origin: dict[str, str] = {}
-    for key, value in stated.items():
-        if key not in keys:
-            raise unknown("vehicle parameter", key, list(keys))
-        name = keys[key]
-        if name in values:
-            message = f"vehicle.{key} and vehicle.{origin[name]} state the same parameter"
-            raise UserError(message, "keep one of them", code=2)
-        origin[name] = key
-        scale = 0.5 if key == "wheel_diameter" else 1.0
+    for name, value in stated.items():
+        known = getattr(default, name)
         if name == "wheel_radius":
-            known = default.wheel_radius[0]
             many = value if isinstance(value, list) else [value]
             if not many:
-                raise UserError(
-                    f"vehicle.{key} is an empty list", "one value, or one per axle", code=2
-                )
-            values[name] = tuple(_parameter(key, v, known, hints[name], scale) for v in many)
+                hint = "one value, or one per axle"
+                raise UserError(f"vehicle.{name} is an empty list", hint, code=2)
+            values[name] = tuple(_parameter(name, v, known[0], hints[name]) for v in many)
         else:
-            values[name] = _parameter(key, value, getattr(default, name), hints[name])
+            values[name] = _parameter(name, value, known, hints[name])
     return Vehicle(**values)
 
 
-def _parameter(
-    key: str, stated: Any, default: Parameter, q: Quantity, scale: float = 1.0
-) -> Parameter:
+def _parameter(key: str, stated: Any, default: Parameter, q: Quantity) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name = f"vehicle.{key}"
     table = stated if isinstance(stated, dict) else {"value": stated}
     if extra := set(table) - {"value", "tolerance"}:
         raise unknown(f"key of {name}", min(extra), ["value", "tolerance"])
     share = default.tolerance / default.value if default.value else 0.0
-    value = scale * _number(name, table["value"]) if "value" in table else default.value
+    value = _number(name, table["value"]) if "value" in table else default.value
     tolerance = (
-        scale * _number(f"{name}.tolerance", table["tolerance"])
+        _number(f"{name}.tolerance", table["tolerance"])
         if "tolerance" in table
         else share * abs(value)
     )
@@ -304,12 +311,16 @@ def _table(key: str, value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {"channel": value}
 
 
-def _fields(section: str, stated: Any, known: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(stated, dict):
+def _table_of(section: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
         raise UserError(
-            f"setting {section!r} is a table", f"known keys: {', '.join(known)}", code=2
+            f"setting {section!r} is a table", f"write [{section}], then its keys", code=2
         )
-    for key in stated:
+    return value
+
+
+def _fields(section: str, stated: Any, known: tuple[str, ...]) -> dict[str, Any]:
+    for key in _table_of(section, stated):
         if key not in known:
             raise unknown(f"key of [{section}]", key, list(known))
     return dict(stated)

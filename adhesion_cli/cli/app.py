@@ -41,7 +41,7 @@ def _version(value: bool) -> None:
 def _root(
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Show the version."
-    ),  # noqa: E501
+    ),
 ) -> None:
     pass
 

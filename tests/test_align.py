@@ -1,0 +1,158 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import Channel, Column, Log, Meaning, Vehicle
+from adhesion_cli.physics import clamping_force
+from adhesion_cli.read import align, timeaxis
+
+BAR = 1e5
+
+
+def channel(
+    meaning: Meaning, t_s: np.ndarray, value: np.ndarray, axle: int | None = None
+) -> Channel:
+    t = np.round(np.asarray(t_s) * 1e9).astype(np.int64)
+    data = Column(t, np.asarray(value, dtype=float), np.isfinite(value))
+    axis = timeaxis.clean(str(meaning), data, 0)
+    return Channel(
+        str(meaning), "", meaning, axle, "", "", axis.data, len(t), axis.starts, axis.gap_ns
+    )
+
+
+def log(*channels: Channel) -> Log:
+    return Log("a.csv", "csv", "", False, 0, channels, ())
+
+
+def brake(rate: float = 100.0, seconds: float = 10.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time [s], pressure [Pa] that rises and wheel speed [rad/s] that falls."""
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    return t, 4.0 * BAR * np.minimum(t / 2.0, 1.0), 50.0 - 2.0 * t
+
+
+def test_same_stamps_give_the_log_row_by_row() -> None:
+    t, p, y = brake()
+    (record,), findings = align.records(
+        log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
+    )
+    assert record.axle == 1
+    np.testing.assert_array_equal(record.wheel_speed, y)
+    np.testing.assert_allclose(record.clamping_force, clamping_force(p, Vehicle()))
+    assert record.segments == (slice(0, len(t)),)
+    assert not findings
+
+
+def test_a_slower_pressure_is_held_for_estimators_and_interpolated_for_the_reference() -> None:
+    t, p, y = brake()
+    record = align.records(
+        log(channel("pressure", t[::10], p[::10]), channel("wheel_speed", t, y)), Vehicle()
+    )[0][0]
+    assert record.pressure is not None
+    np.testing.assert_array_equal(record.pressure, np.repeat(p[::10], 10))
+    inner = slice(0, len(t) - 10)
+    expected = clamping_force(p, Vehicle())[inner]
+    np.testing.assert_allclose(record.clamping_force_smooth[inner], expected, atol=1e-6)
+
+
+def test_changing_later_pressures_changes_no_earlier_clamping_force() -> None:
+    t, p, y = brake()
+    changed = p.copy()
+    changed[500:] *= 0.5
+    first, second = (
+        align.records(log(channel("pressure", t, q), channel("wheel_speed", t, y)), Vehicle())[0][0]
+        for q in (p, changed)
+    )
+    np.testing.assert_array_equal(first.clamping_force[:500], second.clamping_force[:500])
+
+
+def test_a_gap_in_either_channel_parts_segments() -> None:
+    t, p, y = brake()
+    cut = (t < 4.0) | (t > 5.0)
+    for keep_p, keep_y in ((cut, t >= 0), (t >= 0, cut)):
+        speed = channel("wheel_speed", t[keep_y], y[keep_y])
+        (record,), _ = align.records(
+            log(channel("pressure", t[keep_p], p[keep_p]), speed), Vehicle()
+        )
+        assert len(record.segments) == 2
+        first, second = record.segments
+        assert first.stop == second.start
+        assert (record.t[second.start] - record.t[first.stop - 1]) / 1e9 > 0.9
+
+
+def test_a_frozen_speed_is_found_and_left_out() -> None:
+    t, p, y = brake()
+    y = y + 0.003 * np.sin(1e3 * t)
+    y[600:800] = y[600]
+    (record,), findings = align.records(
+        log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
+    )
+    (frozen,) = [f for f in findings if f.code == "speed-frozen"]
+    assert (frozen.count, frozen.severity, frozen.first_s) == (199, "warning", pytest.approx(6.01))
+    assert len(record.segments) == 2
+
+
+def test_a_constant_speed_without_brake_is_not_frozen() -> None:
+    t, p, y = brake()
+    y[:] = 50.0
+    _, findings = align.records(
+        log(channel("pressure", t, 0 * p), channel("wheel_speed", t, y)), Vehicle()
+    )
+    assert not findings
+
+
+def test_quantised_speed_is_not_frozen() -> None:
+    t, p, y = brake()
+    y = np.round(y / 0.5) * 0.5
+    speed = replace(channel("wheel_speed", t, y), step=0.5)
+    assert not align.records(log(channel("pressure", t, p), speed), Vehicle())[1]
+
+
+def test_axles_keep_apart_and_one_pressure_serves_all() -> None:
+    t, p, y = brake()
+    speeds = [channel("wheel_speed", t, y - n, n) for n in (1, 2, 3)]
+    records, _ = align.records(log(channel("pressure", t, p), *speeds), Vehicle())
+    assert [r.axle for r in records] == [1, 2, 3]
+    assert [r.wheel_speed[0] for r in records] == [49.0, 48.0, 47.0]
+    only, _ = align.records(log(channel("pressure", t, p), *speeds), Vehicle(), axles=[2])
+    assert [r.axle for r in only] == [2]
+
+
+def test_an_axle_without_pressure_is_told() -> None:
+    t, p, y = brake()
+    records, findings = align.records(
+        log(
+            channel("pressure", t, p, 1),
+            channel("wheel_speed", t, y, 1),
+            channel("wheel_speed", t, y, 2),
+        ),
+        Vehicle(),
+    )
+    assert [r.axle for r in records] == [1]
+    assert [(f.code, f.severity) for f in findings] == [("axle-incomplete", "warning")]
+
+
+def test_the_window_counts_from_the_logs_start() -> None:
+    t, p, y = brake()
+    (record,), _ = align.records(
+        log(channel("pressure", t + 100.0, p), channel("wheel_speed", t + 100.0, y)),
+        Vehicle(), window=(2.0, 3.0),
+    )  # fmt: skip
+    assert (record.t[0], record.t[-1]) == (102 * 10**9, 103 * 10**9)
+
+
+def test_refusals_name_the_place_and_the_remedy() -> None:
+    t, p, y = brake()
+    pressure, speed = channel("pressure", t, p), channel("wheel_speed", t, y)
+    with pytest.raises(UserError, match="wheel speed") as error:
+        align.records(log(pressure), Vehicle())
+    assert "[channels]" in error.value.hint
+    with pytest.raises(UserError, match="brake-cylinder pressure"):
+        align.records(log(speed), Vehicle())
+    with pytest.raises(UserError, match="no overlap in time"):
+        align.records(log(channel("pressure", t + 1e4, p), speed), Vehicle())
+    with pytest.raises(UserError, match="1 usable"):
+        align.records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
+    with pytest.raises(UserError, match="no axle 7"):
+        align.records(log(pressure, speed), Vehicle(), axles=[7])

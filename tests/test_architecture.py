@@ -1,0 +1,80 @@
+"""The arrows between modules, walked on the imports themselves."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import adhesion_cli
+
+PACKAGE = Path(adhesion_cli.__file__).parent
+
+# From bottom to top: a module may import only from layers below its own, or from its own folder.
+LAYERS = [
+    {"__init__", "errors", "bundled"},
+    {"model", "text"},
+    {"physics", "estimator"},
+    {"estimators", "compiled", "rail"},
+    {"smoother"},
+    {"reference"},
+    {"metrics", "read", "write"},
+    {"scenario"},
+    {"simulate"},
+    {"settings"},
+    {"analysis", "inspection"},
+    {"cli"},
+    {"__main__"},
+]
+OWNERS = {"numba": {"compiled"}, "rerun": {"write/rrd"}, "mcap": {"read/mcap", "write/mcap"}}
+
+
+def imports(path: Path) -> set[tuple[str, int]]:
+    """Modules a file imports, (dotted name, relative level), wherever in the file it does."""
+    found: set[tuple[str, int]] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {(a.name, 0) for a in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            if node.module:
+                found.add((node.module, node.level))
+            else:
+                found |= {(a.name, node.level) for a in node.names}
+    return found
+
+
+def test_no_arrow_runs_backwards() -> None:
+    layer = {name: i for i, names in enumerate(LAYERS) for name in names}
+    wrong = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        place = path.relative_to(PACKAGE).with_suffix("").parts
+        assert place[0] in layer, f"{place[0]} has no layer: say where it stands in LAYERS"
+        for name, level in imports(path):
+            if level == 0 or level < len(place):
+                continue  # foreign, or of the same folder
+            target = name.split(".")[0]
+            if target in layer and layer[target] >= layer[place[0]] and target != place[0]:
+                wrong.append(f"{'/'.join(place)} -> {name}")
+    assert not wrong
+
+
+def test_one_module_knows_each_heavy_library() -> None:
+    wrong = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        place = path.relative_to(PACKAGE).with_suffix("").as_posix()
+        for name, level in imports(path):
+            owners = OWNERS.get(name.split(".")[0], {place})
+            if level == 0 and place not in owners:
+                wrong.append(f"{place} imports {name}")
+    assert not wrong
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom adhesion_cli.cli.app import app\n"
+        "try: app(['analyze', '--help'], standalone_mode=False)\nexcept SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'pyarrow', 'rerun', 'mcap'} & set(sys.modules)\n"
+        "sys.exit(f'imported {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "--reference" in done.stdout

@@ -1,0 +1,131 @@
+import pytest
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.read.meaning import Mapping, understood
+from adhesion_cli.read.source import Field
+
+
+def seen(
+    *names: str | tuple[str, ...], mappings: tuple[Mapping, ...] = ()
+) -> list[tuple[object, ...]]:
+    fields = [Field(n) if isinstance(n, str) else Field(*n) for n in names]
+    meant, _ = understood(fields, mappings)
+    return [(m.meaning, m.axle, m.unit) for m in meant]
+
+
+PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("BC pressure [kPa]", "v_kmh"), [(PRESSURE, None, "kPa"), (WHEEL, None, "kmh")]),
+        (
+            ("制动缸压力(kPa)", "轮速(km/h)", "列车速度(km/h)"),
+            [(PRESSURE, None, "kPa"), (WHEEL, None, "km/h"), (TRAIN, None, "km/h")],
+        ),
+        (
+            ("C-Druck [bar]", "HL-Druck [bar]", "Radgeschw. [km/h]", "Geschwindigkeit [km/h]"),
+            [
+                (PRESSURE, None, "bar"), (None, None, "bar"),
+                (WHEEL, None, "km/h"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Bremszylinderdruck (bar)", "Raddrehzahl (1/min)", "Zuggeschwindigkeit (km/h)"),
+            [(PRESSURE, None, "bar"), (WHEEL, None, "1/min"), (TRAIN, None, "km/h")],
+        ),
+        (
+            ("bc_pressure_1", "axle2_speed", "train_speed [m/s]"),
+            [(PRESSURE, 1, ""), (WHEEL, 2, ""), (TRAIN, None, "m/s")],
+        ),
+        (
+            ("BCP1_bar", "AxleSpd1_kmh", "TrainSpd_kmh", "MRP_bar"),
+            [(PRESSURE, 1, "bar"), (WHEEL, 1, "kmh"), (TRAIN, None, "kmh"), (None, None, "bar")],
+        ),
+        (
+            ("一轴轮速(km/h)", "二轴制动缸压力(kPa)", "黏着力真值(N)"),
+            [(WHEEL, 1, "km/h"), (PRESSURE, 2, "kPa"), ("truth", None, "N")],
+        ),
+        (
+            ("K [kN]", "F_adhesion_true [N]", "F_adhesion_estimated [N]"),
+            [("clamping_force", None, "kN"), ("truth", None, "N"), (None, None, "N")],
+        ),
+        (
+            ("p [bar]", "v [km/h]", "omega [rad/s]"),
+            [(PRESSURE, None, "bar"), (TRAIN, None, "km/h"), (WHEEL, None, "rad/s")],
+        ),
+    ],
+)  # fmt: skip
+def test_reads_the_names_of_csv_columns(names: tuple[str, ...], expected: list[object]) -> None:
+    assert seen(*names) == expected
+
+
+def test_reads_topics_fields_and_message_types() -> None:
+    joint = "sensor_msgs/msg/JointState"
+    fields = [
+        Field("/joint_states", "velocity[1]", "axle_2", message_type=joint, encoding="cdr"),
+        Field("/joint_states", "position[1]", "axle_2", message_type=joint, encoding="cdr"),
+        Field("/brake/bc1", "fluid_pressure", message_type="sensor_msgs/msg/FluidPressure"),
+        Field("/brake/bc1", "variance", message_type="sensor_msgs/msg/FluidPressure"),
+    ]
+    meant, _ = understood(fields, ())
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        (WHEEL, 2, "rad/s"), (None, 2, ""), (PRESSURE, 1, "Pa"), (None, 1, ""),
+    ]  # fmt: skip
+    assert "by definition" in meant[0].reason
+
+
+def test_reads_a_result_of_ours_but_not_its_estimates() -> None:
+    fields = [
+        Field("/axle/3/input", name, message_type="adhesion.AxleInput", encoding="protobuf")
+        for name in ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed")
+    ]
+    fields += [Field("/axle/3/truth", "force", message_type="adhesion.Truth")]
+    fields += [Field(f"/axle/3/{t}", "force") for t in ("reference", "estimate/neso")]
+    meant, findings = understood(fields, ())
+    assert [m.meaning for m in meant] == [
+        "pressure", "clamping_force", "wheel_speed", "train_speed", "truth", None, None,
+    ]  # fmt: skip
+    assert [m.unit for m in meant[:5]] == ["Pa", "N", "rad/s", "m/s", "N"]
+    assert {m.axle for m in meant} == {3}
+    assert not findings
+
+
+def test_axles_counted_from_zero_move_up_and_are_told() -> None:
+    fields = [Field(n) for n in ("p_bc_0 [bar]", "p_bc_1 [bar]", "omega_0 [rad/s]")]
+    meant, findings = understood(fields, ())
+    assert [m.axle for m in meant] == [1, 2, 1]
+    assert [f.code for f in findings] == ["axles-from-zero"]
+
+
+def test_a_bogie_pressure_serves_both_axles() -> None:
+    meant, findings = understood([Field("bogie2_bc_pressure_kPa"), Field("axle3_speed_kmh")], ())
+    assert {(m.meaning, m.axle) for m in meant} == {(PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3)}
+    assert [f.code for f in findings] == ["bogie-pressure"]
+
+
+def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
+    fields = [Field("wheel speed left [km/h]"), Field("wheel speed right [km/h]")]
+    meant, findings = understood(fields, ())
+    assert [m.meaning for m in meant] == [WHEEL, None]
+    assert [(f.code, f.severity) for f in findings] == [("channel-ambiguous", "warning")]
+
+
+def test_a_mapping_beats_every_guess() -> None:
+    mapping = Mapping("wheel_speed", 1, "x", unit="rpm")
+    assert seen("x", "wheel speed [km/h]", mappings=(mapping,)) == [
+        (WHEEL, 1, "rpm"), (None, None, "km/h"),
+    ]  # fmt: skip
+
+
+def test_a_mapping_to_a_missing_channel_names_the_nearest() -> None:
+    with pytest.raises(UserError) as error:
+        understood([Field("bc_pressure_1")], (Mapping("pressure", 1, "bc_presure_1"),))
+    assert "bc_pressure_1" in error.value.hint
+
+
+def test_a_mapping_to_one_of_several_fields_must_say_which() -> None:
+    fields = [Field("/brake", "front"), Field("/brake", "rear")]
+    with pytest.raises(UserError, match="several fields"):
+        understood(fields, (Mapping("pressure", 1, "/brake", unit="bar"),))

@@ -1,0 +1,124 @@
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from adhesion_cli.model import Channel, Column
+from adhesion_cli.read import timeaxis
+
+MS = 10**6
+
+
+def column(t_ms: list[float], values: list[float] | None = None) -> Column:
+    t = np.array([round(x * MS) for x in t_ms], dtype=np.int64)
+    value = np.arange(len(t), dtype=float) if values is None else np.array(values, dtype=float)
+    return Column(t, value, np.isfinite(value))
+
+
+def codes(axis: timeaxis.TimeAxis) -> dict[str, int]:
+    return {f.code: f.count for f in axis.findings}
+
+
+def channel(axis: timeaxis.TimeAxis) -> Channel:
+    return Channel("x", "", None, None, "", "", axis.data, starts=axis.starts, gap_ns=axis.gap_ns)
+
+
+def test_a_clean_axis_is_left_alone() -> None:
+    data = column([10.0 * i for i in range(50)])
+    axis = timeaxis.clean("x", data, 0)
+    assert not axis.findings
+    assert axis.starts == (0,)
+    assert axis.interval_ns == 10 * MS
+    np.testing.assert_array_equal(axis.data.t, data.t)
+
+
+def test_a_gap_is_found_and_located() -> None:
+    axis = timeaxis.clean("x", column([*range(0, 500, 10), *range(900, 1400, 10)]), 0)
+    (finding,) = axis.findings
+    assert (finding.code, finding.count, finding.first_s) == ("gap", 1, 0.49)
+    assert axis.gaps == 1
+
+
+def test_missing_single_samples_are_no_gap() -> None:
+    axis = timeaxis.clean("x", column([t for t in range(0, 1000, 10) if t % 70]), 0)
+    assert not axis.findings
+
+
+def test_bursts_are_no_gaps() -> None:
+    t = [100.0 * (i // 10) + (i % 10) for i in range(400)]
+    assert not timeaxis.clean("x", column(t), 0).findings
+
+
+def test_equal_duplicates_are_dropped_and_different_ones_masked() -> None:
+    axis = timeaxis.clean("x", column([0, 10, 10, 20, 30, 30, 40], [0, 1, 1, 2, 3, 9, 4]), 0)
+    assert codes(axis) == {"time-duplicate": 1, "time-conflict": 2}
+    assert axis.data.value.tolist() == [0, 1, 2, 4]
+    assert axis.duplicates == 2
+
+
+def test_a_late_sample_is_left_out_and_not_sorted_in() -> None:
+    axis = timeaxis.clean("x", column([0, 10, 30, 20, 40, 50, 60]), 0)
+    assert codes(axis) == {"time-late": 1}
+    assert axis.data.value.tolist() == [0, 1, 2, 4, 5, 6]
+
+
+def test_a_clock_that_jumps_back_begins_a_new_piece() -> None:
+    axis = timeaxis.clean("x", column([*range(0, 300, 10), *range(100, 400, 10)]), 0)
+    assert codes(axis) == {"time-backward": 1}
+    assert axis.starts == (0, 30)
+    assert len(axis.data.t) == 60
+
+
+def test_summer_time_is_named() -> None:
+    axis = timeaxis.clean(
+        "x", column([*range(7200_000, 7210_000, 100), *range(3610_000, 3620_000, 100)]), 0
+    )
+    assert codes(axis) == {"time-dst": 1}
+    assert len(axis.starts) == 2
+
+
+def test_a_wrapped_millisecond_counter_goes_on() -> None:
+    t = [(2**32 - 500 + 10 * i) % 2**32 for i in range(100)]
+    axis = timeaxis.clean("x", column([float(x) for x in t]), 0)
+    assert codes(axis) == {"time-wrapped": 1}
+    assert axis.starts == (0,)
+    assert np.all(np.diff(axis.data.t) == 10 * MS)
+
+
+def test_numbers_that_are_none_are_counted() -> None:
+    axis = timeaxis.clean("x", column([0, 10, 20, 30], [1.0, np.nan, 2.0, 3.0]), 0)
+    assert codes(axis) == {"invalid": 1}
+    assert axis.data.value.tolist() == [1.0, 2.0, 3.0]
+
+
+@given(st.lists(st.integers(-50, 50), max_size=60), st.randoms(use_true_random=False))
+def test_whatever_the_clock_does_time_rises_within_a_piece(
+    steps: list[int], random: object
+) -> None:
+    t = np.cumsum([0, *steps]).astype(np.int64) * MS
+    value = np.arange(len(t), dtype=float) % 3
+    axis = timeaxis.clean("x", Column(t, value, np.ones(len(t), dtype=np.bool_)), 0)
+    bounds = (*axis.starts, len(axis.data.t))
+    for a, b in pairwise(bounds):
+        assert np.all(np.diff(axis.data.t[a:b]) > 0)
+    dropped = sum(
+        f.count for f in axis.findings if f.code in ("time-late", "time-duplicate", "time-conflict")
+    )
+    assert len(axis.data.t) + dropped == len(t)
+
+
+def test_holding_never_shows_a_later_sample() -> None:
+    slow = channel(timeaxis.clean("p", column([0, 100, 200, 300], [1, 2, 3, 4]), 0))
+    t = np.array([-1, 0, 99, 100, 199, 350, 2000], dtype=np.int64) * MS
+    value, fresh = timeaxis.hold(t, slow, slice(0, 4))
+    assert value[1:6].tolist() == [1, 1, 2, 2, 4]
+    assert fresh.tolist() == [False, True, True, True, True, True, False]
+
+
+def test_interpolation_stops_at_gaps() -> None:
+    data = column([0, 10, 20, 30, 40, 500, 510], [0, 1, 2, 3, 4, 50, 51])
+    with_gap = channel(timeaxis.clean("p", data, 0, max_gap_ns=50 * MS))
+    t = np.array([5, 40, 200, 505], dtype=np.int64) * MS
+    value = timeaxis.interpolated(t, with_gap, slice(0, 7))
+    np.testing.assert_allclose(value, [0.5, 4.0, np.nan, 50.5])
