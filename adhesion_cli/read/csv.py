@@ -5,12 +5,11 @@ types, and what cannot be read is counted and located. A block is what is in mem
 wanted columns.
 """
 
-import codecs
-import gzip
+import os
 import re
-import zlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -19,20 +18,19 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..model import Bools, Column, Finding, Floats, Times
 from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
-from .sniff import HEAD_BYTES, NULLS, Dialect, is_comment, is_null, sniff
+from .lines import Block, Lines, read_head
+from .sniff import NULLS, Dialect, is_comment, is_null, sniff, split
 from .source import Field, ReadOptions
 from .words import is_group_name
 
-_BLOCK = 16 << 20
-_MAX_QUOTED = 1 << 20  # bytes of one quoted cell; more is an opening quote that never closes
-_MAX_QUOTED_LINES = 100
-_GZIP = b"\x1f\x8b"
+_MAX_MET = 10_000
 _MAX_GROUPS = 64
 _SKIPPED = {
     "too few cells": "have too few cells",
@@ -54,7 +52,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     Raises:
         UserError: where the file is no such table, or can be read in more than one way.
     """
-    head, complete = _head(path)
+    head, complete, size = read_head(path)
     dialect = sniff(head, complete, options, path)
     if complete and len(dialect.rows) < 2:
         raise UserError(
@@ -63,17 +61,8 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
         )
     if not dialect.headed and options.time_channel is None:
         raise _headerless(dialect, path)
-    rows = len(dialect.rows)
-    if not complete or len(dialect.rows) > 500:
-        size = path.stat().st_size * (1 if not head_is_gzip(path) else 4)
-        rows = max(
-            rows,
-            int(size / max(len(head), 1) * head.count(b"\n"))
-            if not complete
-            else head.count(b"\n"),
-        )
-    clock = find_clock(dialect, options, rows, path)
-    return CsvSource(path, options, dialect, clock)
+    rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
+    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path))
 
 
 class CsvSource:
@@ -93,8 +82,8 @@ class CsvSource:
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.lines: Counter[str] = Counter()
         self._options, self._dialect, self._clock = options, dialect, clock
-        self._types: dict[int, list[Any]] = {
-            i: list(clock.types) for i in clock.columns
+        self._types: dict[int, tuple[Any, ...]] = {
+            i: clock.types for i in clock.columns
         }  # types still to try
         self._group, self._groups = self._find_groups()
         names = dialect.names
@@ -138,12 +127,12 @@ class CsvSource:
                 `ReadOptions.strict` also where a row or cell cannot.
         """
         indices = sorted({self._index[f.channel] for f in wanted})
-        scan = _Scan(self.path, self._options, self._dialect, self._clock, self._types)
-        t, codes, values = scan.read(indices, self._group, self._groups)
-        self.rows = len(t) + scan.lines["other group"]
+        scan = self._scan(indices, self._group, self._groups)
+        t, codes, values = scan.read()
         self.lines = scan.lines
+        self.rows = scan.lines["used"] + scan.lines["other group"]
         self._report_rows(scan)
-        self._report_cells(scan, indices)
+        self._report_cells(scan)
         rows = [codes == k for k in range(len(self._groups))] if self._group is not None else []
         times = [t[r] for r in rows] if len(rows) > 1 else [t]
         out = []
@@ -153,6 +142,18 @@ class CsvSource:
             value = value[rows[k]] if len(rows) > 1 else value
             out.append(Column(times[k], value, np.isfinite(value)))
         return out
+
+    def _scan(self, indices: list[int], group: int | None, groups: list[str] | None) -> "_Scan":
+        return _Scan(
+            self.path,
+            self._options,
+            self._dialect,
+            self._clock,
+            self._types,
+            indices,
+            group,
+            groups,
+        )
 
     def _is_numeric(self, i: int) -> bool:
         cells = self._dialect.column(i)
@@ -174,9 +175,9 @@ class CsvSource:
         else:
             candidates = [column_index(self._dialect, stated, self.path)]
         for i in candidates:
-            scan = _Scan(self.path, self._options, self._dialect, self._clock, self._types)
-            t, codes, _ = scan.read([], i, None)
-            groups = scan.groups
+            scan = self._scan([], i, None)
+            t, codes, _ = scan.read()
+            groups = scan.met
             if stated is not None:
                 return i, self._chosen(groups, i)
             if _is_long(t, codes, len(groups)):
@@ -208,18 +209,26 @@ class CsvSource:
         skipped = {c: scan.lines[c] for c in _SKIPPED if scan.lines[c]}
         if skipped:
             parts = [
-                f"{n} {_SKIPPED[c]} (first in line {scan.first[c][0]}: {scan.first[c][1]})"
+                f"{n} {_SKIPPED[c]} (first in line {scan.first[c][0]}: {_shown(scan.first[c][1])})"
                 for c, n in skipped.items()
             ]
             self._report(
                 "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
                 sum(skipped.values()),
             )  # fmt: skip
-        for code, severity, message, count in scan.notes:
-            self._report(code, severity, message, "", count)
+        if scan.damage:
+            self._report(
+                "csv-gzip-damaged", "warning", f"compressed data end early: {scan.damage}", "", 1
+            )
+        if scan.open_end:
+            self._report(
+                "csv-no-final-newline", "info",
+                "the last line has no line end; if the log was cut there, its last cell may be "
+                "incomplete", "", 1,
+            )  # fmt: skip
 
-    def _report_cells(self, scan: "_Scan", indices: list[int]) -> None:
-        for i in indices:
+    def _report_cells(self, scan: "_Scan") -> None:
+        for i in scan.indices:
             name = self._dialect.names[i]
             for state, code, severity, text in (
                 (1, "csv-missing-cells", "info", "are empty or say there is no value"),
@@ -228,7 +237,11 @@ class CsvSource:
                 if n := scan.cells[i, state]:
                     line, shown = scan.first_cell[i, state]
                     self._report(
-                        code, severity, f"{n} cells {text} (first in line {line}: {shown})", name, n
+                        code,
+                        severity,
+                        f"{n} cells {text} (first in line {line}: {_shown(shown)})",
+                        name,
+                        n,
                     )
 
     def _report(self, code: str, severity: Any, message: str, channel: str, count: int) -> None:
@@ -247,36 +260,34 @@ class CsvSource:
 
 
 @dataclass(slots=True)
-class _Block:
-    """Whole lines, each ended by a line feed."""
+class _Part:
+    """What one block gave; arrays of its n rows of the right width."""
 
-    data: bytes
-    first_line: int
+    block: Block
+    rows: int
+    arrays: dict[int, Any]  # Arrow arrays by column
+    t: Times
+    timed: Bools
+    values: dict[int, tuple[Floats, NDArray[np.int8]]]
+    wrong: list[tuple[int, str, str]]  # number among the block's rows, class and text of others
+    blank: int
+    inside: int  # line ends inside quotes
+    _spans: NDArray[np.int64] | None = None
 
-    def ends(self, delimiter: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Positions of all line feeds, and of those that end a row."""
-        text = np.frombuffer(self.data, np.uint8)
-        feeds = np.flatnonzero(text == 10)
-        quotes = np.flatnonzero(text == 34)
-        if not len(quotes):
-            return feeds, feeds
-        if not (np.searchsorted(quotes, feeds) % 2).any():
-            return feeds, feeds
-        inside = np.zeros(len(feeds), bool)
-        for m in _quoted(delimiter).finditer(self.data):
-            a, b = np.searchsorted(feeds, m.span())
-            inside[a:b] = True
-        return feeds, feeds[~inside]
+    def line(self, row: int) -> tuple[int, str]:
+        """Line number and text of a row of the arrays."""
+        wrong = np.array([number - 1 for number, _, _ in self.wrong], np.int64)
+        # wrong rows stand between: row k of the arrays is row k + (wrong ones before it)
+        gaps = wrong - np.arange(len(wrong))
+        return self.raw_line(row + int(np.searchsorted(gaps, row, side="right")))
 
-
-def _quoted(delimiter: str) -> re.Pattern[bytes]:
-    """A quoted cell: the quote opens it only at the start of the cell."""
-    d = re.escape(_separator(delimiter).encode())
-    return re.compile(rb"(?<![^\n" + d + rb'])"[^"]*(?:""[^"]*)*(?:"|\Z)')
-
-
-def _separator(delimiter: str) -> str:
-    return "\t" if delimiter == " " else delimiter
+    def raw_line(self, number: int) -> tuple[int, str]:
+        """Line number and text of a row of the block, counted from 0, wrong ones included."""
+        if self._spans is None:
+            self._spans = self.block.rows()
+        start, end, line = self._spans[number]
+        text = self.block.data[start : min(end, start + 100_000)]
+        return int(line), text.decode("utf-8", "replace")
 
 
 @dataclass(slots=True)
@@ -287,451 +298,233 @@ class _Scan:
     options: ReadOptions
     dialect: Dialect
     clock: Clock
-    types: dict[int, list[Any]]  # Arrow types still to try by column; shared between passes
+    types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
+    indices: list[int]
+    group: int | None = None
+    groups: list[str] | None = None  # values of the group wanted; None: every one met
     lines: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, str]] = field(default_factory=dict)
     cells: Counter[tuple[int, int]] = field(default_factory=Counter)
     first_cell: dict[tuple[int, int], tuple[int, str]] = field(default_factory=dict)
-    groups: list[str] = field(default_factory=list)
-    notes: list[tuple[str, str, str, int]] = field(default_factory=list)
+    met: list[str] = field(default_factory=list)
+    damage: str = ""
+    open_end: bool = False
 
-    def read(
-        self, indices: list[int], group: int | None, groups: list[str] | None
-    ) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
-        """Times, group codes and values of the rows that have a time.
-
-        Args:
-            indices: wanted columns.
-            group: column of the group, None in a wide log.
-            groups: the values wanted, in order of their codes; None: every value met.
-        """
+    def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
+        """Times, group codes and values of the rows that have a time and a wanted group."""
         self.lines.update(self.dialect.before)
-        self.groups = list(groups or [])
-        for i in indices:
-            self.types.setdefault(i, [pa.float64(), pa.string()])
+        self.met = list(self.groups or [])
+        for i in self.indices:
+            self.types.setdefault(i, (pa.float64(), pa.string()))
+        source = Lines(self.path, self.dialect, self.options.max_inflated)
         times: list[Times] = []
         codes: list[NDArray[np.int64]] = []
-        values: dict[int, list[Floats]] = {i: [] for i in indices}
-        for block in self._blocks():
-            table, rows = self._parse(block, indices, group)
-            t, keep = self._times(block, table, rows)
-            code = np.zeros(len(t), np.int64)
-            if group is not None:
-                code, said = self._codes(table[f"g{group}"], groups is None)
-                self._drop(block, rows, keep & ~said, "group missing")
-                keep &= said
-                self.lines["other group"] += int((keep & (code < 0)).sum())
-                keep &= code >= 0
+        values: dict[int, list[Floats]] = {i: [] for i in self.indices}
+        for part in self._parts(source):
+            self._count_lines(part)
+            keep = self._count_times(part)
+            code = self._count_groups(part, keep)
+            self.lines["used"] += int(keep.sum())
             every = bool(keep.all())
-            self.lines["used"] += len(t) if every else int(keep.sum())
-            times.append(t if every else t[keep])
-            codes.append(code if every else code[keep])
-            for i in indices:
-                value, state = checked_floats(table[f"c{i}"], self.dialect.decimal)
-                if state.any():
-                    self._count_cells(block, rows, i, np.where(keep, state, 0))
+            times.append(part.t if every else part.t[keep])
+            if code is not None:
+                codes.append(code[keep])
+            for i, (value, state) in part.values.items():
+                self._count_cells(part, i, state, keep)
                 values[i].append(value if every else value[keep])
-        if not times or not sum(map(len, times)):
+        self.damage, self.open_end = source.damage, source.open_end
+        if source.cut_off:
+            self.lines["cut off"] += 1
+            self.first["cut off"] = source.cut_off
+        if not sum(map(len, times)):
             raise UserError(
                 f"{self.path}: no row has a time stamp that can be read",
                 'state the time, as time = {channel = "…", unit = "s"} under [channels]',
             )
         return (
             np.concatenate(times),
-            np.concatenate(codes),
-            {i: np.concatenate(values.pop(i)) for i in indices},
+            np.concatenate(codes) if codes else np.zeros(0, np.int64),
+            {i: np.concatenate(values.pop(i)) for i in self.indices},
         )
 
-    def _parse(
-        self, block: _Block, indices: list[int], group: int | None
-    ) -> tuple[dict[str, Any], "_Rows"]:
-        """Wanted columns of the block as Arrow arrays, "c0" and so on, the group as text."""
-        wanted = [*self.clock.columns, *indices]
-        width = self.dialect.width
-        rows = _Rows(block, self.dialect)
-        names = [f"c{i}" for i in range(width)]
-        multiline = False
+    def _parts(self, source: Lines) -> Iterator[_Part]:
+        """The blocks parsed, in order, as many at once as there are processors."""
+        workers = min(os.cpu_count() or 1, 4)
+        with ThreadPoolExecutor(workers) as pool:
+            waiting: deque[Future[_Part]] = deque()
+            for block in source.blocks():
+                waiting.append(pool.submit(self._parse, block))
+                if len(waiting) > workers:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+
+    def _parse(self, block: Block) -> _Part:
+        """One block's columns; changes nothing but `types`."""
+        blank = inside = 0
         if b'"' in block.data:
-            feeds, ends = block.ends(self.dialect.delimiter)
-            multiline = len(feeds) > len(ends)
+            feeds, ends = block.ends()
+            inside = len(feeds) - len(ends)
         while True:
-            types = {f"c{i}": self.types[i][0] for i in wanted}
-            if group is not None:
-                types.setdefault(f"c{group}", pa.string())
-            rows.begin()
+            types = {i: self.types[i][0] for i in (*self.clock.columns, *self.indices)}
+            if self.group is not None:
+                types.setdefault(self.group, pa.string())
+            wrong: list[tuple[int, str, str]] = []
             try:
-                table = rows.parse(names, types, multiline, threads=True)
-                break
+                table = self._table(block, types, inside > 0, wrong)
             except pa.ArrowInvalid as error:
-                self._demote(block, str(error), wanted)
-        out = {f"c{i}": _flat(table[f"c{i}"]) for i in wanted}
-        if group is not None:
-            out[f"g{group}"] = _flat(table[f"c{group}"]).cast(pa.string())
-        for i in indices:
-            # 1e400 parses as infinity: only the strict grammar tells it from a spelled "inf"
-            if (
-                pa.types.is_floating(out[f"c{i}"].type)
-                and np.isinf(out[f"c{i}"].to_numpy(zero_copy_only=False)).any()
-            ):
-                self.types[i].pop(0)
-                return self._parse(block, indices, group)
-        feeds_count = block.data.count(b"\n")
-        counted = table.num_rows + sum(rows.invalid.values())
-        self.lines.update(rows.invalid)
-        if feeds_count != counted:
-            feeds, ends = block.ends(self.dialect.delimiter)
-            starts = np.concatenate(([0], ends[:-1] + 1))
-            blank = int((ends == starts).sum())
-            self.lines["blank"] += blank
-            self.lines["inside quotes"] += len(feeds) - len(ends)
-            if feeds_count != counted + blank + len(feeds) - len(ends):
+                self._demote(block, str(error), types)
+                continue
+            arrays = {i: _flat(table[f"c{i}"]) for i in types}
+            # 1e400 parses as infinity; the strict grammar tells it from a spelled "inf"
+            endless = [
+                i
+                for i in self.indices
+                if pa.types.is_floating(types[i])
+                and np.isinf(arrays[i].to_numpy(zero_copy_only=False)).any()
+            ]
+            if not endless:
+                break
+            for i in endless:
+                self.types[i] = (pa.string(),)
+        if block.lines != table.num_rows + len(wrong):
+            feeds, ends = block.ends()
+            blank = int((np.diff(ends, prepend=-1) == 1).sum())
+            inside = len(feeds) - len(ends)
+            if block.lines != table.num_rows + len(wrong) + blank + inside:
                 raise UserError(
-                    f"{self.path}: quotes from line {block.first_line} on cannot be followed "
-                    f"({feeds_count} lines, {counted} rows)",
+                    f"{self.path}: the quotes after line {block.first_line} cannot be followed",
                     "mend the quotes in the log",
                 )
-        for kind in ("too few cells", "too many cells"):
-            if rows.invalid[kind] and kind not in self.first:
-                self.first[kind] = rows.first_invalid(names, types, multiline)[kind]
-        return out, rows
+        t, timed = self.clock.nanoseconds([arrays[i] for i in self.clock.columns])
+        values = {i: checked_floats(arrays[i], self.dialect.decimal) for i in self.indices}
+        return _Part(block, table.num_rows, arrays, t, timed, values, wrong, blank, inside)
 
-    def _demote(self, block: _Block, error: str, wanted: list[int]) -> None:
-        """Drops the type that the block's cells do not fit; raises where none is left."""
-        found = re.search(r"CSV column #(\d+)", error)
-        i = int(found[1]) if found else -1
-        if "straddling" in error or "too large" in error:
-            at = max(block.data.split(b"\n"), key=len)
-            line = block.first_line + block.data.count(b"\n", 0, block.data.index(at))
-            raise UserError(
-                f"{self.path}: line {line} is {len(at) >> 10} KiB long",
-                "give a text log with one row per line",
-            )
-        if "UTF8" in error and not block.data.isascii():
-            fixed = block.data.decode("utf-8", "replace").encode()
-            if fixed != block.data:
-                block.data = fixed
-                return
-        if i in self.types and len(self.types[i]) > 1:
-            self.types[i].pop(0)
-            return
-        raise UserError(
-            f"{self.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
-            "mend the log, or state its dialect under [csv]",
-        )
-
-    def _times(self, block: _Block, table: dict[str, Any], rows: "_Rows") -> tuple[Times, Bools]:
-        arrays = [table[f"c{i}"] for i in self.clock.columns]
-        t, ok = self.clock.nanoseconds(arrays)
-        if ok.all():
-            return t, ok.copy()
-        missing = np.zeros(len(t), bool)
-        for array in arrays:
-            missing |= is_missing(array)
-        unreadable = ~ok & ~missing
-        comments = np.zeros(len(t), bool)
-        if self.dialect.comment.encode() in block.data if self.dialect.comment else True:
-            for r in np.flatnonzero(~ok):
-                comments[r] = is_comment(rows.text(int(r)))
-        self.lines["comment"] += int(comments.sum())
-        self._drop(block, rows, ~ok & missing & ~comments, "time missing")
-        self._drop(block, rows, unreadable & ~comments, "time unreadable")
-        return t, ok.copy()
-
-    def _codes(self, array: Any, grow: bool) -> tuple[NDArray[np.int64], Bools]:
-        """Index of each row's group, −1 for one not wanted, and which rows state one."""
-        import pyarrow.compute as pc
-
-        encoded = pc.utf8_trim_whitespace(array).dictionary_encode()
-        said = np.asarray(encoded.indices.is_valid())
-        values = encoded.dictionary.to_pylist()
-        if grow:
-            self.groups += [v for v in values if not is_null(v) and v not in self.groups]
-        if len(self.groups) > 100_000:
-            raise UserError(
-                f"{self.path}: the group column has more than 100000 values",
-                "name a column of few values as the group",
-            )
-        at = {v: k for k, v in enumerate(self.groups)}
-        codes = np.array([at.get(v, -1) for v in values] or [-1], np.int64)
-        none = np.array([is_null(v) for v in values] or [True])
-        index = np.asarray(encoded.indices.fill_null(0)).astype(np.int64)
-        return codes[index], said & ~none[index]
-
-    def _drop(self, block: _Block, rows: "_Rows", which: Bools, kind: str) -> None:
-        if n := int(which.sum()):
-            self.lines[kind] += n
-            if kind not in self.first:
-                r = int(np.flatnonzero(which)[0])
-                self.first[kind] = rows.line(r), _shown(rows.text(r))
-
-    def _count_cells(self, block: _Block, rows: "_Rows", i: int, state: Any) -> None:
-        for k in (1, 2):
-            at = np.flatnonzero(state == k)
-            self.cells[i, k] += len(at)
-            if len(at) and (i, k) not in self.first_cell:
-                r = int(at[0])
-                self.first_cell[i, k] = rows.line(r), _shown(rows.cell(r, i))
-
-    def _blocks(self) -> Iterator[_Block]:
-        """The file's data lines in blocks that end where a row ends."""
-        rest = b""
-        line = 1
-        skip = self.dialect.first_line - 1
-        done = False
-        chunks = self._text()
-        while not done:
-            chunk = next(chunks, None)
-            done = chunk is None
-            data = rest + (chunk or b"")
-            if skip:
-                if data.count(b"\n") < skip and not done:
-                    rest = data
-                    continue
-                at = 0
-                for _ in range(skip):
-                    at = data.find(b"\n", at) + 1
-                data, line, skip = data[at:], line + skip, 0
-            if done and data and not data.endswith(b"\n"):
-                if any(n[0] == "csv-gzip-damaged" for n in self.notes):
-                    at = data.rfind(b"\n") + 1
-                    last = line + data.count(b"\n")
-                    self.lines["cut off"] += 1
-                    self.first["cut off"] = last, _shown(data[at:].decode("utf-8", "replace"))
-                    data = data[:at]
-                else:
-                    data += b"\n"
-                    self.notes.append((
-                        "csv-no-final-newline", "info",
-                        "the last line has no line end; if the log was cut there, its last cell "
-                        "may be incomplete", 1,
-                    ))  # fmt: skip
-            cut = data.rfind(b"\n") + 1
-            if data.count(b'"', 0, cut) % 2:
-                cut = self._cut(data, line, done)
-            elif len(data) - cut > _BLOCK:
-                number = line + data.count(b"\n")
-                raise UserError(
-                    f"{self.path}: line {number} is longer than {_BLOCK >> 20} MiB",
-                    "give a text log with one row per line",
-                )
-            whole, rest = data[:cut], data[cut:]
-            if whole:
-                block = _Block(whole, line)
-                line += whole.count(b"\n")
-                if self.dialect.delimiter == " ":
-                    spaced = re.sub(rb"[ \t]+", b"\t", whole)
-                    block.data = re.sub(rb"(?m)^\t|\t$", b"", spaced)
-                yield block
-
-    def _cut(self, data: bytes, line: int, done: bool) -> int:
-        """Where the last row of `data` ends, given an odd number of quotes in it."""
-        last = len(data)
-        for m in _quoted(self.dialect.delimiter).finditer(data):
-            closed = m.end() < len(data) or (done and m[0].endswith(b'"') and len(m[0]) > 1)
-            lines = data.count(b"\n", *m.span()) if len(m[0]) > 80 else 0
-            if len(m[0]) > _MAX_QUOTED or lines > _MAX_QUOTED_LINES or (done and not closed):
-                number = line + data.count(b"\n", 0, m.start())
-                raise UserError(
-                    f"{self.path}: the quote opened in line {number} does not close",
-                    "mend the quotes in that line",
-                )
-            if not closed:
-                last = m.start()
-        return data.rfind(b"\n", 0, last) + 1
-
-    def _text(self) -> Iterator[bytes]:
-        """The file as UTF-8 with line feeds, in chunks."""
-        decoder = None
-        if self.dialect.encoding != "utf-8":
-            decoder = codecs.getincrementaldecoder(self.dialect.encoding)("replace")
-        bom = self.dialect.bom
-        held = b""
-        for raw in self._bytes():
-            chunk, bom = raw[bom:], 0
-            if decoder:
-                chunk = decoder.decode(chunk).encode()
-            if held or b"\r" in chunk:
-                chunk = held + chunk
-                held = b"\r" if chunk.endswith(b"\r") else b""
-                chunk = (
-                    chunk[: len(chunk) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-                )
-            yield chunk
-        if held:
-            yield b"\n"
-
-    def _bytes(self) -> Iterator[bytes]:
-        if not head_is_gzip(self.path):
-            with self.path.open("rb") as file:
-                while chunk := file.read(_BLOCK):
-                    yield chunk
-            return
-        total = 0
-        with gzip.open(self.path) as file:
-            parts: list[bytes] = []
-            more = b"-"
-            while more:
-                try:
-                    more = file.read1(_BLOCK)
-                except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-                    self.notes.append(
-                        ("csv-gzip-damaged", "warning", f"compressed data end early: {error}", 1)
-                    )
-                    more = b""
-                total += len(more)
-                if total > self.options.max_inflated:
-                    raise UserError(
-                        f"{self.path}: inflates to more than {self.options.max_inflated >> 20} MiB",
-                        "raise --max-inflated if the file can be trusted",
-                    )
-                parts.append(more)
-                if not more or sum(map(len, parts)) >= _BLOCK:
-                    yield b"".join(parts)
-                    parts.clear()
-
-
-@dataclass(slots=True)
-class _Rows:
-    """The rows of one block: parsing them, and finding their lines where something is wrong."""
-
-    block: _Block
-    dialect: Dialect
-    invalid: Counter[str] = field(default_factory=Counter)
-    numbers: list[tuple[int, str, str]] = field(default_factory=list)
-    _lines: Any = None
-    _spans: Any = None
-
-    def begin(self) -> None:
-        self.invalid.clear()
-
-    def parse(self, names: list[str], types: dict[str, Any], multiline: bool, threads: bool) -> Any:
-        """Arrow table of the rows of the right width; others go to `invalid`."""
-        counter, numbers = self.invalid, self.numbers
-
-        def wrong(row: Any) -> str:
+    def _table(self, block: Block, types: dict[int, Any], multiline: bool, wrong: list[Any]) -> Any:
+        def skip(row: Any) -> str:
             text = row.text
+            few = row.actual_columns < row.expected_columns
+            kind = "too few cells" if few else "too many cells"
             if not text.strip():
                 kind = "blank"
             elif is_comment(text):
                 kind = "comment"
-            else:
-                few = row.actual_columns < row.expected_columns
-                kind = "too few cells" if few else "too many cells"
-            if threads:
-                counter[kind] += 1
-            else:
-                numbers.append((row.number, kind, text[:200]))
+            wrong.append((row.number, kind, text[:100]))
             return "skip"
 
         return pyarrow.csv.read_csv(
-            pa.BufferReader(self.block.data),
-            pyarrow.csv.ReadOptions(column_names=names, use_threads=threads),
+            pa.BufferReader(block.data),
+            pyarrow.csv.ReadOptions(
+                column_names=[f"c{i}" for i in range(self.dialect.width)],
+                use_threads=False,  # blocks run in parallel; only so are wrong rows numbered
+                block_size=len(block.data) + 1,
+            ),
             pyarrow.csv.ParseOptions(
-                delimiter=_separator(self.dialect.delimiter),
-                newlines_in_values=multiline,
-                invalid_row_handler=wrong,
+                delimiter=block.delimiter, newlines_in_values=multiline, invalid_row_handler=skip
             ),
             pyarrow.csv.ConvertOptions(
-                column_types=types,
-                include_columns=list(types),
+                column_types={f"c{i}": kind for i, kind in types.items()},
+                include_columns=[f"c{i}" for i in types],
                 null_values=list(NULLS),
                 strings_can_be_null=True,
                 decimal_point=self.dialect.decimal,
             ),
         )
 
-    def first_invalid(
-        self, names: list[str], types: dict[str, Any], multiline: bool
-    ) -> dict[str, tuple[int, str]]:
-        """Line and text of the first wrong row of each kind."""
-        self._locate()
-        return {
-            kind: (int(self._spans[number - 1][2]), _shown(text))
-            for number, kind, text in reversed(self.numbers)
-        }
-
-    def _locate(self) -> None:
-        """Finds the line of every row, by a second parse in one thread that numbers the rows."""
-        if self._lines is not None:
+    def _demote(self, block: Block, error: str, tried: dict[int, Any]) -> None:
+        """Sets the next type of the column whose cells do not fit; raises where there is none."""
+        found = re.search(r"CSV column #(\d+)", error)
+        i = int(found[1]) if found else -1
+        if i in tried and i in self.types and self.types[i][0] is not tried[i]:
+            return  # another block has done so already
+        if i in self.types and len(self.types[i]) > 1:
+            self.types[i] = self.types[i][1:]
             return
-        feeds, ends = self.block.ends(self.dialect.delimiter)
-        starts = np.concatenate(([0], ends[:-1] + 1))
-        lines = self.block.first_line + np.searchsorted(feeds, starts)
-        filled = ends > starts
-        self._spans = np.column_stack((starts, ends, lines))[filled]
-        if self.invalid:
-            self.numbers.clear()
-            names = [f"c{i}" for i in range(self.dialect.width)]
-            self.parse(names, {"c0": pa.binary()}, len(ends) < len(feeds), threads=False)
-        wrong = [number - 1 for number, _, _ in self.numbers]
-        self._lines = np.delete(np.arange(len(self._spans)), wrong)
+        if not block.data.isascii():
+            clean = block.data.decode("utf-8", "replace").encode()
+            if clean != block.data:
+                block.data = clean
+                return
+        raise UserError(
+            f"{self.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
+            "mend the log, or state its dialect under [csv]",
+        )
 
-    def line(self, row: int) -> int:
-        """Line number of a row of the table."""
-        self._locate()
-        return int(self._spans[self._lines[row]][2])
+    def _count_lines(self, part: _Part) -> None:
+        self.lines["blank"] += part.blank
+        self.lines["inside quotes"] += part.inside
+        for number, kind, text in part.wrong:
+            self.lines[kind] += 1
+            if kind not in self.first:
+                self.first[kind] = part.raw_line(number - 1)[0], text
 
-    def text(self, row: int) -> str:
-        """Text of a row of the table."""
-        self._locate()
-        start, end, _ = self._spans[self._lines[row]]
-        return self.block.data[start : min(end, start + 100_000)].decode("utf-8", "replace")
+    def _count_times(self, part: _Part) -> Bools:
+        """Which rows have a time; those that have none are counted by class."""
+        ok = part.timed.copy()
+        if ok.all():
+            return ok
+        missing = np.zeros(part.rows, bool)
+        for i in self.clock.columns:
+            missing |= is_missing(part.arrays[i])
+        comment = np.zeros(part.rows, bool)
+        if any(mark in part.block.data for mark in (b"#", b"%", b"//")):
+            comment[[r for r in np.flatnonzero(~ok) if is_comment(part.line(int(r))[1])]] = True
+        self.lines["comment"] += int(comment.sum())
+        self._drop(part, ~ok & missing & ~comment, "time missing")
+        self._drop(part, ~ok & ~missing & ~comment, "time unreadable")
+        return ok
 
-    def cell(self, row: int, column: int) -> str:
-        """Text of one cell of a row of the table."""
-        from .sniff import split
+    def _count_groups(self, part: _Part, keep: Bools) -> NDArray[np.int64] | None:
+        """Index of each row's group in `met`; takes rows of no or another group from `keep`."""
+        if self.group is None:
+            return None
+        array = pc.cast(part.arrays[self.group], pa.string())
+        encoded = pc.utf8_trim_whitespace(pc.fill_null(array, "")).dictionary_encode()
+        texts = encoded.dictionary.to_pylist()
+        if self.groups is None:
+            self.met += [v for v in texts if not is_null(v) and v not in self.met]
+            if len(self.met) > _MAX_MET:
+                raise UserError(
+                    f"{self.path}: group column {self.dialect.names[self.group]!r} has more than "
+                    f"{_MAX_MET} values",
+                    "name a column of few values as the group",
+                )
+        index = np.asarray(encoded.indices)
+        codes = np.array([self.met.index(v) if v in self.met else -1 for v in texts], np.int64)
+        said = np.array([not is_null(v) for v in texts], bool)
+        self._drop(part, keep & ~said[index], "group missing")
+        other = keep & said[index] & (codes[index] < 0)
+        self.lines["other group"] += int(other.sum())
+        keep &= codes[index] >= 0
+        return codes[index]
 
-        cells = split(self.text(row), _separator(self.dialect.delimiter))
-        return cells[column] if column < len(cells) else ""
+    def _drop(self, part: _Part, which: Bools, kind: str) -> None:
+        if n := int(which.sum()):
+            self.lines[kind] += n
+            if kind not in self.first:
+                self.first[kind] = part.line(int(which.argmax()))
+
+    def _count_cells(self, part: _Part, i: int, state: NDArray[np.int8], keep: Bools) -> None:
+        if not state.any():
+            return
+        for k in (1, 2):
+            which = (state == k) & keep
+            if n := int(which.sum()):
+                self.cells[i, k] += n
+                if (i, k) not in self.first_cell:
+                    line, text = part.line(int(which.argmax()))
+                    cells = split(text, part.block.delimiter)
+                    self.first_cell[i, k] = line, cells[i] if i < len(cells) else ""
 
 
 def _flat(column: Any) -> Any:
     """One Arrow array from a chunked one."""
-    if column.num_chunks == 1:
-        return column.chunk(0)
-    return pa.concat_arrays(column.chunks) if column.num_chunks else column.combine_chunks()
+    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 
 def _shown(text: str) -> str:
     """Text of a log as it may stand in a message."""
     return repr(text if len(text) <= 60 else text[:59] + "…")
-
-
-def _head(path: Path) -> tuple[bytes, bool]:
-    """First bytes of the decompressed file, and whether that is all of it."""
-    try:
-        if not path.is_file():
-            missing = not path.exists()
-            raise UserError(
-                f"{path}: {'no such file' if missing else 'is not a file'}", "check the path"
-            )
-        if head_is_gzip(path):
-            with gzip.open(path) as file:
-                head = b""
-                while len(head) <= HEAD_BYTES:
-                    try:
-                        more = file.read1(HEAD_BYTES + 1 - len(head))
-                    except EOFError:
-                        more = b""
-                    if not more:
-                        break
-                    head += more
-        else:
-            with path.open("rb") as file:
-                head = file.read(HEAD_BYTES + 1)
-    except (gzip.BadGzipFile, zlib.error) as error:
-        raise UserError(f"{path}: gzip data are damaged: {error}", "fetch the file again") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
-    if not head.strip():
-        raise UserError(f"{path}: is empty", "give a log with a header and data rows")
-    return head[:HEAD_BYTES], len(head) <= HEAD_BYTES
-
-
-def head_is_gzip(path: Path) -> bool:
-    """Whether the file is gzip by its first bytes."""
-    with path.open("rb") as file:
-        return file.read(2) == _GZIP
 
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:

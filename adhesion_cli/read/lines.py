@@ -1,0 +1,243 @@
+"""The bytes of a text log: its head, and the whole of it in blocks that end where a row ends.
+
+Blocks are UTF-8 with line feeds whatever the file is (UTF-16, GBK, carriage returns, gzip), so
+that the parser sees one form and lines can be counted.
+"""
+
+import codecs
+import gzip
+import re
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from .sniff import HEAD_BYTES, Dialect
+
+_BLOCK = 4 << 20
+_MAX_LINE = 16 << 20
+_MAX_QUOTED = 1 << 20  # bytes and lines of one quoted cell; beyond, the quote is taken to be stray
+_MAX_QUOTED_LINES = 100
+
+
+@dataclass(slots=True)
+class Block:
+    """Whole rows of the file, each ended by a line feed."""
+
+    data: bytes
+    first_line: int
+    lines: int
+    delimiter: str
+
+    def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Positions of all line feeds, and of those that end a row."""
+        text = np.frombuffer(self.data, np.uint8)
+        feeds = np.flatnonzero(text == 10)
+        quotes = np.flatnonzero(text == 34)
+        if not (np.searchsorted(quotes, feeds) % 2).any():
+            return feeds, feeds
+        inside = np.zeros(len(feeds), bool)
+        for m in _quoted(self.delimiter).finditer(self.data):
+            a, b = np.searchsorted(feeds, m.span())
+            inside[a:b] = True
+        return feeds, feeds[~inside]
+
+    def rows(self) -> NDArray[np.int64]:
+        """Start, end and line number of each row that is not blank, shape (n, 3)."""
+        feeds, ends = self.ends()
+        starts = np.concatenate(([0], ends[:-1] + 1))
+        lines = self.first_line + np.searchsorted(feeds, starts)
+        return np.column_stack((starts, ends, lines))[ends > starts]
+
+
+@dataclass(slots=True)
+class Lines:
+    """One pass over the data rows of a file, after preamble and header."""
+
+    path: Path
+    dialect: Dialect
+    max_inflated: int
+    cut_off: tuple[int, str] | None = None  # line and text of a row that damaged gzip ended in
+    damage: str = ""  # what is wrong with the compression
+    open_end: bool = False  # the last line has no line end
+    _held: bytes = field(default=b"")
+
+    def blocks(self) -> Iterator[Block]:
+        """The rows in blocks, in order.
+
+        Raises:
+            UserError: where a quote does not close, a line has no end, or gzip inflates too far.
+        """
+        delimiter = "\t" if self.dialect.delimiter == " " else self.dialect.delimiter
+        rest = b""
+        line, skip = 1, self.dialect.first_line - 1
+        chunks = self._text()
+        done = False
+        while not done:
+            chunk = next(chunks, None)
+            done = chunk is None
+            data = rest + chunk if chunk is not None else rest
+            if skip:
+                if not done and data.count(b"\n") < skip:
+                    rest = data
+                    continue
+                at = 0
+                for _ in range(skip):
+                    at = data.find(b"\n", at) + 1
+                data, line, skip = data[at:], line + skip, 0
+            if done and data and not data.endswith(b"\n"):
+                data = self._close(data, line)
+            cut = self._cut(data, line, done, delimiter)
+            whole, rest = data[:cut], data[cut:]
+            if whole:
+                block = Block(whole, line, whole.count(b"\n"), delimiter)
+                line += block.lines
+                if self.dialect.delimiter == " ":
+                    spaced = re.sub(rb"[ \t]+", b"\t", whole)
+                    block.data = re.sub(rb"(?m)^\t|\t$", b"", spaced)
+                yield block
+
+    def _close(self, data: bytes, line: int) -> bytes:
+        """The file's end, with the line end that it lacks or without what damage cut."""
+        if not self.damage:
+            self.open_end = True
+            return data + b"\n"
+        at = data.rfind(b"\n") + 1
+        self.cut_off = line + data.count(b"\n"), data[at:].decode("utf-8", "replace")
+        return data[:at]
+
+    def _cut(self, data: bytes, line: int, done: bool, delimiter: str) -> int:
+        """Where the last whole row of `data` ends."""
+        end = data.rfind(b"\n") + 1
+        if b'"' in data and (done or data.count(b'"', 0, end) % 2):
+            end = self._cut_quoted(data, line, done, delimiter)
+        if len(data) - end > _MAX_LINE:
+            raise UserError(
+                f"{self.path}: line {line + data.count(10)} is longer than {_MAX_LINE >> 20} MiB",
+                "give a text log with one row per line",
+            )
+        return end
+
+    def _cut_quoted(self, data: bytes, line: int, done: bool, delimiter: str) -> int:
+        last = len(data)
+        for m in _quoted(delimiter).finditer(data):
+            size = m.end() - m.start()
+            closed = size > 1 and data[m.end() - 1] == 34 and (done or m.end() < len(data))
+            lines = data.count(b"\n", *m.span())
+            if size > _MAX_QUOTED or lines > _MAX_QUOTED_LINES or (done and not closed):
+                raise UserError(
+                    f"{self.path}: the quote opened in line "
+                    f"{line + data.count(10, 0, m.start())} does not close",
+                    "mend the quotes in that line",
+                )
+            if not closed:
+                last = m.start()
+        return data.rfind(b"\n", 0, last) + 1
+
+    def _text(self) -> Iterator[bytes]:
+        """The file as UTF-8 with line feeds, in chunks."""
+        decoder = None
+        if self.dialect.encoding != "utf-8":
+            decoder = codecs.getincrementaldecoder(self.dialect.encoding)("replace")
+        bom = self.dialect.bom
+        held = b""
+        for raw in self._bytes():
+            chunk, bom = raw[bom:], 0
+            if decoder:
+                chunk = decoder.decode(chunk).encode()
+            if held or b"\r" in chunk:
+                chunk = held + chunk
+                held = b"\r" if chunk.endswith(b"\r") else b""
+                chunk = chunk[: len(chunk) - len(held)]
+                chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            yield chunk
+        if held:
+            yield b"\n"
+
+    def _bytes(self) -> Iterator[bytes]:
+        if not is_gzip(self.path):
+            with self.path.open("rb") as file:
+                while chunk := file.read(_BLOCK):
+                    yield chunk
+            return
+        total = 0
+        parts: list[bytes] = []
+        with gzip.open(self.path) as file:
+            more = b"-"
+            while more:
+                try:
+                    more = file.read1(_BLOCK)
+                except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+                    self.damage, more = str(error), b""
+                total += len(more)
+                if total > self.max_inflated:
+                    raise UserError(
+                        f"{self.path}: inflates to more than {self.max_inflated >> 20} MiB",
+                        "raise the limit on inflated bytes if the file can be trusted",
+                    )
+                parts.append(more)
+                if not more or sum(map(len, parts)) >= _BLOCK:
+                    yield b"".join(parts)
+                    parts.clear()
+
+
+def _quoted(delimiter: str) -> re.Pattern[bytes]:
+    """A quoted cell: the quote opens it only at the start of the cell."""
+    d = re.escape(delimiter.encode())
+    return re.compile(rb"(?<![^\n" + d + rb'])"[^"]*(?:""[^"]*)*(?:"|\Z)')
+
+
+def is_gzip(path: Path) -> bool:
+    """Whether the file is gzip by its first bytes."""
+    with path.open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
+def read_head(path: Path) -> tuple[bytes, bool, float]:
+    """First bytes of the (decompressed) file, whether that is all, and an estimate of its size.
+
+    Raises:
+        UserError: where there is no such file, nothing in it, or it cannot be read.
+    """
+    try:
+        if not path.is_file():
+            missing = not path.exists()
+            raise UserError(
+                f"{path}: {'no such file' if missing else 'is not a file'}", "check the path"
+            )
+        size = float(path.stat().st_size)
+        if is_gzip(path):
+            size *= 4  # usual for columns of numbers
+            with gzip.open(path) as file:
+                head = _read_until_damage(file)
+        else:
+            with path.open("rb") as file:
+                head = file.read(HEAD_BYTES + 1)
+    except (gzip.BadGzipFile, zlib.error) as error:
+        raise UserError(f"{path}: gzip data are damaged: {error}", "fetch the file again") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
+    if not head.strip():
+        raise UserError(f"{path}: is empty", "give a log with a header and data rows")
+    complete = len(head) <= HEAD_BYTES
+    return head[:HEAD_BYTES], complete, len(head) if complete else size
+
+
+def _read_until_damage(file: Any) -> bytes:
+    head = b""
+    while len(head) <= HEAD_BYTES:
+        try:
+            more = file.read1(HEAD_BYTES + 1 - len(head))
+        except (EOFError, gzip.BadGzipFile, zlib.error):
+            if not head:
+                raise
+            break
+        if not more:
+            break
+        head += more
+    return head
