@@ -1,0 +1,309 @@
+"""Offline reference of the adhesion force, F = φK + ω̇/a, with its uncertainty.
+
+Not causal and not truth: noise and smoothing leave `sigma`, the vehicle's tolerances widen it to
+the 95 % band. Where the wheel stands there is no reference: friction then is anything up to φK, and
+(1) does not say what.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import smoother
+from .errors import unknown
+from .model import AxleRecord, Bools, Floats, Reference, Vehicle, Wheelset
+from .physics import wheelset
+
+_STANDING = 0.2  # wheel speed that counts as standing [rad/s]
+_STOP = 0.3  # shortest standstill [s]: a quick pass through zero is none
+_FIT = 30_000  # samples that the noise levels are fitted to
+_BLOCK = 2_000  # consecutive samples fitted together
+_SMALL = 100.0  # clamping force below which nothing is braked [N]
+_SLOWEST = 0.2  # longest interval at which slides are looked for [s]
+_CLEARLY = 15.0  # nats by which they must be likelier
+_LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
+_START = np.array([0.9, 0.05, 0.05])
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What a method finds for one run of a rolling or sliding wheel; columns of shape (n,)."""
+
+    clamping_force: Floats  # K [N], its noise removed as far as the method does that
+    acceleration: Floats  # ω̇ [rad/s²]
+    sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to compute the reference."""
+
+    text: str
+    source: str
+    shortest: int  # samples that a run must have
+    parts: Callable[..., list[Parts]]  # (runs, wheelset, **settings), one result per run
+
+
+def compute(
+    record: AxleRecord, vehicle: Vehicle, method: str = "smoother", **settings: Any
+) -> Reference:
+    """Reference adhesion force over all segments, each on its own.
+
+    Force, sigma and band are NaN where there is none: in a segment shorter than the method's
+    `shortest`, and where the wheel stands.
+
+    Args:
+        record: one axle's record; takes K interpolated, the steps as they are.
+        vehicle: its values give F, its tolerances the band.
+        method: a name from `METHODS`.
+        settings: the method's own, see there.
+
+    Raises:
+        UserError: the method is not known.
+    """
+    if method not in METHODS:
+        raise unknown("reference", method, list(METHODS))
+    w = wheelset(vehicle, record.axle)
+    slices = [s for s in _moving(record) if s.stop - s.start >= METHODS[method].shortest]
+    runs = [_cut(record, s) for s in slices]
+    force, sigma, half = (np.full(len(record), np.nan) for _ in range(3))
+    for s, parts in zip(slices, METHODS[method].parts(runs, w, **settings), strict=True):
+        force[s] = w.phi * parts.clamping_force + parts.acceleration / w.a  # (1)
+        sigma[s] = parts.sigma
+        half[s] = 1.96 * np.hypot(parts.sigma, _tolerance(record, vehicle, parts))
+    return Reference(method, METHODS[method].source, force, sigma, force - half, force + half)
+
+
+def standing(record: AxleRecord) -> Bools:
+    """Where the wheel stands, longer than it takes to pass through zero; shape (n,)."""
+    still = np.abs(record.wheel_speed) <= max(_STANDING, record.wheel_speed_step / 2.0)
+    found = np.zeros(len(record), dtype=bool)
+    for s in record.segments:
+        edges = np.flatnonzero(np.diff(still[s], prepend=False, append=False)) + s.start
+        for first, past in zip(edges[::2], edges[1::2], strict=True):
+            found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
+    return found
+
+
+def _moving(record: AxleRecord) -> list[slice]:
+    """The segments without the times in which the wheel stands."""
+    moves = ~standing(record)
+    found = []
+    for s in record.segments:
+        edges = np.flatnonzero(np.diff(moves[s], prepend=False, append=False)) + s.start
+        found += [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return found
+
+
+def _cut(record: AxleRecord, s: slice) -> AxleRecord:
+    return AxleRecord(
+        record.axle, record.t[s], record.clamping_force[s], record.clamping_force_smooth[s],
+        record.wheel_speed[s], (slice(0, s.stop - s.start),), record.wheel_speed_step,
+    )  # fmt: skip
+
+
+def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
+    """1 sigma of F = φK + I ω̇/R from the vehicle's tolerances, first order [N].
+
+    Every parameter varies on its own, at measured ω and p (or K, where the log has that itself:
+    then the cylinder does not matter). A speed in m/s or km/h is ω R already: the reader has
+    divided by R, and an error in R counts twice there; the band takes it once.
+    """
+    K, dw = parts.clamping_force, parts.acceleration
+    R, I, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction  # noqa: E741
+    terms: list[Floats] = [
+        K * phi.tolerance,
+        dw / R.value * I.tolerance,
+        dw * I.value / R.value**2 * R.tolerance,
+    ]
+    if record.pressure is not None:
+        chain = [vehicle.discs, vehicle.efficiency, vehicle.lever_ratio, vehicle.radius_ratio]
+        ratio = math.prod(x.value for x in chain)  # K over the piston's force          (15)
+        piston = K + np.where(K > 0.0, ratio * vehicle.spring_force.value, 0.0)
+        d = vehicle.cylinder_diameter
+        terms += [phi.value * K * x.tolerance / x.value for x in chain]
+        terms += [
+            phi.value * piston * 2.0 * d.tolerance / d.value,
+            phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0),
+        ]
+    total: Floats = np.sqrt(np.sum(np.square(terms), axis=0))
+    return total
+
+
+# Smoother: rolling, sliding, changing
+
+
+def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
+    """Rauch, Tung and Striebel's smoother for a wheel that rolls or slides, its noise fitted.
+
+    What is smooth depends on the wheel. While it rolls, the train's mass holds ω̇ and F follows
+    φK at once: ω̇ = −aφK(1 − rolling) + δ with a slow δ. While it slides, the rail's adhesion is
+    slow and ω̇ follows φK: δ takes up every change of aφK·rolling. In between (adhesion found or
+    lost) F jumps. Nothing is assumed about where: the data decide. A wrong φ, I or m only makes δ
+    rougher; F is φK + ω̇/a of the estimated ω̇ in every regime.
+    """
+    if not runs:
+        return []
+    clamping = _clamping(runs)
+    scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
+    wheel = [
+        smoother.Run(
+            _seconds(r), r.wheel_speed, -w.a * w.phi * (1.0 - w.rolling) * k.level,
+            w.a * w.phi * w.rolling * k.level,
+        )
+        for r, k in zip(runs, clamping, strict=True)
+    ]  # fmt: skip
+    floor = runs[0].wheel_speed_step ** 2 / 12.0 + 1e-12
+    rolling = smoother.Noise(_white([r.y for r in wheel]), 1e-3, scale**2 * np.array([1e-5]))
+    changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
+    fitted, regimes = _fit_either(wheel, floor, scale, rolling, changing)
+    return [
+        Parts(k.level, x.rate, np.hypot(x.rate_sigma / w.a, w.phi * k.level_sigma))
+        for k, x in zip(
+            clamping, (smoother.smooth(run, regimes, fitted) for run in wheel), strict=True
+        )
+    ]
+
+
+def _fit_either(
+    runs: list[smoother.Run], floor: float, scale: float,
+    rolling: smoother.Noise, changing: smoother.Noise,
+) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
+    """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
+
+    A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
+    """
+    some = _sample(runs)
+    one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), scale + 1.0)
+    only, likely = smoother.fit(some, one, floor, rolling, [2.0, 2.0, 2.0])
+    if _step(runs) > _SLOWEST:
+        return only, one
+    three = smoother.Regimes(
+        np.array([0.0, 1.0, 1.0]), _LEAVE, 0.3 * scale * (1.0 - np.eye(3)), _START, scale + 1.0
+    )
+    both, likelier = smoother.fit(some, three, floor, changing, [2.0] * 5)
+    return (both, three) if likelier - likely > _CLEARLY else (only, one)
+
+
+def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
+    """K without its noise: held, moving, or stepping (then it is taken as measured)."""
+    pressed = []
+    for r in runs:
+        # a sample of the pressure's own, not one interpolated to the wheel's times
+        own = (np.diff(r.clamping_force, prepend=np.nan) != 0.0) | (
+            r.clamping_force == r.clamping_force_smooth
+        )
+        own[-1] = True
+        none = np.zeros(len(r))
+        pressed.append(
+            smoother.Run(_seconds(r), np.where(own, r.clamping_force_smooth, np.nan), none, none)
+        )
+    scale = max(max(float(np.nanmax(np.abs(r.y))) for r in pressed), _SMALL)
+    step = _step(pressed)
+    guess = smoother.Noise(
+        _white([r.y for r in pressed]), 0.0, scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
+    )
+    regimes = smoother.Regimes(
+        np.zeros(3), _LEAVE, 3.0 * scale * (1.0 - np.eye(3)), _START, 3.0 * scale
+    )
+    floor = (1e-5 * scale) ** 2  # no transducer is better, and no variance may be zero
+    noise, _ = smoother.fit(_sample(pressed), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
+    return [smoother.smooth(run, regimes, noise) for run in pressed]
+
+
+def _seconds(run: AxleRecord) -> Floats:
+    since: Floats = (run.t - run.t[0]) * 1e-9
+    return since
+
+
+def _peak(clamping: list[smoother.Smooth]) -> float:
+    return max(float(np.max(np.abs(k.level))) for k in clamping)
+
+
+def _step(runs: list[smoother.Run]) -> float:
+    """Median interval between measurements [s]."""
+    return float(np.median(np.concatenate([np.diff(r.t[~np.isnan(r.y)]) for r in runs])))
+
+
+def _white(columns: list[Floats]) -> float:
+    """Variance of white noise, from the median bend over three neighbours (NaN left out)."""
+    bends = np.concatenate([np.abs(np.diff(y[~np.isnan(y)], 2)) for y in columns])
+    return float(np.median(bends) / 0.6745) ** 2 / 6.0 if len(bends) else 0.0
+
+
+def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
+    """The runs, or blocks of them spread evenly, for the fit."""
+    if sum(len(r.t) for r in runs) <= _FIT:
+        return runs
+    blocks = [
+        smoother.Run(*(column[i : i + _BLOCK] for column in r))
+        for r in runs
+        for i in range(0, len(r.t), _BLOCK)
+    ]
+    every = np.linspace(0, len(blocks) - 1, min(_FIT // _BLOCK, len(blocks)))
+    return [blocks[i] for i in every.astype(int)]
+
+
+# Butterworth: the paper's way
+
+
+def _butterworth(
+    runs: list[AxleRecord], w: Wheelset, cutoff: float = 2.0, order: int = 2
+) -> list[Parts]:
+    """Zero-phase Butterworth low pass on ω, differentiated; φK unfiltered.
+
+    Each run is resampled to its median interval, filtered forwards and backwards, and put back to
+    its own times. Sigma is what the filter lets through of the noise it removed, taken as white.
+
+    Args:
+        runs: the runs.
+        w: constants of the wheelset.
+        cutoff: −3 dB frequency of one pass [Hz]; at most 0.4 of the rate.
+        order: order of one pass.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    found = []
+    for run in runs:
+        t = _seconds(run)
+        n = len(t)
+        even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
+        rate = (len(even) - 1) / t[-1]
+        sos = butter(order, min(cutoff, 0.4 * rate), fs=rate, output="sos")
+        pad = min(len(even) - 1, round(3.0 * rate / min(cutoff, 0.4 * rate)))
+        speed = np.interp(even, t, run.wheel_speed)
+        smooth = sosfiltfilt(sos, speed, padlen=pad)
+        pulse = np.zeros(2 * pad + 3)
+        pulse[pad + 1] = 1.0
+        kernel = np.gradient(sosfiltfilt(sos, pulse, padlen=0), 1.0 / rate)
+        removed = float(np.std(run.wheel_speed - np.interp(t, even, smooth)))
+        noise = max(removed, run.wheel_speed_step / math.sqrt(12.0))
+        speed_sigma = noise * math.sqrt(kernel @ kernel)
+        pressed_sigma = math.sqrt(_white([run.clamping_force_smooth]))
+        found.append(
+            Parts(
+                run.clamping_force_smooth,
+                np.interp(t, even, np.gradient(smooth, 1.0 / rate)),
+                np.full(n, math.hypot(speed_sigma / w.a, w.phi * pressed_sigma)),
+            )
+        )
+    return found
+
+
+METHODS: dict[str, Method] = {
+    "smoother": Method(
+        "Rauch-Tung-Striebel smoother with rolling, sliding and changing regimes",
+        "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
+        3,
+        _smoother,
+    ),
+    "butterworth": Method(
+        "zero-phase Butterworth low pass on the wheel speed, differentiated",
+        "Wu, Peng, Li, section 4",
+        8,
+        _butterworth,
+    ),
+}
