@@ -35,6 +35,7 @@ _ESTIMATORS = (
     0xEBD03CFF, 0xFF8FB3FF, 0xA8794FFF, 0x8BD450FF, 0x7C83FFFF,
 )  # fmt: skip
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_MARKDOWN = rr.MediaType.MARKDOWN
 _ROWS = 1 << 18  # rows sent at once
 _GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
 
@@ -127,7 +128,6 @@ class _Page:
         started = [int(a.record.t[a.applications[0].start]) for a in result.axles if a.applications]
         self.start = result.log.start_ns()
         self.zero = min(started, default=self.start)  # brake start
-        self.braked = bool(started)
         points = sum(len(a.record) * (2 * len(a.estimates) + 7) for a in result.axles)
         self.large = points > OVERVIEW_FROM
 
@@ -144,12 +144,13 @@ class _Page:
                 if self.large:
                     whole = f"{self.root}/overview/{path}/{plot.name}"
                     rows += self._send_plot(rec, whole, *_envelope(t, plot))
-            rows += self._send_brake(rec, f"{self.root}/{path}/brake", axle)
+            scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=_MARKDOWN)
+            rec.log(f"{self.root}/{path}/scores", scores, static=True)
             if axle.slip is not None:
                 _send_scatter(rec, f"{self.root}/{path}/slip", axle, self.result)
         rows += self._send_events(rec)
-        text = rr.TextDocument(_summary(self.result), media_type=rr.MediaType.MARKDOWN)
-        rec.log(f"{self.root}/summary", text, static=True)
+        for name, text in (("summary", _summary(self.result)), ("about", _about(self.result))):
+            rec.log(f"{self.root}/{name}", rr.TextDocument(text, media_type=_MARKDOWN), static=True)
         return rows
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
@@ -168,9 +169,9 @@ class _Page:
             return np.where(inside, column(values), np.nan)
 
         radius = self.result.vehicle.radius(record.axle).value
-        speeds = [("wheel [km/h]", _WHEEL, column(record.wheel_speed, radius * 3.6))]
+        speeds = [("wheel", _WHEEL, column(record.wheel_speed, radius * 3.6))]
         if record.train_speed is not None:
-            speeds.insert(0, ("train [km/h]", _TRAIN, column(record.train_speed, 3.6)))
+            speeds.insert(0, ("train", _TRAIN, column(record.train_speed, 3.6)))
         yield _lines("speed", speeds)
         brake = [("clamping force K [kN]", _CLAMPING, column(record.clamping_force, 1e-3))]
         if record.pressure is not None:
@@ -180,18 +181,18 @@ class _Page:
 
         lower, upper = computed(reference.lower), computed(reference.upper)
         yield _Plot(
-            "force/band", ("95 % band of the reference [N]",), (_REFERENCE,),
+            "force/band", ("95 % band",), (_REFERENCE,),
             (lower + upper)[:, None] / 2, (upper - lower)[:, None] / 2, (0.0,),
         )  # fmt: skip
         yield _Plot(
-            "force/reference", ("reference, ± 1 sigma of its noise [N]",), (_REFERENCE,),
-            computed(reference.force)[:, None], computed(reference.sigma)[:, None], (2.5,),
+            "force/reference", ("reference ± 1 sigma",), (_REFERENCE,),
+            computed(reference.force)[:, None], computed(reference.sigma)[:, None], (1.0,),
         )  # fmt: skip
         if record.truth is not None:
-            yield _lines("force/truth", [("truth [N]", _TRUTH, computed(record.truth))], 2.5)
+            yield _lines("force/truth", [("truth", _TRUTH, computed(record.truth))])
         algos = [a for a in self.colours if a in axle.estimates]
-        estimates = [(f"{a} [N]", self.colours[a], computed(axle.estimates[a])) for a in algos]
-        errors = [(f"{a} [N]", self.colours[a], computed(axle.error(a))) for a in algos]
+        estimates = [(a, self.colours[a], computed(axle.estimates[a])) for a in algos]
+        errors = [(a, self.colours[a], computed(axle.error(a))) for a in algos]
         if algos:
             yield _lines("force/estimates", estimates)
             yield _lines("error", errors)
@@ -212,21 +213,6 @@ class _Page:
             rec.send_columns(path, self._times(t[part]), data)
         return len(t)
 
-    def _send_brake(self, rec: rr.RecordingStream, path: str, axle: AxleResult) -> int:
-        t = axle.record.t
-        edges = [int(t[i]) for s in axle.applications for i in (s.start, s.stop - 1)]
-        states = ["applied", "released"] * len(axle.applications)
-        if not edges:
-            return 0
-        look = rr.StateConfiguration(
-            values=["applied", "released"], labels=["brake applied", "released"],
-            colors=np.array([_CLAMPING, 0x5A5A5AFF], np.uint32),
-        )  # fmt: skip
-        rec.log(path, look, static=True)
-        times = np.array(edges, np.int64)
-        rec.send_columns(path, self._times(times), rr.StateChange.columns(state=states))
-        return len(times)
-
     def _send_events(self, rec: rr.RecordingStream) -> int:
         events = [
             (self.start + round((f.first_s or 0.0) * 1e9), _LEVEL[f.severity], _finding(f))
@@ -241,7 +227,8 @@ class _Page:
             return 0
         events.sort(key=lambda e: e[0])
         times, levels, texts = zip(*events, strict=True)
-        data = rr.TextLog.columns(text=texts, level=levels)
+        told = [f"{(t - self.zero) / 1e9:+.2f} s  {x}" for t, x in zip(times, texts, strict=True)]
+        data = rr.TextLog.columns(text=told, level=levels)
         rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
         return len(events)
 
@@ -253,7 +240,11 @@ class _Page:
         if self.large:
             full = [self._axle_tab(a, "") for a in self.result.axles]
             tabs.append(rrb.Tabs(*full, name="Full data"))
-        summary = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Summary")
+        summary = rrb.Horizontal(
+            rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings"),
+            rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made"),
+            name="Summary",
+        )
         return rrb.Tabs(*tabs, summary, name=self.title)
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
@@ -267,24 +258,34 @@ class _Page:
         ]
         shares = [3.0, 3.0, 6.0]
         if axle.estimates:
-            rows.append(_chart(f"{path}/error", f"Axle {N}: estimate minus {against} [N]"))
+            rows.append(
+                _chart(f"{path}/error", f"Axle {N}: estimate minus {against} [N]", legend=False)
+            )
             shares.append(3.0)
-        if axle.applications:
-            rows.insert(0, _states(f"{exact}/brake", f"Axle {N}: brake"))
-            shares.insert(0, 1.3)
         side: list[rrb.View] = []
+        shares_beside: list[float] = []
         if axle.slip is not None:
             side.append(
                 rrb.Spatial2DView(
-                    origin=f"{exact}/slip", name=f"Axle {N}: adhesion coefficient over slip",
+                    origin=f"{exact}/slip", name=f"Axle {N}: adhesion coefficient µ over slip [%]",
                     visual_bounds=_bounds(), background=_BACKGROUND,
                 )
             )  # fmt: skip
-        side.append(rrb.TextLogView(origin=f"{self.root}/events", name="Events"))
+            shares_beside.append(5.0)
+        side.append(rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"))
+        side.append(self._events())
+        shares_beside += [2.5, 4.0]
         return rrb.Horizontal(
-            rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side),
+            rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side, row_shares=shares_beside),
             column_shares=[7, 3], name=f"Axle {N}",
         )  # fmt: skip
+
+    def _events(self) -> rrb.View:
+        columns = rrb.TextLogColumns(
+            timeline_columns=[rrb.encodings.TimelineColumn("time", visible=False)],  # in the body
+            text_log_columns=["LogLevel", "Body"],
+        )
+        return rrb.TextLogView(origin=f"{self.root}/events", name="Events", columns=columns)
 
 
 def _lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5) -> _Plot:
@@ -356,17 +357,11 @@ class _Layout(rrb.Blueprint):
         stream.log(f"{_GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
 
 
-def _chart(origin: str, name: str) -> rrb.View:
+def _chart(origin: str, name: str, *, legend: bool = True) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
-        plot_legend=rrb.PlotLegend(corner="RightTop"),
+        plot_legend=rrb.PlotLegend(corner="RightTop", visible=legend),
     )  # fmt: skip
-
-
-def _states(origin: str, name: str) -> rrb.View:
-    return rrb.StateTimelineView(
-        origin=origin, name=name, time_view=rrb.TimeAxis(link="LinkToGlobal")
-    )
 
 
 # ---- slip over adhesion: Rerun has no such chart, so its axes are drawn as lines and labels
@@ -374,10 +369,11 @@ def _states(origin: str, name: str) -> rrb.View:
 _WIDTH, _HEIGHT = 150.0, 100.0  # of the plotted area, in scene units; y points down
 _LEAST, _MOST = -0.1, 1.0  # slips shown; a wheel at the limit of observation can say anything
 _BACKGROUND = [16, 18, 20]
+_AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time
 
 
 def _bounds() -> rrb.VisualBounds2D:
-    return rrb.VisualBounds2D(x_range=[-25, _WIDTH + 10], y_range=[-_HEIGHT - 15, 28])
+    return rrb.VisualBounds2D(x_range=[-18, _WIDTH + 8], y_range=[-_HEIGHT - 14, 24])
 
 
 def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: Result) -> None:
@@ -401,10 +397,7 @@ def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: 
     rec.log(f"{path}/grid", rr.LineStrips2D(grid, colors=0x4A4A4AFF, radii=0.15), static=True)
     texts = [f"{v:g}" for v in xs] + [f"{v:g}" for v in ys]
     places = [(a, 5.0) for a in x(xs)] + [(-8.0, b) for b in y(ys)]
-    notes = ["slip [%]", "µ [-]"]
-    spots = [(_WIDTH / 2, 13.0), (-8.0, -_HEIGHT - 9.0)]
-    notes.append("from dark to bright: start to end of the log")
-    spots.append((_WIDTH / 2, 21.0))
+    notes, spots = ["blue: start of the log, yellow: end"], [(_WIDTH / 2, 14.0)]
     if outside:
         notes.append(f"{outside} points outside {_LEAST:.0%} to {_MOST:.0%} slip not shown")
         spots.append((_WIDTH / 2, -_HEIGHT - 9.0))
@@ -412,8 +405,8 @@ def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: 
         [*places, *spots], labels=[*texts, *notes], radii=0.0, show_labels=True, colors=0xD0D0D0FF
     )
     rec.log(f"{path}/labels", labels, static=True)
-    age = np.linspace(0.0, 1.0, len(s))[:, None]
-    colours = (1 - age) * np.array([35, 75, 140]) + age * np.array([255, 205, 70])
+    age = np.linspace(0.0, 1.0, len(s))
+    colours = np.stack([np.interp(age, [0.0, 0.5, 1.0], c) for c in _AGES], axis=1)
     points = rr.Points2D(np.stack([x(s), y(mu)], 1), radii=0.45, colors=colours.astype(np.uint8))
     rec.log(f"{path}/points", points, static=True)
 
@@ -432,23 +425,40 @@ def _ticks(values: Floats, least: float) -> Floats:
 
 
 def _summary(result: Result) -> str:
-    log = result.log
-    lines = [f"# {_plain(Path(log.path).name)}", ""]
-    for axle in result.axles:
-        lines += [f"## Axle {axle.record.axle}", "", *_scores(axle.scores), ""]
+    lines = [f"# {_plain(Path(result.log.path).name)}", ""]
     lines += ["## Findings", ""]
     lines += [f"- **{f.severity}** {_plain(_finding(f))}" for f in result.findings] or ["none"]
-    lines += [
-        "", "## Colours", "",
+    for axle in result.axles:
+        lines += ["", f"## Axle {axle.record.axle}", "", *_scores(axle.scores)]
+    return "\n".join(lines)
+
+
+def _about(result: Result) -> str:
+    methods = sorted({a.reference.method for a in result.axles})
+    lines = [
+        "## What the lines mean",
+        "",
         "Grey is the reference: the wide band holds the truth with 95 %, vehicle tolerances "
-        "included; the narrow one is one sigma of its noise. Green is the truth, where the log has "
-        "it. Each estimator has its own colour everywhere. A gap in a line is a gap in the data.",
-        "", "Time counts from the first brake application; the wall clock is the timeline `clock`.",
-        "", "## Settings", "", "| setting | value |", "|---|---|",
-    ]  # fmt: skip
-    lines += [f"| {_plain(k)} | {_plain(v)} |" for k, v in names.flat(result.settings).items()]
-    lines += ["", "## Sources", "", *(f"- {_plain(s)}" for s in result.sources), ""]
-    lines += [f"Input `{log.sha256}`"]
+        "included; the narrow one is one sigma of its noise. Green is the truth, where the log "
+        "has it. Each estimator has its own colour everywhere. A gap in a line is a gap in the "
+        "data.",
+        "",
+        "Time counts from the first brake application; the timeline `clock` is the log's own.",
+        "",
+        f"Reference: {', '.join(map(_plain, methods))}.",
+        "",
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *(f"| {_plain(k)} | {_plain(v)} |" for k, v in names.flat(result.settings).items()),
+        "",
+        "## Sources",
+        "",
+        *(f"- {_plain(s)}" for s in result.sources),
+        "",
+        f"SHA-256 of the log: `{result.log.sha256}`",
+    ]
     return "\n".join(lines)
 
 

@@ -1,0 +1,200 @@
+"""A set of output files appears complete under its names, or not at all.
+
+What is written has no name until everything is written, checked and on the disk: on Linux the files
+are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere they are hidden files
+beside the target, removed at the end of the run unless it was killed.
+
+Several files cannot get their names in one stroke. The first of a set is the record, the others are
+made from it. When a set replaces an older one, the old manifest and the old others go first, then
+the record is replaced in one stroke, then the new others appear, the manifest last:
+
+    old record, old others, manifest → old record → new record → new record, new others, manifest
+
+A run killed in between leaves one of these states: never new beside old, never a part of a file,
+and no manifest (`<stem>.sha256`, which `sha256sum -c` reads) unless the set is whole.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from ..errors import UserError
+from ..text import printable
+
+try:
+    import fcntl
+except ImportError:  # Windows: runs that share an output are not kept apart there
+    fcntl = None  # type: ignore[assignment]
+
+
+def check(paths: Sequence[Path], *, inputs: Sequence[Path] = (), force: bool = False) -> None:
+    """Refuse before the long work what could not be written after it.
+
+    Args:
+        paths: everything the run will write.
+        inputs: what it reads, which must survive.
+        force: whether existing results may be replaced.
+
+    Raises:
+        UserError: a target folder is missing or read-only, a result exists already, an output is
+            an input (by whatever name), or two outputs have one name.
+    """
+    seen: set[Path] = set()
+    for path in paths:
+        if not path.parent.is_dir():
+            raise UserError(f"{_shown(path.parent)}: no such folder", "create it or choose --out")
+        if not os.access(path.parent, os.W_OK | os.X_OK):
+            raise UserError(
+                f"{_shown(path.parent)}: the folder cannot be written to",
+                "choose another with --out",
+            )
+        place = path.parent.resolve() / path.name
+        if place in seen:
+            raise UserError(
+                f"{_shown(path)}: two inputs would give this one result",
+                "run them one by one, each with its own --out",
+            )
+        seen.add(place)
+        for source in inputs:
+            if path.exists() and source.exists() and path.samefile(source):
+                raise UserError(
+                    f"{_shown(path)}: is the input itself", "choose another folder with --out"
+                )
+        if path.is_dir():
+            raise UserError(f"{_shown(path)}: is a folder", "choose another place with --out")
+    if not force:
+        _refuse_existing(paths)
+
+
+@contextmanager
+def outputs(
+    paths: Sequence[Path], *, inputs: Sequence[Path] = (), force: bool = False
+) -> Iterator[list[Path]]:
+    """Places to write to; on leaving without an exception they get their names, all or none.
+
+    With several files a manifest of their SHA-256 is written beside them.
+
+    Args:
+        paths: final names, in one folder; the first is the record the others are made from.
+        inputs: what the run reads, which must survive.
+        force: whether existing results may be replaced.
+
+    Yields:
+        One path to write to for each final name. They may have no suffix.
+
+    Raises:
+        UserError: as `check`, or the disk is full, fails or refuses.
+    """
+    check(paths, inputs=inputs, force=force)
+    folder = paths[0].parent
+    assert all(p.parent == folder for p in paths)
+    manifest = [folder / f"{paths[0].stem}.sha256"] if len(paths) > 1 else []
+    try:
+        with ExitStack() as stack:
+            files = [stack.enter_context(_Unnamed(folder)) for _ in paths]
+            yield [f.path for f in files]
+            if manifest:
+                files.append(stack.enter_context(_Unnamed(folder)))
+                files[-1].path.write_text(_manifest(paths, files), "utf-8")
+            for file in files:
+                os.fsync(file.descriptor)
+            with _locked(folder):
+                if not force:
+                    _refuse_existing(paths)  # another run was faster
+                for path in [*manifest, *paths[:0:-1]]:
+                    path.unlink(missing_ok=True)
+                for path, file in zip([*paths, *manifest], files, strict=True):
+                    file.publish(path)
+    except OSError as error:
+        raise UserError(
+            f"{_shown(folder)}: cannot write the results ({error.strerror or error})",
+            "free space there or choose another folder with --out",
+        ) from error
+
+
+class _Unnamed:
+    """An open file that vanishes unless it is published."""
+
+    def __init__(self, folder: Path) -> None:
+        self.named: Path | None = None
+        try:
+            self.descriptor = os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o666)
+            self.path = Path(f"/proc/self/fd/{self.descriptor}")
+            if not self.path.exists():
+                os.close(self.descriptor)
+                raise OSError
+        except (AttributeError, OSError):  # not Linux, or a file system that has no such files
+            self.descriptor, name = tempfile.mkstemp(dir=folder, prefix=".", suffix=".part")
+            self.path = self.named = Path(name)
+
+    def __enter__(self) -> "_Unnamed":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+        if self.named:
+            self.named.unlink(missing_ok=True)
+
+    def publish(self, target: Path) -> None:
+        """Give the file its name in one stroke, whatever has that name now."""
+        if self.named:
+            self.named.chmod(0o666 & ~_umask())
+            os.close(self.descriptor)  # Windows renames no open file
+            self.descriptor = -1
+            self.named.replace(target)
+            self.named = None
+        elif os.path.lexists(target):  # a link cannot replace: take a name beside it first
+            beside = target.with_name(f".{target.name}.part")
+            beside.unlink(missing_ok=True)  # of a run killed right here
+            self._link(beside)
+            beside.replace(target)
+        else:
+            self._link(target)
+
+    def _link(self, target: Path) -> None:
+        # A directory descriptor makes Python follow the link that /proc shows.
+        os.link(self.path, target, src_dir_fd=self.descriptor, follow_symlinks=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep other runs from publishing into the folder meanwhile; then bring the names to disk."""
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _manifest(paths: Sequence[Path], files: Sequence[_Unnamed]) -> str:
+    lines = []
+    for path, file in zip(paths, files, strict=False):
+        with file.path.open("rb") as content:
+            lines.append(f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {path.name}\n")
+    return "".join(lines)
+
+
+def _umask() -> int:
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
+def _refuse_existing(paths: Sequence[Path]) -> None:
+    for path in paths:
+        if os.path.lexists(path):
+            raise UserError(f"{_shown(path)}: exists already", "add --force to replace it")
+
+
+def _shown(path: Path) -> str:
+    return printable(str(path))
