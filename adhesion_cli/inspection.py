@@ -31,7 +31,7 @@ def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], 
     except UserError as error:
         doc |= {"status": "error", "error": error.text, "hint": error.hint}
         return doc, error.code
-    findings = [*log.findings, *_of_records(log, settings)]
+    findings = list(dict.fromkeys((*log.findings, *_of_records(log, settings))))
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
     worst = {f.severity for f in findings}

@@ -17,7 +17,7 @@ LAYERS = [
     {"estimators", "compiled", "rail"},
     {"smoother"},
     {"reference"},
-    {"metrics", "read", "write"},
+    {"metrics", "read", "write", "document"},
     {"scenario"},
     {"simulate"},
     {"settings"},

@@ -87,8 +87,9 @@ def test_a_wrapped_millisecond_counter_goes_on() -> None:
 
 
 def test_numbers_that_are_none_are_counted() -> None:
-    axis = timeaxis.clean("x", column([0, 10, 20, 30], [1.0, np.nan, 2.0, 3.0]), 0)
-    assert codes(axis) == {"invalid": 1}
+    data = column([0, 10, 20, 30], [1.0, np.nan, 2.0, 3.0])
+    axis = timeaxis.clean("x", Column(data.t, data.value, np.ones(4, dtype=np.bool_)), 0)
+    assert codes(axis) == {"not-a-number": 1}
     assert axis.data.value.tolist() == [1.0, 2.0, 3.0]
 
 

@@ -15,7 +15,8 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion analyze log.mcap -c vehicle.toml
     """
-    from ..analysis import analyze, document, dumps, rows_used
+    from ..analysis import analyze
+    from ..document import document, dumps, rows_used
     from ..write import files
     from . import show
 
@@ -39,8 +40,9 @@ def command(logs: Logs, shared: Shared) -> int:
             for axle in one["axles"]:
                 r = axle["reference"]
                 print(
-                    f"axle {axle['axle']}: reference {r['method']}, noise ±{show.number(r['sigma_n'])} N"
-                    f" (1 sigma), 95 % band with vehicle tolerances ±{show.number(r['band_n'])} N"
+                    f"axle {axle['axle']}: reference {r['method']}, "
+                    f"noise ±{show.number(r['sigma_n'])} N (1 sigma), "
+                    f"95 % band with vehicle tolerances ±{show.number(r['band_n'])} N"
                 )
             print(show.scores(scores, "axle"))
             if result.findings:
@@ -81,7 +83,7 @@ def write(result: "Result", pair: tuple[Path, Path], force: bool) -> None:
 
 def embedded(results: "list[Result]") -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..analysis import document, dumps
+    from ..document import document, dumps
 
     whole: dict[str, Any] = document(results, [{} for _ in results])
     for one in whole["results"]:

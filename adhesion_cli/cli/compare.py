@@ -21,7 +21,8 @@ def command(
 
     Example: adhesion compare a.mcap b.csv --algo neso --algo leso
     """
-    from ..analysis import analyze, document, dumps
+    from ..analysis import analyze
+    from ..document import document, dumps
     from ..estimator import registry
     from ..metrics import ranked
     from ..write import files, mcap, rrd

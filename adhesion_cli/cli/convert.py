@@ -37,7 +37,7 @@ def command(
     with files.outputs([target], shared.force, inputs=[log]) as (temporary,):
         writers[target.suffix.lower()](temporary, result)
     if shared.json:
-        from ..analysis import dumps, findings_document
+        from ..document import dumps, findings_document
 
         print(dumps({
             "schema": "adhesion.convert/1", "output": str(target),

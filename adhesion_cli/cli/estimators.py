@@ -18,7 +18,7 @@ def command(
     if json:
         import json as json_module
 
-        from ..analysis import finite
+        from ..document import finite
 
         listed = [
             {

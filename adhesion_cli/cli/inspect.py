@@ -13,7 +13,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion inspect log.csv
     """
-    from ..analysis import dumps
+    from ..document import dumps
     from ..inspection import inspect
 
     seen = [inspect(log, loader(shared)) for log in logs]
@@ -35,7 +35,7 @@ def _text(doc: dict[str, Any]) -> str:
             [*lines, f"error: {printable(doc['error'])}", f"hint: {printable(doc['hint'])}"]
         )
     lines += [f"{doc['rows_read']} rows, {doc['duration_s']:.3f} s", f"time: {doc['time']}"]
-    lines += [f"{name}: {printable(str(value))}" for name, value in doc["stated"].items()]
+    lines += [f"{name}: {printable(str(value))}" for name, value in doc["stated"].items() if name != "time"]
     rows = [
         [
             c["name"], c["meaning"] or "-", show.number(c["axle"]), c["unit"] or "-",
@@ -45,8 +45,9 @@ def _text(doc: dict[str, Any]) -> str:
         for c in doc["channels"]
     ]  # fmt: skip
     header = [
-        "channel", "meaning", "axle", "unit", "Hz", "rows", "unused", "gaps", "dupl.", "back", "why",
+        "channel", "meaning", "axle", "unit", "Hz", "rows", "unused", "gaps", "dupl.", "back",
+        "why",
     ]  # fmt: skip
-    lines.append(show.table(header, [[*row[:-1], row[-1]] for row in rows], left=2))
+    lines.append(show.table(header, rows, left=2))
     found = [Finding(**f) for f in doc["findings"]]
     return "\n".join([*lines, show.findings(found)] if found else lines)

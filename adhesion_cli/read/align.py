@@ -184,7 +184,7 @@ def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
     rate = float(np.abs(np.diff(y))[regular].sum() / dt[regular].sum())
     change = np.flatnonzero(np.diff(y, prepend=np.nan) != 0)
     for a, b in zip(change, [*change[1:], len(y)], strict=True):
-        if b - a >= 4 and applied[a:b].all():
+        if b - a >= 3 and applied[a:b].all():
             expected = rate * (int(t[b - 1]) - int(t[a])) / 1e9
             if expected > max(6.0 * speed.step, 0.02 * float(y[a])):
                 frozen[a + 1 : b] = True

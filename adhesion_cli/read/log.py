@@ -155,7 +155,6 @@ def _channel(
     name = title(m.field)
     findings: list[Finding] = []
     step = _step(column.value[column.valid])
-    column = replace(column, valid=column.valid & np.isfinite(column.value))
     axis = timeaxis.clean(name, column, start, max_gap)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
     if (unit := units.unit(m.unit)) and _measures(unit, m):

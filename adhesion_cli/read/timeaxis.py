@@ -71,8 +71,9 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         if wrapped.any():
             tell("time-wrapped", f"{width} counter wrapped: continued", wrapped)
             t = t + wrap_ns * np.cumsum(wrapped)
-    usable = column.valid.copy()
-    tell("invalid", "samples without a number: left out", ~usable)
+    usable = column.valid & np.isfinite(column.value)
+    # Cells without any value are the reader's to tell; in a wide table of several rates most are.
+    tell("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
 
     # Late samples: older than the newest so far, while the clock itself goes on.
     newest = np.maximum.accumulate(t) if len(t) else t
@@ -99,7 +100,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         previous = np.zeros(len(t), dtype=np.int64)
         previous[kept] = np.concatenate([kept[:1], kept[:-1]])
         value = column.value
-        differs = same & (value != value[previous]) & column.valid & column.valid[previous]
+        differs = same & (value != value[previous]) & usable & usable[previous]
         tell("time-duplicate", "samples repeated with the same time: dropped", same & ~differs)
         # Two values for one instant: every sample of that stamp is masked, not just the later ones.
         groups = np.cumsum(~same)

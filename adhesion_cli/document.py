@@ -1,0 +1,97 @@
+"""The JSON documents that other programs read; their keys are a contract."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from .model import Finding, Floats, Result
+
+
+def document(results: Sequence[Result], outputs: Sequence[dict[str, str]]) -> dict[str, Any]:
+    """The `adhesion.result/1` document; numbers that do not exist are null."""
+    return {
+        "schema": "adhesion.result/1",
+        "results": [_one(r, o) for r, o in zip(results, outputs, strict=True)],
+    }
+
+
+def _one(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
+    log = result.log
+    used = [c for c in log.channels if c.meaning]
+    start = log.start_ns()
+    end = max((int(c.data.t.max()) for c in used if len(c.data.t)), default=start)
+    axles = []
+    for axle in result.axles:
+        ref = axle.reference
+        axles.append(
+            {
+                "axle": axle.record.axle,
+                "reference": {
+                    "method": ref.method,
+                    "sigma_n": _median(ref.sigma),
+                    "band_n": _median((ref.upper - ref.lower) / 2.0),
+                },
+                "estimators": [asdict(s) for s in axle.scores],
+            }
+        )
+    return {
+        "log": {
+            "path": log.path,
+            "format": log.format,
+            "sha256": log.sha256,
+            "start": iso(start) if log.absolute else None,
+            "duration_s": (end - start) / 1e9,
+            "rows_read": log.rows_read,
+            "rows_used": rows_used(result),
+        },
+        "outputs": outputs,
+        "axles": axles,
+        "findings": findings_document(result.findings),
+    }
+
+
+def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Findings as the JSON names them."""
+    return [asdict(f) for f in findings]
+
+
+def rows_used(result: Result) -> int:
+    """Rows or messages of the log whose time lies in some axle's segments and that hold a number."""
+    by_origin: dict[tuple[str, str], int] = {}
+    for channel in result.log.channels:
+        if not channel.meaning:
+            continue
+        kept = np.zeros(len(channel.data.t), dtype=np.bool_)
+        for axle in result.axles:
+            if channel.axle in (None, axle.record.axle):
+                for s in axle.record.segments:
+                    t = axle.record.t[s]
+                    kept |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
+        row = channel.row_of
+        by_origin[row] = max(by_origin.get(row, 0), int(kept.sum()))
+    return sum(by_origin.values())
+
+
+def finite(value: float) -> float | None:
+    """The number, None where JSON has none for it."""
+    return value if math.isfinite(value) else None
+
+
+def iso(t_ns: int) -> str:
+    """A time stamp as ISO 8601, UTC, to the microsecond."""
+    return datetime.fromtimestamp(t_ns // 1000 / 1e6, UTC).isoformat().replace("+00:00", "Z")
+
+
+def _median(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else None
+
+
+def dumps(document: dict[str, Any]) -> str:
+    """A document as JSON; a NaN in it is a mistake of ours and raises."""
+    return json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False)
