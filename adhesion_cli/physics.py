@@ -9,9 +9,11 @@ import math
 
 import numpy as np
 
-from .model import Floats, Vehicle, Wheelset
+from .model import AxleRecord, Bools, Floats, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
+_CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
+_STOP = 0.3  # and does, if it stays so for this long [s]
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
@@ -28,17 +30,47 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     """
     area = math.pi * vehicle.cylinder_diameter.value**2 / 4.0
     per_bar = vehicle.discs.value * vehicle.efficiency.value * vehicle.lever_ratio.value
-    K = per_bar * (area * pressure - vehicle.spring_force.value)                    # (15)
+    K = per_bar * (area * pressure - vehicle.spring_force.value)  # (15)
     return np.maximum(K, 0.0) * vehicle.radius_ratio.value
 
 
 def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float) -> Floats:
     """Slip s [-] from v [m/s] and ω [rad/s], shape (n,); NaN below `slowest` [m/s]. Source: (2)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = (train_speed - wheel_speed * radius) / train_speed                      # (2)
+        s = (train_speed - wheel_speed * radius) / train_speed  # (2)
     return np.where(train_speed >= slowest, s, np.nan)
 
 
 def coefficient(force: Floats, vehicle: Vehicle) -> Floats:
     """Adhesion coefficient μ = F/(m g) [-], shape (n,). Source: [S1]."""
     return force / (vehicle.axle_mass.value * G)
+
+
+def standing(record: AxleRecord) -> Bools:
+    """Where the wheel stands, and does not merely pass through zero; shape (n,).
+
+    (1) does not hold there: the brake's friction is anything up to φK.
+    """
+    still = np.abs(record.wheel_speed) <= max(_CRAWL, record.wheel_speed_step / 2.0)
+    found = np.zeros(len(record), dtype=bool)
+    for s in record.segments:
+        for first, past in true_runs(still[s]):
+            first, past = s.start + first, s.start + past
+            found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
+    return found
+
+
+def moving(record: AxleRecord) -> list[slice]:
+    """The segments without the times in which the wheel stands."""
+    moves = ~standing(record)
+    return [
+        slice(s.start + first, s.start + past)
+        for s in record.segments
+        for first, past in true_runs(moves[s])
+    ]
+
+
+def true_runs(mask: Bools) -> list[tuple[int, int]]:
+    """First and past-the-last index of each run of True in a mask of shape (n,)."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

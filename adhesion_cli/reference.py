@@ -14,11 +14,9 @@ import numpy as np
 
 from . import smoother
 from .errors import unknown
-from .model import AxleRecord, Bools, Floats, Reference, Vehicle, Wheelset
-from .physics import wheelset
+from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
+from .physics import moving, wheelset
 
-_STANDING = 0.2  # wheel speed that counts as standing [rad/s]
-_STOP = 0.3  # shortest standstill [s]: a quick pass through zero is none
 _FIT = 30_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
@@ -67,7 +65,7 @@ def compute(
     if method not in METHODS:
         raise unknown("reference", method, list(METHODS))
     w = wheelset(vehicle, record.axle)
-    slices = [s for s in _moving(record) if s.stop - s.start >= METHODS[method].shortest]
+    slices = [s for s in moving(record) if s.stop - s.start >= METHODS[method].shortest]
     runs = [_cut(record, s) for s in slices]
     force, sigma, half = (np.full(len(record), np.nan) for _ in range(3))
     for s, parts in zip(slices, METHODS[method].parts(runs, w, **settings), strict=True):
@@ -75,27 +73,6 @@ def compute(
         sigma[s] = parts.sigma
         half[s] = 1.96 * np.hypot(parts.sigma, _tolerance(record, vehicle, parts))
     return Reference(method, METHODS[method].source, force, sigma, force - half, force + half)
-
-
-def standing(record: AxleRecord) -> Bools:
-    """Where the wheel stands, longer than it takes to pass through zero; shape (n,)."""
-    still = np.abs(record.wheel_speed) <= max(_STANDING, record.wheel_speed_step / 2.0)
-    found = np.zeros(len(record), dtype=bool)
-    for s in record.segments:
-        edges = np.flatnonzero(np.diff(still[s], prepend=False, append=False)) + s.start
-        for first, past in zip(edges[::2], edges[1::2], strict=True):
-            found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
-    return found
-
-
-def _moving(record: AxleRecord) -> list[slice]:
-    """The segments without the times in which the wheel stands."""
-    moves = ~standing(record)
-    found = []
-    for s in record.segments:
-        edges = np.flatnonzero(np.diff(moves[s], prepend=False, append=False)) + s.start
-        found += [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return found
 
 
 def _cut(record: AxleRecord, s: slice) -> AxleRecord:
@@ -114,7 +91,7 @@ def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
     """
     K, dw = parts.clamping_force, parts.acceleration
     R, I, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction  # noqa: E741
-    terms: list[Floats] = [
+    terms: list[Any] = [
         K * phi.tolerance,
         dw / R.value * I.tolerance,
         dw * I.value / R.value**2 * R.tolerance,
