@@ -60,10 +60,15 @@ def _rows(axes: list[Times]) -> tuple[Times, list[NDArray[np.int64]]]:
     if not keys:
         return np.empty(0, np.int64), []
     table = np.concatenate(list(keys.values()), axis=1)
-    unique, row = np.unique(table, axis=1, return_inverse=True)
+    order = np.lexsort(table[::-1])
+    table = table[:, order]
+    new = np.ones(len(order), bool)
+    new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
+    row = np.empty(len(order), np.int64)
+    row[order] = np.cumsum(new) - 1
     ends = np.cumsum([k.shape[1] for k in keys.values()])
-    of = dict(zip(keys, np.split(row.ravel(), ends[:-1]), strict=True))
-    return unique[1], [of[id(t)] for t in axes]
+    of = dict(zip(keys, np.split(row, ends[:-1]), strict=True))
+    return table[1, new], [of[id(t)] for t in axes]
 
 
 def _keys(t: Times) -> NDArray[np.int64]:

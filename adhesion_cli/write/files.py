@@ -24,25 +24,27 @@ from pathlib import Path
 from ..errors import UserError
 from ..text import printable
 
+_OURS = "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
+
 try:
     import fcntl
 except ImportError:  # Windows: runs that share an output are not kept apart there
     fcntl = None  # type: ignore[assignment]
 
 
-def check(paths: Sequence[Path], *, inputs: Sequence[Path] = (), force: bool = False) -> None:
+def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) -> None:
     """Refuse before the long work what could not be written after it.
 
     Args:
         paths: everything the run will write.
-        inputs: what it reads, which must survive.
         force: whether existing results may be replaced.
+        inputs: what it reads, which must survive.
 
     Raises:
         UserError: a target folder is missing or read-only, a result exists already, an output is
             an input (by whatever name), or two outputs have one name.
     """
-    seen: set[Path] = set()
+    check_distinct(paths)
     for path in paths:
         if not path.parent.is_dir():
             raise UserError(f"{_shown(path.parent)}: no such folder", "create it or choose --out")
@@ -51,27 +53,37 @@ def check(paths: Sequence[Path], *, inputs: Sequence[Path] = (), force: bool = F
                 f"{_shown(path.parent)}: the folder cannot be written to",
                 "choose another with --out",
             )
-        place = path.parent.resolve() / path.name
-        if place in seen:
-            raise UserError(
-                f"{_shown(path)}: two inputs would give this one result",
-                "run them one by one, each with its own --out",
-            )
-        seen.add(place)
+        if path.is_dir():
+            raise UserError(f"{_shown(path)}: is a folder", "choose another place with --out")
         for source in inputs:
             if path.exists() and source.exists() and path.samefile(source):
                 raise UserError(
                     f"{_shown(path)}: is the input itself", "choose another folder with --out"
                 )
-        if path.is_dir():
-            raise UserError(f"{_shown(path)}: is a folder", "choose another place with --out")
     if not force:
         _refuse_existing(paths)
 
 
+def check_distinct(paths: Sequence[Path]) -> None:
+    """Refuse two outputs of one name.
+
+    Raises:
+        UserError: names the first that comes twice.
+    """
+    seen: set[Path] = set()
+    for path in paths:
+        place = path.parent.resolve() / path.name
+        if place in seen:
+            raise UserError(
+                f"{_shown(path)}: two logs would give this one result",
+                "run them one by one, each with its own --out",
+            )
+        seen.add(place)
+
+
 @contextmanager
 def outputs(
-    paths: Sequence[Path], *, inputs: Sequence[Path] = (), force: bool = False
+    paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()
 ) -> Iterator[list[Path]]:
     """Places to write to; on leaving without an exception they get their names, all or none.
 
@@ -79,8 +91,8 @@ def outputs(
 
     Args:
         paths: final names, in one folder; the first is the record the others are made from.
-        inputs: what the run reads, which must survive.
         force: whether existing results may be replaced.
+        inputs: what the run reads, which must survive.
 
     Yields:
         One path to write to for each final name. They may have no suffix.
@@ -88,25 +100,27 @@ def outputs(
     Raises:
         UserError: as `check`, or the disk is full, fails or refuses.
     """
-    check(paths, inputs=inputs, force=force)
+    check(paths, force, inputs=inputs)
     folder = paths[0].parent
-    assert all(p.parent == folder for p in paths)
-    manifest = [folder / f"{paths[0].stem}.sha256"] if len(paths) > 1 else []
     try:
         with ExitStack() as stack:
             files = [stack.enter_context(_Unnamed(folder)) for _ in paths]
             yield [f.path for f in files]
-            if manifest:
+            targets = list(paths)
+            if len(paths) > 1:
+                text = _manifest(paths, files)
+                targets.append(paths[0].with_suffix(".sha256"))
                 files.append(stack.enter_context(_Unnamed(folder)))
-                files[-1].path.write_text(_manifest(paths, files), "utf-8")
+                files[-1].path.write_text(text, "utf-8")
             for file in files:
                 os.fsync(file.descriptor)
             with _locked(folder):
+                _remove_manifest(paths[0])
                 if not force:
-                    _refuse_existing(paths)  # another run was faster
-                for path in [*manifest, *paths[:0:-1]]:
+                    _refuse_existing(targets)  # another run was faster
+                for path in targets[:0:-1]:
                     path.unlink(missing_ok=True)
-                for path, file in zip([*paths, *manifest], files, strict=True):
+                for path, file in zip(targets, files, strict=True):
                     file.publish(path)
     except OSError as error:
         raise UserError(
@@ -177,11 +191,19 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _manifest(paths: Sequence[Path], files: Sequence[_Unnamed]) -> str:
-    lines = []
-    for path, file in zip(paths, files, strict=False):
+    lines = [_OURS]
+    for path, file in zip(paths, files, strict=True):
         with file.path.open("rb") as content:
             lines.append(f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {path.name}\n")
     return "".join(lines)
+
+
+def _remove_manifest(path: Path) -> None:
+    """Remove the manifest that a result is listed in, if it is ours: it is about to be untrue."""
+    manifest = path.with_suffix(".sha256")
+    with suppress(FileNotFoundError, UnicodeDecodeError):
+        if manifest.read_text("utf-8").startswith(_OURS):
+            manifest.unlink()
 
 
 def _umask() -> int:
