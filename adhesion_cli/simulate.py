@@ -155,22 +155,24 @@ def _track(rail: Rail) -> _Track:
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _rail_at(track: _Track, z: float, j: int, cleaning: float) -> tuple[Condition, int]:
-    """Rail condition at place or time `z`, and the knot before it; `j` is a knot no later."""
+def _rail_at(track: _Track, z: float, j: int, cleaning: float, rail: Floats) -> int:
+    """Puts the condition at place or time `z` into `rail`; returns the knot before it.
+
+    `j` is a knot no later.
+    """
     while track.knots[j + 1] <= z:
         j += 1
     part = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
-    a, b = track.values[j], track.values[j + 1]
-    f0 = a[2] + part * (b[2] - a[2])
-    f0 *= cleaning * (1.0 + track.amplitude * math.sin(2.0 * math.pi * z / track.period))
-    rail = Condition(
-        a[0] + part * (b[0] - a[0]),
-        a[1] + part * (b[1] - a[1]),
-        f0,
-        a[3] + part * (b[3] - a[3]),
-        a[4] + part * (b[4] - a[4]),
-    )
-    return rail, j
+    for i in range(5):
+        rail[i] = track.values[j, i] + part * (track.values[j + 1, i] - track.values[j, i])
+    wave = track.amplitude * math.sin(2.0 * math.pi * z / track.period)
+    rail[2] *= cleaning * (1.0 + wave)  # f0
+    return j
+
+
+def _adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[float, float]:
+    law = Condition(rail[0], rail[1], rail[2], rail[3], rail[4])
+    return creep_force(sliding, speed, law, patch)
 
 
 def _cylinder(plant: _Plant, valve: int, p: float, c0: float, c1: float, h: float) -> float:
@@ -206,7 +208,7 @@ def _decide(plant: _Plant, v: float, w: Floats, before: Floats, valve: NDArray[n
 
 
 def _stage(
-    plant: _Plant, rails: list[Condition], friction: Floats, h: float,
+    plant: _Plant, rails: Floats, friction: Floats, h: float,
     v_from: float, w_from: Floats, v: float, w: Floats, work: Floats,
 ) -> float:  # fmt: skip
     """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
@@ -222,7 +224,7 @@ def _stage(
     for _ in range(PATIENCE):
         residual, slope = v - v_from, 1.0
         for i in range(len(w)):
-            F, D = creep_force(v - w[i], v, rails[i], plant.patch)
+            F, D = _adhesion(v - w[i], v, rails[i], plant.patch)
             c = h * plant.radius[i] ** 2 / plant.inertia
             g = w[i] - w_from[i] - c * (F - friction[i])
             if w[i] <= 0.0 and g >= 0.0:  # the brake holds it
@@ -252,16 +254,12 @@ def _integrate(
 ) -> float:  # fmt: skip
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
     n, axles = pressure.shape
-    p, friction = np.zeros(axles), np.zeros(axles)
-    w, w_new, w_from, before = (
-        np.full(axles, v),
-        np.full(axles, v),
-        np.zeros(axles),
-        np.full(axles, v),
-    )
+    p, friction, before = np.zeros(axles), np.zeros(axles), np.zeros(axles)
+    w, w_new, w_from = np.zeros(axles), np.zeros(axles), np.zeros(axles)
+    work, rails = np.zeros((axles, 3)), np.zeros((axles, 5))
     valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
-    work = np.zeros((axles, 3))
-    rails = [Condition(0.0, 0.0, 0.0, 0.0, 0.0) for _ in range(axles)]
+    for i in range(axles):
+        w[i] = before[i] = v
     x, segment, timed_knot, decisions = 0.0, 0, 0, 0
     for k in range(n):
         t, end, recorded = k * dt, (k + 1) * dt, False
@@ -288,21 +286,23 @@ def _integrate(
                 speed[k], distance[k] = v, x
                 for i in range(axles):
                     z = t if track.timed else x - plant.positions[i]
-                    rails[i], knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i])
+                    knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], rails[i])
                     pressure[k, i], wheel_speed[k, i] = p[i], w[i] / plant.radius[i]
                     if v > 0.0:
-                        force[k, i] = creep_force(v - w[i], v, rails[i], plant.patch)[0]
-            h, v_new, v_from = stop - t, v, v
-            w_new[:], w_from[:] = w, w
+                        force[k, i] = _adhesion(v - w[i], v, rails[i], plant.patch)[0]
+            h, v_new, v_from, braked = stop - t, v, v, False
+            for i in range(axles):
+                w_new[i] = w_from[i] = w[i]
             for part in (GAMMA, 1.0):
                 for i in range(axles):
                     p1 = _cylinder(plant, valve[i], p[i], c0, c0 + rise * part * h, part * h)
                     K = max(plant.per_pascal * p1 - plant.at_zero, 0.0)  # (15)
                     friction[i] = plant.phi * K
+                    braked = braked or K > 0.0
                     if part == 1.0:
                         p[i] = p1
                     z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-                    rails[i], knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i])
+                    knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], rails[i])
                 if v > 0.0:
                     v_new = _stage(
                         plant, rails, friction, GAMMA * h, v_from, w_from, v_new, w_new, work
@@ -311,13 +311,14 @@ def _integrate(
                     return t
                 if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
                     v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
-                    w_from[:] = w + (1.0 - GAMMA) / GAMMA * (w_new - w)
-            if v_new < STANDSTILL and friction.sum() > 0.0:
-                v_new = 0.0
-                w_new[:] = 0.0
+                    for i in range(axles):
+                        w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
+            stands = braked and v_new < STANDSTILL
+            v_new = 0.0 if stands else v_new
+            for i in range(axles):
+                w[i] = 0.0 if stands else w_new[i]
             x += 0.5 * h * (v + v_new)
             v, t = v_new, stop
-            w[:] = w_new
     return math.nan
 
 
@@ -405,10 +406,10 @@ def _sweep(
     speed[:] = v
     distance[:] = v * t
     wheel_speed[:, 0] = (v - sliding) / plant.radius[0]
-    knot = 0
+    knot, rail = 0, np.zeros(5)
     for k, z in enumerate(t if track.timed else distance):
-        rail, knot = _rail_at(track, z, knot, plant.cleaning[0])
-        force[k, 0] = creep_force(sliding[k], v, rail, plant.patch)[0]
+        knot = _rail_at(track, z, knot, plant.cleaning[0], rail)
+        force[k, 0] = _adhesion(sliding[k], v, rail, plant.patch)[0]
     slowing = s.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
     K: Floats = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
     return K

@@ -1,4 +1,4 @@
-"""Makes the sample logs from bundled scenarios and fixed seeds: python sample_logs/make.py [FOLDER]."""
+"""Makes the sample logs from bundled scenarios: python sample_logs/make.py [FOLDER]."""
 
 import csv
 import io
@@ -62,7 +62,8 @@ def as_mcap(recordings: list[simulate.Recording]) -> bytes:
 def make() -> dict[str, bytes]:
     """Every sample log by file name."""
     service, low = (
-        simulate.log(simulate.run(simulate.load(name))) for name in ("service-brake", "low-adhesion")
+        simulate.log(simulate.run(simulate.load(name)))
+        for name in ("service-brake", "low-adhesion")
     )
     return {
         "service-brake.csv": as_csv(service),
