@@ -30,6 +30,7 @@ from .sniff import NULLS, Dialect, is_comment, is_null, sniff, split
 from .source import Field, ReadOptions
 from .words import is_group_name
 
+_NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _MAX_MET = 10_000
 _MAX_GROUPS = 64
 _SKIPPED = {
@@ -82,9 +83,7 @@ class CsvSource:
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.lines: Counter[str] = Counter()
         self._options, self._dialect, self._clock = options, dialect, clock
-        self._types: dict[int, tuple[Any, ...]] = {
-            i: clock.types for i in clock.columns
-        }  # types still to try
+        self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
         self._group, self._groups = self._find_groups()
         names = dialect.names
         taken = {*clock.columns, self._group}
@@ -129,7 +128,7 @@ class CsvSource:
         indices = sorted({self._index[f.channel] for f in wanted})
         scan = self._scan(indices, self._group, self._groups)
         t, codes, values = scan.read()
-        self.lines = scan.lines
+        self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
         self.rows = scan.lines["used"] + scan.lines["other group"]
         self._report_rows(scan)
         self._report_cells(scan)
@@ -160,7 +159,7 @@ class CsvSource:
         number = self._dialect.number()
         if not cells:
             return self._dialect.names[i] != f"column {i + 1}" or not self._dialect.headed
-        return sum(bool(number.fullmatch(c)) for c in cells) >= 0.5 * len(cells)
+        return sum(bool(number.fullmatch(c)) for c in cells) >= _NUMERIC * len(cells)
 
     def _find_groups(self) -> tuple[int | None, list[str]]:
         """Column that tells devices or axles apart, and its values; (None, []) in a wide log."""
@@ -317,35 +316,30 @@ class _Scan:
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
         source = Lines(self.path, self.dialect, self.options.max_inflated)
-        times: list[Times] = []
-        codes: list[NDArray[np.int64]] = []
-        values: dict[int, list[Floats]] = {i: [] for i in self.indices}
+        times, codes = _Grown(np.int64), _Grown(np.int64)
+        values = {i: _Grown(np.float64) for i in self.indices}
         for part in self._parts(source):
             self._count_lines(part)
             keep = self._count_times(part)
             code = self._count_groups(part, keep)
             self.lines["used"] += int(keep.sum())
-            every = bool(keep.all())
-            times.append(part.t if every else part.t[keep])
+            every = slice(None) if keep.all() else keep
+            times.append(part.t[every])
             if code is not None:
-                codes.append(code[keep])
+                codes.append(code[every])
             for i, (value, state) in part.values.items():
                 self._count_cells(part, i, state, keep)
-                values[i].append(value if every else value[keep])
+                values[i].append(value[every])
         self.damage, self.open_end = source.damage, source.open_end
         if source.cut_off:
             self.lines["cut off"] += 1
             self.first["cut off"] = source.cut_off
-        if not sum(map(len, times)):
+        if not self.lines["used"]:
             raise UserError(
                 f"{self.path}: no row has a time stamp that can be read",
                 'state the time, as time = {channel = "…", unit = "s"} under [channels]',
             )
-        return (
-            np.concatenate(times),
-            np.concatenate(codes) if codes else np.zeros(0, np.int64),
-            {i: np.concatenate(values.pop(i)) for i in self.indices},
-        )
+        return times.array(), codes.array(), {i: grown.array() for i, grown in values.items()}
 
     def _parts(self, source: Lines) -> Iterator[_Part]:
         """The blocks parsed, in order, as many at once as there are processors."""
@@ -451,8 +445,7 @@ class _Scan:
         )
 
     def _count_lines(self, part: _Part) -> None:
-        self.lines["blank"] += part.blank
-        self.lines["inside quotes"] += part.inside
+        self.lines.update({"blank": part.blank, "inside quotes": part.inside})
         for number, kind, text in part.wrong:
             self.lines[kind] += 1
             if kind not in self.first:
@@ -496,7 +489,7 @@ class _Scan:
         other = keep & said[index] & (codes[index] < 0)
         self.lines["other group"] += int(other.sum())
         keep &= codes[index] >= 0
-        return codes[index]
+        return np.asarray(codes[index])
 
     def _drop(self, part: _Part, which: Bools, kind: str) -> None:
         if n := int(which.sum()):
@@ -515,6 +508,26 @@ class _Scan:
                     line, text = part.line(int(which.argmax()))
                     cells = split(text, part.block.delimiter)
                     self.first_cell[i, k] = line, cells[i] if i < len(cells) else ""
+
+
+class _Grown:
+    """An array that grows by parts, so that only one block's parts stay beside it."""
+
+    def __init__(self, dtype: Any) -> None:
+        self._room = np.empty(1 << 16, dtype)
+        self._used = 0
+
+    def append(self, part: NDArray[Any]) -> None:
+        need = self._used + len(part)
+        if need > len(self._room):
+            room = np.empty(2 * need, self._room.dtype)
+            room[: self._used] = self._room[: self._used]
+            self._room = room
+        self._room[self._used : need] = part
+        self._used = need
+
+    def array(self) -> NDArray[Any]:
+        return self._room[: self._used]
 
 
 def _flat(column: Any) -> Any:

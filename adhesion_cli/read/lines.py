@@ -218,7 +218,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
         else:
             with path.open("rb") as file:
                 head = file.read(HEAD_BYTES + 1)
-    except (gzip.BadGzipFile, zlib.error) as error:
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise UserError(f"{path}: gzip data are damaged: {error}", "fetch the file again") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None

@@ -440,12 +440,12 @@ def _first_data(table: list[tuple[int, list[str]]], width: int, decimal: str) ->
             return False
         said = [cells[i] for i in numeric if not is_null(cells[i])]
         good = sum(typed(c) for c in said)
-        return good > 0 and good >= 0.7 * len(said)
+        return good > 0.5 * len(said)
 
     flags = [like(cells) for _, cells in table]
     for i, flag in enumerate(flags):
         near = flags[i : i + 6]
-        if flag and sum(near) >= 0.5 * len(near):
+        if flag and sum(near) >= 0.3 * len(near):
             return i
     return None
 

@@ -50,7 +50,7 @@ _GROUP = (
 _COUNTER = "index idx i n no nr number row rownumber sample samples samplenumber count counter seq sequence record frame line id zeile lfdnr nummer 序号 编号 行号".split()  # noqa: E501
 
 _UNITS_ROW = frozenset(
-    "s sec ms msec us µs μs ns min h d bar mbar kpa mpa pa hpa psi km/h kmh kph m/s mph rpm 1/min "
+    "s sec ms msec us μs ns min h d bar mbar kpa mpa pa hpa psi km/h kmh kph m/s mph rpm 1/min "
     "u/min min-1 min^-1 rad/s 1/s hz khz kn n nm v mv a ma w kw % ‰ ° deg rad °c c degc k m mm cm "
     "km g kg t l m/s2 m/s² m/s^2 1 - -- bool enum text string utc iso counts imp pulses "
     "秒 毫秒 千帕 兆帕 帕 巴 公里/小时 千米/小时 米/秒 转/分 牛 千牛 无".split()
@@ -111,7 +111,7 @@ def is_counter_name(header: str) -> bool:
 
 def is_units_row(cells: list[str]) -> bool:
     """Whether every cell of a row is a unit, in brackets or known, and at least one is."""
-    said = [normal(c) for c in cells if c.strip()]
+    said = [unicodedata.normalize("NFKC", c).casefold().replace(" ", "") for c in cells if c]
     return any(c not in ("-", "--") for c in said) and all(
         c in _UNITS_ROW or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]", c) for c in said
     )

@@ -1,0 +1,427 @@
+"""Logs that must be read right, and logs that must be refused in the right words."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.read.csv import CsvSource, open_csv
+from adhesion_cli.read.source import ReadOptions
+
+S = 1_000_000_000
+EPOCH = 1_795_266_307 * S  # 2026-11-21 13:05:07 UTC
+
+
+def read(path: Path, data: bytes | str, **options) -> tuple[CsvSource, dict]:
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    source = open_csv(path, ReadOptions(**options))
+    columns = source.columns(source.fields)
+    return source, {
+        (f.channel, f.group) if f.group else f.channel: c
+        for f, c in zip(source.fields, columns, strict=True)
+    }
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def codes(source: CsvSource) -> set[str]:
+    return {f.code for f in source.findings if f.severity != "info"}
+
+
+PLAIN = "t [s],p,v\n0.00,1.5,20\n0.01,2.5,19\n0.02,3.5,18\n"
+T = [0, 10_000_000, 20_000_000]
+P, V = [1.5, 2.5, 3.5], [20, 19, 18]
+GERMAN = PLAIN.replace(",", ";").replace(".", ",")
+
+SAME = {
+    "comma": PLAIN,
+    "semicolon, decimal comma": GERMAN,
+    "semicolon, decimal point": PLAIN.replace(",", ";"),
+    "tab": PLAIN.replace(",", "\t"),
+    "tab, decimal comma": PLAIN.replace(",", "\t").replace(".", ","),
+    "pipe": PLAIN.replace(",", "|"),
+    "blanks": "t[s]  p     v\n 0.00   1.5  20\n 0.01   2.5  19\n 0.02   3.5  18\n",
+    "blanks and tabs": "t[s] p v\n0.00 \t1.5 20 \n0.01\t\t2.5   19\n0.02  3.5 18\n",
+    "blank after comma": PLAIN.replace(",", ", "),
+    "carriage returns": PLAIN.replace("\n", "\r"),
+    "CRLF": PLAIN.replace("\n", "\r\n"),
+    "no end of line": PLAIN[:-1],
+    "byte order mark": "\ufeff" + PLAIN,
+    "UTF-16 LE with mark": b"\xff\xfe" + PLAIN.encode("utf-16-le"),
+    "UTF-16 BE with mark": b"\xfe\xff" + PLAIN.encode("utf-16-be"),
+    "UTF-16 LE": PLAIN.encode("utf-16-le"),
+    "UTF-16 BE": PLAIN.encode("utf-16-be"),
+    "gzip": gzip.compress(PLAIN.encode()),
+    "sep line": "sep=;\n" + GERMAN,
+    "quoted": '"t [s]","p","v"\n"0.00","1.5","20"\n"0.01","2.5","19"\n"0.02","3.5","18"\n',
+    "quoted decimal comma": 't [s],p,v\n"0,00","1,5",20\n"0,01","2,5",19\n"0,02","3,5",18\n',
+    "preamble": "Vehicle: X,Date: 2026-01-01\nOperator: Y\n\n" + PLAIN,
+    "preamble of pairs": "Vehicle,ET 423,\nSample rate,100,\n,,\n" + PLAIN,
+    "comment lines": "# made by X\n% rate, 100, Hz\n// more\n" + PLAIN,
+    "comments between": PLAIN.replace("0.01,", "# stop, 1, 2\n# x\n0.01,"),
+    "commented header": "# " + PLAIN,
+    "trailing delimiters": PLAIN.replace("\n", ",\n"),
+    "trailing delimiter in rows only": PLAIN.replace("\n", ",\n").replace("v,", "v"),
+    "blank lines": PLAIN.replace("\n", "\n\n"),
+    "lines of blanks": PLAIN.replace("\n", "\n  \n"),
+    "units row": PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"),
+    "units row in brackets": PLAIN.replace("t [s],p,v\n", "t,p,v\n[s],[bar],[km/h]\n"),
+    "ms": "time_ms,p,v\n0,1.5,20\n10,2.5,19\n20,3.5,18\n",
+    "us": "timestamp_us,p,v\n0,1.5,20\n10000,2.5,19\n20000,3.5,18\n",
+    "ns": "t [ns],p,v\n0,1.5,20\n10000000,2.5,19\n20000000,3.5,18\n",
+    "ms with fraction": "t (ms),p,v\n0.000,1.5,20\n10.000,2.5,19\n20.000,3.5,18\n",
+    "Chinese header": "时间(s),p,v\n0,1.5,20\n0.01,2.5,19\n0.02,3.5,18\n".encode("gb18030"),
+    "Latin-1 header": "Zeit in s;p;v;T in °C für Öl\n0,00;1,5;20;1\n0,01;2,5;19;1\n0,02;3,5;18;1\n".encode("cp1252"),
+    "exponents": "t [s],p,v\n0E0,1.5e0,2e1\n1E-2,25e-1,+1.9E+01\n2.0e-02,3.5,18.\n",
+    "empty column": PLAIN.replace("v\n", "v,w\n").replace("0\n", "0,\n").replace("9\n", "9,\n").replace("8\n", "8,\n"),
+    "text column": PLAIN.replace("v\n", "v,state\n").replace("0\n", "0,on\n").replace("9\n", '9,"o,f"\n').replace("8\n", "8,on\n"),
+    "quoted line ends": PLAIN.replace("v\n", 'v,"no\nte"\n').replace("0\n", '0,"a\nb"\n').replace("9\n", '9,""""\n').replace("8\n", "8,c\n"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_reads_the_same_log_in_every_form(log, name):
+    source, columns = read(log, SAME[name])
+    names = list(columns)
+    p, v = columns[names[0]], columns[names[1]]
+    assert p.t.tolist() == T
+    assert p.value.tolist() == P
+    assert v.value.tolist() == V
+    assert p.valid.all() and v.valid.all()
+    assert p.t is v.t
+    assert not codes(source)
+    assert source.rows == 3
+    assert not source.absolute
+
+
+STAMPS = {
+    "ISO T": ("time", "2026-11-21T13:05:07", "2026-11-21T13:05:07.25"),
+    "ISO blank": ("time", "2026-11-21 13:05:07.000", "2026-11-21 13:05:07.250"),
+    "ISO Z": ("time", "2026-11-21T13:05:07Z", "2026-11-21T13:05:07.25Z"),
+    "ISO offset": ("time", "2026-11-21T15:05:07+02:00", "2026-11-21T15:05:07.25+02:00"),
+    "ISO short offset": ("time", "2026-11-21T08:05:07-0500", "2026-11-21T08:05:07.25-0500"),
+    "ISO half-hour offset": ("time", "2026-11-21T18:35:07+05:30", "2026-11-21T18:35:07.25+05:30"),
+    "ISO comma": ("time", "2026-11-21 13:05:07,000", "2026-11-21 13:05:07,250"),
+    "slashes": ("时间", "2026/11/21 13:05:07.0", "2026/11/21 13:05:07.25"),
+    "Chinese": ("日期时间", "2026年11月21日 13:05:07.0", "2026年11月21日 13:05:07.25"),
+    "milliseconds after colon": ("time", "2026-11-21 13:05:07:000", "2026-11-21 13:05:07:250"),
+    "German": ("Zeitstempel", "21.11.2026 13:05:07,000", "21.11.2026 13:05:07,250"),
+    "German in Datum": ("Datum", "21.11.2026 13:05:07,000", "21.11.2026 13:05:07,250"),
+    "US, day above 12": ("Time", "11/21/2026 1:05:07.000 PM", "11/21/2026 1:05:07.250 PM"),
+    "British, day above 12": ("Time", "21/11/2026 13:05:07.000", "21/11/2026 13:05:07.250"),
+    "MATLAB": ("Time", "21-Nov-2026 13:05:07.000", "21-Nov-2026 13:05:07.250"),
+    "date and time": ("Date;Time", "2026-11-21;13:05:07.000", "2026-11-21;13:05:07.250"),
+    "Datum und Uhrzeit": ("Datum;Uhrzeit", "21.11.2026;13:05:07,000", "21.11.2026;13:05:07,250"),
+    "compact date": ("日期;时间", "20261121;13:05:07.000", "20261121;13:05:07.250"),
+    "epoch s": ("t", "1795266307.000", "1795266307.250"),
+    "epoch s, six digits": ("timestamp", "1795266307.000000", "1795266307.250000"),
+    "epoch ms": ("t", "1795266307000", "1795266307250"),
+    "epoch us": ("t", "1795266307000000", "1795266307250000"),
+    "epoch ns": ("t", "1795266307000000000", "1795266307250000000"),
+    "epoch, long fraction": ("t", "1795266307.0000000000000000000", "1795266307.2500000000000000000"),
+    "epoch with exponent": ("t", "1.795266307e9", "1.79526630725e9"),
+    "Excel": ("t", "46347.5452199074", "46347.5452228009"),
+    "MATLAB serial": ("t", "740307.545219907", "740307.545222801"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STAMPS)
+def test_reads_every_form_of_absolute_time(log, name):
+    header, first, second = STAMPS[name]
+    source, columns = read(log, f"{header};p\n{first};1\n{second};2\n")
+    t = columns["p"].t
+    tolerance = 50_000 if "Excel" in name or "serial" in name else 0
+    assert abs(t - [EPOCH, EPOCH + S // 4]).max() <= tolerance
+    assert source.absolute
+    assert not codes(source)
+
+
+RELATIVE = {
+    "time of day": ("Time;p\n13:05:07,000;1\n13:05:07,250;2\n", {}, 47_107 * S),
+    "minutes and seconds": ("Time;p\n05:07.000;1\n05:07.250;2\n", {}, 307 * S),
+    "minutes": ("Zeit [min];p\n0.5;1\n0.75;2\n", {}, 30 * S),
+    "stated ms": ("x;p\n1000;1\n1250;2\n", {"time_channel": "x", "time_unit": "ms"}, S),
+    "by number": ("1;7\n1.25;8\n1.5;9\n", {"time_channel": "column 1", "time_unit": "s"}, S),
+}
+
+
+@pytest.mark.parametrize("name", RELATIVE)
+def test_reads_every_form_of_relative_time(log, name):
+    text, options, start = RELATIVE[name]
+    source, columns = read(log, text, **options)
+    (column,) = columns.values()
+    assert column.t[0] == start
+    assert not source.absolute
+
+
+def rows(step: float, n: int, form: str = "g") -> str:
+    return "".join(f"{k * step:{form}},1\n" for k in range(n))
+
+
+@pytest.mark.parametrize(
+    ("step", "n", "unit"),
+    [(0.01, 3000, "s"), (0.1, 600, "s"), (1, 120, "s"), (10, 10_000, "ms"), (5, 4000, "ms")],
+)
+def test_decides_the_unit_of_a_bare_time_where_only_one_is_plausible(log, step, n, unit):
+    source, columns = read(log, "time,p\n" + rows(step, n, ".10g"))
+    assert f"; {unit} (" in source.time_reason
+    assert np.diff(columns["p"].t)[0] == step * {"s": S, "ms": 10**6}[unit]
+    assert "time-unit-guessed" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize(("step", "n"), [(1, 20_000), (1000, 60_000), (10, 37)])
+def test_asks_for_the_unit_where_several_are_plausible(log, step, n):
+    log.write_text("time,p\n" + rows(step, n, ".0f"))
+    with pytest.raises(UserError, match="unit of time column 'time'") as error:
+        open_csv(log, ReadOptions())
+    assert 'time = {channel = "time", unit = "ms"}' in error.value.hint
+
+
+def test_epoch_nanoseconds_are_exact(log):
+    stamps = [1_795_266_307_123_456_789 + k for k in (0, 1, 3)]
+    _, columns = read(log, "t_ns,p\n" + "".join(f"{t},1\n" for t in stamps))
+    assert columns["p"].t.tolist() == stamps
+
+
+def test_bad_and_missing_cells_are_counted_apart_and_located(log):
+    text = "t [s],p\n0,1\n1,abc\n2,\n3,NaN\n4,1e400\n5,1_000\n6,٣\n7,0x10\n8,-\n9,inf\n10, 5 \n"
+    source, columns = read(log, text)
+    p = columns["p"]
+    assert p.value[p.valid].tolist() == [1, 5]
+    assert np.isnan(p.value[~p.valid]).all()
+    bad, missing = (
+        next(f for f in source.findings if f.code == c)
+        for c in ("csv-bad-cells", "csv-missing-cells")
+    )
+    assert (bad.count, bad.channel, bad.severity) == (5, "p", "warning")
+    assert "line 3: 'abc'" in bad.message
+    assert (missing.count, missing.severity) == (4, "info")
+    assert "line 4: ''" in missing.message
+
+
+def test_rows_left_out_are_counted_by_class_and_located(log):
+    text = "t [s];p\n0;1\n1;2;3\n2\nabc;4\n;5\n# note; x\n\n3;6\nMaximum;6\n"
+    source, columns = read(log, text)
+    assert columns["p"].value.tolist() == [1, 6]
+    assert source.lines == {
+        "header": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 2,
+        "time missing": 1, "comment": 1, "blank": 1,
+    }  # fmt: skip
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert skipped.count == 5
+    for place in ("line 3: '1;2;3'", "line 4: '2'", "line 5: 'abc;4'", "line 6: ';5'"):
+        assert place in skipped.message
+
+
+def test_second_reading_reports_nothing_twice(log):
+    source, _ = read(log, "t [s];p;v\n0;1;1\n1;x;2\n2;3;y\n3;4;5;6\n")
+    before = list(source.findings)
+    source.columns(source.fields[:1])
+    assert source.findings == before
+
+
+def test_strict_refuses_what_would_be_a_finding(log):
+    log.write_text("t [s];p\n0;1\n1;x\n2;3\n")
+    source = open_csv(log, ReadOptions(strict=True))
+    with pytest.raises(UserError, match="hold no number"):
+        source.columns(source.fields)
+
+
+def test_units_row_gives_units_and_header_text_stays(log):
+    text = "Zeit;BC pressure [kPa];v\n[s];[bar];[km/h]\n0;1;2\n1;2;3\n"
+    log.write_text(text)
+    fields = open_csv(log, ReadOptions()).fields
+    assert [(f.channel, f.unit, f.unit_from) for f in fields] == [
+        ("BC pressure [kPa]", "bar", "units row"),
+        ("v", "km/h", "units row"),
+    ]
+
+
+def test_header_rows_are_joined(log):
+    _, columns = read(
+        log, ",Axle 1,,Axle 2,\nt,p,v,p,v\ns,bar,km/h,bar,km/h\n0,1,2,3,4\n1,2,3,4,5\n"
+    )
+    assert {k: c.value[0] for k, c in columns.items()} == {
+        "Axle 1 p": 1, "Axle 1 v": 2, "Axle 2 p": 3, "Axle 2 v": 4,
+    }  # fmt: skip
+
+
+def test_preamble_pairs_are_metadata(log):
+    source, _ = read(
+        log, "Vehicle: ET 423;Date: 2026-11-21\nOperator;Smith\n\nt [s];p;v\n0;1;2\n1;2;3\n"
+    )
+    assert source.metadata == {
+        "preamble": {"Vehicle": "ET 423", "Date": "2026-11-21", "Operator": "Smith"}
+    }
+
+
+def test_duplicate_names_are_made_distinct(log):
+    source, columns = read(log, "t [s],x,x\n0,1,2\n1,2,3\n")
+    assert list(columns) == ["x", "x (2)"]
+    assert columns["x (2)"].value.tolist() == [2, 3]
+    assert "csv-duplicate-names" in {f.code for f in source.findings}
+
+
+LONG = "time [s],axle,p\n0,1,10\n0,2,20\n0.1,1,11\n0.1,2,21\n0.2,1,12\n0.2,2,22\n"
+
+
+def test_long_layout_is_found_by_its_name(log):
+    source, columns = read(log, LONG)
+    assert columns["p", "1"].value.tolist() == [10, 11, 12]
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+    assert columns["p", "2"].t.tolist() == [0, S // 10, S // 5]
+    assert "long-layout" in {f.code for f in source.findings}
+
+
+def test_long_layout_one_device_after_the_other(log):
+    head, *body = LONG.splitlines(keepends=True)
+    _, columns = read(log, head + "".join(body[0::2] + body[1::2]))
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+
+
+def test_group_keeps_only_the_rows_asked_for(log):
+    source, columns = read(
+        log, LONG.replace("axle", "x"), group_channel="x", group_equals="2", time_channel="time [s]"
+    )
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+    assert source.lines["other group"] == 3
+    assert source.rows == 6
+
+
+def test_unknown_group_value_names_the_known_ones(log):
+    log.write_text(LONG)
+    with pytest.raises(UserError, match="no row has '7'") as error:
+        open_csv(log, ReadOptions(group_channel="axle", group_equals="7"))
+    assert "1, 2" in error.value.hint
+
+
+def test_time_guessed_from_a_rising_column_is_told(log):
+    source, columns = read(log, "idx,a,p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n4,1.5,6\n5,4.5,5\n")
+    assert columns["p"].t.tolist() == [0, S // 2, S, 3 * S // 2, 9 * S // 2]
+    assert "time-guessed" in {f.code for f in source.findings}
+
+
+def test_log_order_is_kept(log):
+    _, columns = read(log, "t [s],p\n5,1\n3,2\n3,3\n9,4\n")
+    assert columns["p"].t.tolist() == [5 * S, 3 * S, 3 * S, 9 * S]
+
+
+def test_hole_of_nuls_costs_only_its_row(log):
+    source, columns = read(
+        log,
+        b"t [s],p\n"
+        + b"".join(b"%d,1.5\n" % k for k in range(200_000))
+        + b"\0" * 4096
+        + b"\n200000,1\n",
+    )
+    assert len(columns["p"].t) == 200_001
+    assert source.lines["too few cells"] == 1
+
+
+def test_damaged_gzip_keeps_what_was_whole(log):
+    text = "t [s],p\n" + "".join(f"{k},{k % 77}.5\n" for k in range(50_000))
+    source, columns = read(log, gzip.compress(text.encode())[:-4000])
+    n = len(columns["p"].t)
+    assert 10_000 < n < 50_000
+    assert columns["p"].t.tolist() == [k * S for k in range(n)]
+    assert "csv-gzip-damaged" in codes(source)
+    assert source.lines["cut off"] <= 1
+
+
+REFUSED = {
+    "empty": (b"", "is empty", "header and data"),
+    "only blanks": (b"\n \n\n", "is empty", "header and data"),
+    "header only": (b"t,p,v\n", "no data rows|no delimiter|holds numbers", ""),
+    "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
+    "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
+    "NUL bytes": (b"t,p\n0,1\n1,\0\0\0\0\0\n", "NUL bytes in line 3", "damaged"),
+    "xlsx": (b"PK\x03\x04" + bytes(100), "Excel", "export"),
+    "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
+    "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),
+    "JSON": (b'[{"t": 0, "p": 1}, {"t": 1, "p": 2}]', "JSON", "export"),
+    "MCAP": (b"\x89MCAP0\r\n" + bytes(100), "MCAP", "suffix"),
+    "unterminated quote": (b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500, "quote opened in line 3", "quote"),
+    "no header": (b"0,1,2\n1,2,3\n2,3,4\n", "no header", 'time = {channel = "column 1", unit = "s"}'),
+    "header of other width": (b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n", "names 2 columns, the rows have 3", "header = false"),
+    "no line end": (b"1" * 50_000_000, "no line end", "one row per line"),
+    "20000 columns": (b"\n".join([b",".join([b"%d" % k for k in range(20_000)])] * 3), "20000 columns", "channels"),
+    "grouped thousands": (b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n', "groups digits", "thousands"),
+    "comma, thousands or decimal": (b"t;p\n1;1,234\n2;2,345\n3;3,456\n", "decimal comma or grouped", "decimal"),
+    "point, thousands or decimal": (b"t [s];p\n1;1.234\n2;987\n3;1.002\n", "grouped thousands or a decimal", "decimal"),
+    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
+    "day or month": (b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n", "day/month or month/day", 'unit = "dmy"'),
+    "date only": (b"Date;p\n2026-01-01;1\n2026-01-01;2\n", "no column is a time", "time = {channel"),
+    "two different times": (b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n", "both 't \\[s\\]'", 'channel = "column 1"'),
+    "seconds beyond 2060": (b"t [s];p\n1795266307000;1\n1795266307010;2\n", "beyond the year 2060", "unit"),
+    "no delimiter": (b"speed\n1.5\n2.5\n3.5\n", "no delimiter", "time column"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refuses_in_the_right_words(log, name):
+    data, text, hint = REFUSED[name]
+    log.write_bytes(data)
+    with pytest.raises(UserError, match=text) as error:
+        source = open_csv(log, ReadOptions())
+        source.columns(source.fields)
+    assert str(log) in error.value.text
+    assert hint in error.value.hint
+    assert "\n" not in error.value.text + error.value.hint
+
+
+def test_refuses_a_missing_file_and_a_folder(tmp_path):
+    with pytest.raises(UserError, match="no such file"):
+        open_csv(tmp_path / "none.csv", ReadOptions())
+    with pytest.raises(UserError, match="not a file"):
+        open_csv(tmp_path, ReadOptions())
+
+
+def test_refuses_to_inflate_beyond_the_cap(log):
+    log.write_bytes(gzip.compress(b"t [s],p\n" + b"1,2\n" * 1_000_000))
+    source = open_csv(log, ReadOptions(max_inflated=1 << 20))
+    with pytest.raises(UserError, match="inflates to more than 1 MiB"):
+        source.columns(source.fields)
+
+
+def test_giant_cell_is_one_wrong_row(log):
+    body = b"".join(b"%d,1.5\n" % k for k in range(300_000))
+    source, columns = read(log, b"t [s],p\n" + body + b"x" * 10_000_000 + b"\n300000,1\n")
+    assert len(columns["p"].t) == 300_001
+    assert source.lines["too few cells"] == 1
+
+
+def test_interleaved_devices_without_a_name_are_reported(log):
+    text = "".join(f"{k // 2}.{k % 2},{k % 2},{[5, 90][k % 2] + k * 0.01:.2f}\n" for k in range(40))
+    source, _ = read(log, text, time_channel="column 1", time_unit="s")
+    (found,) = (f for f in source.findings if f.code == "interleaved")
+    assert found.severity == "warning"
+    assert found.channel == "column 2"
+    assert 'group = {channel = "column 2", equals = "0"}' in found.message
+
+
+def test_real_log_of_three_interleaved_trains():
+    path = Path(__file__).parents[2] / "shared" / "data" / "sncb" / "input_sncb.csv"
+    if not path.exists():
+        pytest.skip("the real log is not on this machine")
+    with pytest.raises(UserError, match=r"no header.*'column 2' holds 3, 4, 5"):
+        open_csv(path, ReadOptions())
+    whole = open_csv(path, ReadOptions(time_channel="column 1", time_unit="s"))
+    assert [f.channel for f in whole.findings if f.code == "interleaved"] == ["column 2"]
+    source = open_csv(
+        path,
+        ReadOptions(
+            time_channel="column 1", time_unit="s", group_channel="column 2", group_equals="5"
+        ),
+    )
+    by_name = {f.channel: f for f in source.fields}
+    (speed,) = source.columns([by_name["column 12"]])
+    assert speed.t[0] == 1_722_520_348 * S
+    assert speed.value[:3].tolist() == [94.9161, 97.5431, 98.8548]
+    assert (np.diff(speed.t) > 0).all()
+    assert source.absolute
+    assert source.lines == {"used": len(speed.t), "other group": 37 - len(speed.t)}
