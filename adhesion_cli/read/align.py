@@ -171,7 +171,9 @@ def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
 
     A run of equal values is stuck where the wheel turns, the brake is applied (above a fifth of
     its highest value) and, at the rate the speed usually changes with the brake applied, it would
-    have moved by more than six quantisation steps.
+    have moved by more than six quantisation steps; and where the speed then jumps by a good part
+    of that, or never changes again. A wheel that turns from sliding to recovering stands at one
+    value too, but leaves it gently.
     """
     frozen = np.zeros(len(t), dtype=np.bool_)
     top = float(np.nanmax(brake, initial=0.0))
@@ -180,13 +182,13 @@ def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
     regular = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
     if not regular.any():
         return frozen
-    # Samples on both sides of a change; long runs would hide the usual rate.
     rate = float(np.abs(np.diff(y))[regular].sum() / dt[regular].sum())
     change = np.flatnonzero(np.diff(y, prepend=np.nan) != 0)
     for a, b in zip(change, [*change[1:], len(y)], strict=True):
         if b - a >= 3 and applied[a:b].all():
             expected = rate * (int(t[b - 1]) - int(t[a])) / 1e9
-            if expected > max(6.0 * speed.step, 0.02 * float(y[a])):
+            jumps = b == len(y) or abs(float(y[b] - y[a])) > 0.3 * expected
+            if jumps and expected > max(6.0 * speed.step, 0.02 * float(y[a])):
                 frozen[a + 1 : b] = True
     return frozen
 
