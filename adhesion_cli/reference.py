@@ -126,13 +126,7 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
         return []
     clamping = _clamping(runs)
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
-    wheel = [
-        smoother.Run(
-            _seconds(r), r.wheel_speed, -w.a * w.phi * (1.0 - w.rolling) * k.level,
-            w.a * w.phi * w.rolling * k.level,
-        )
-        for r, k in zip(runs, clamping, strict=True)
-    ]  # fmt: skip
+    wheel = [_rolling(r, k, w) for r, k in zip(runs, clamping, strict=True)]
     floor = runs[0].wheel_speed_step ** 2 / 12.0 + 1e-12
     rolling = smoother.Noise(_white([r.y for r in wheel]), 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
@@ -143,6 +137,24 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
             clamping, (smoother.smooth(run, regimes, fitted) for run in wheel), strict=True
         )
     ]
+
+
+def _rolling(run: AxleRecord, clamping: smoother.Smooth, w: Wheelset) -> smoother.Run:
+    """The run as a wheel that rolls: its ω̇ known from K but for δ."""
+    K, t = clamping.level, _seconds(run)
+    u = -w.a * w.phi * (1.0 - w.rolling) * K
+    lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
+    return smoother.Run(t, run.wheel_speed, u, w.a * w.phi * w.rolling * K, lost**2)
+
+
+def _bend(x: Floats) -> Floats:
+    """How far the straight line through two samples misses those around them, shape (n,).
+
+    At i: the larger second difference at i − 1 and i.
+    """
+    bend = np.abs(np.diff(x, 2, prepend=x[0], append=x[-1])) if len(x) else x
+    larger: Floats = np.maximum(bend, np.concatenate([bend[:1], bend[:-1]]))
+    return larger
 
 
 def _fit_either(
@@ -167,18 +179,19 @@ def _fit_either(
 
 def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     """K without its noise: held, moving, or stepping (then it is taken as measured)."""
-    pressed = []
+    own = []
     for r in runs:
-        # a sample of the pressure's own, not one interpolated to the wheel's times
-        own = (np.diff(r.clamping_force, prepend=np.nan) != 0.0) | (
-            r.clamping_force == r.clamping_force_smooth
+        # samples of the pressure's own, not those interpolated to the wheel's times
+        own.append(
+            (np.diff(r.clamping_force, prepend=np.nan) != 0.0)
+            | (r.clamping_force == r.clamping_force_smooth)
         )
-        own[-1] = True
-        none = np.zeros(len(r))
-        pressed.append(
-            smoother.Run(_seconds(r), np.where(own, r.clamping_force_smooth, np.nan), none, none)
-        )
-    scale = max(max(float(np.nanmax(np.abs(r.y))) for r in pressed), _SMALL)
+        own[-1][[0, -1]] = True
+    pressed = [
+        smoother.Run(_seconds(r)[k], r.clamping_force_smooth[k], *np.zeros((3, np.sum(k))))
+        for r, k in zip(runs, own, strict=True)
+    ]
+    scale = max(max(float(np.max(np.abs(r.y))) for r in pressed), _SMALL)
     step = _step(pressed)
     guess = smoother.Noise(
         _white([r.y for r in pressed]), 0.0, scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
@@ -188,7 +201,23 @@ def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     )
     floor = (1e-5 * scale) ** 2  # no transducer is better, and no variance may be zero
     noise, _ = smoother.fit(_sample(pressed), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
-    return [smoother.smooth(run, regimes, noise) for run in pressed]
+    return [
+        _between(_seconds(r), p.t, smoother.smooth(p, regimes, noise))
+        for r, p in zip(runs, pressed, strict=True)
+    ]
+
+
+def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:
+    """Found at the times `known`, at the times t: straight lines, sigma with what they may miss."""
+    after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
+    part = (t - known[after - 1]) / (known[after] - known[after - 1])
+    missed = _bend(found.level)[after] / 8.0 * 4.0 * part * (1.0 - part)
+    return smoother.Smooth(
+        np.interp(t, known, found.level),
+        np.hypot(np.interp(t, known, found.level_sigma), missed),
+        np.interp(t, known, found.rate),
+        np.interp(t, known, found.rate_sigma),
+    )
 
 
 def _seconds(run: AxleRecord) -> Floats:
@@ -201,13 +230,13 @@ def _peak(clamping: list[smoother.Smooth]) -> float:
 
 
 def _step(runs: list[smoother.Run]) -> float:
-    """Median interval between measurements [s]."""
-    return float(np.median(np.concatenate([np.diff(r.t[~np.isnan(r.y)]) for r in runs])))
+    """Median interval [s]."""
+    return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
 
 
 def _white(columns: list[Floats]) -> float:
-    """Variance of white noise, from the median bend over three neighbours (NaN left out)."""
-    bends = np.concatenate([np.abs(np.diff(y[~np.isnan(y)], 2)) for y in columns])
+    """Variance of white noise, from the median bend over three neighbours."""
+    bends = np.concatenate([np.abs(np.diff(y, 2)) for y in columns])
     return float(np.median(bends) / 0.6745) ** 2 / 6.0 if len(bends) else 0.0
 
 

@@ -28,9 +28,10 @@ class Run(NamedTuple):
     """Measurements without interruption; columns of shape (n,)."""
 
     t: Floats  # [s], rising strictly
-    y: Floats  # measured level; NaN: nothing was measured here
+    y: Floats  # measured level
     u: Floats  # known part of the rate
     s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
+    lost: Floats  # variance of ∫u from the sample before, which u at the samples does not show
 
 
 class Regimes(NamedTuple):
@@ -122,7 +123,7 @@ def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[
 
 def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:
     return (
-        run.t, run.u, run.s, noise.rough, noise.coupling,
+        run.t, run.u, run.s, run.lost, noise.rough, noise.coupling,
         regimes.follow, regimes.leave, regimes.jump**2,
     )  # fmt: skip
 
@@ -169,7 +170,7 @@ def _predict(
 
 
 def _filter(
-    t: Floats, u: Floats, s: Floats, rough: Floats, coupling: float,
+    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats, jump: Floats,
     y: Floats, r: float, start: Floats, spread: float, kept: Floats,
 ) -> float:  # fmt: skip
@@ -177,14 +178,9 @@ def _filter(
     n, M = len(t), len(follow)
     now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
     T = np.empty((M, M))
-    first = 0
-    while first < n - 1 and math.isnan(y[first]):
-        first += 1
     for j in range(M):
-        now[j, 0], now[j, 1] = y[first], 0.0
+        now[j, 0], now[j, 1] = y[0], 0.0
         now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r, 0.0, spread, start[j]
-        if first > 0:
-            now[j, 2] += spread * (t[first] - t[0]) ** 2
     if len(kept) == n:
         kept[0] = now
     total, last_h = 0.0, -1.0
@@ -194,7 +190,6 @@ def _filter(
         if h != last_h:
             _switching(leave, h, T)
             last_h = h
-        measured = not math.isnan(y[k])
         top = -math.inf
         for i in range(M):
             for j in range(M):
@@ -203,13 +198,13 @@ def _filter(
                     now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4],
                     h, gain, ds, follow[j], q, jump[i, j],
                 )  # fmt: skip
+                P00 += lost[k]
+                e, S = y[k] - m0, P00 + r
+                g0, g1 = P00 / S, P01 / S
+                m0, m1 = m0 + g0 * e, m1 + g1 * e
+                P00, P01, P11 = g0 * r, g1 * r, P11 - g1 * P01
                 W[i, j] = math.log(now[i, 5] * T[i, j] + 1e-300)
-                if measured:
-                    e, S = y[k] - m0, P00 + r
-                    W[i, j] -= 0.5 * (math.log(2.0 * math.pi * S) + e * e / S)
-                    g0, g1 = P00 / S, P01 / S
-                    m0, m1 = m0 + g0 * e, m1 + g1 * e
-                    P00, P01, P11 = g0 * r, g1 * r, P11 - g1 * P01
+                W[i, j] -= 0.5 * (math.log(2.0 * math.pi * S) + e * e / S)
                 pair[i, j, 0], pair[i, j, 1] = m0, m1
                 pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = P00, P01, P11
                 top = max(top, W[i, j])
@@ -246,7 +241,7 @@ def _merge(parts: Floats, w: Floats, into: Floats) -> None:
 
 
 def _backward(
-    t: Floats, u: Floats, s: Floats, rough: Floats, coupling: float,
+    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats, jump: Floats, kept: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Backward pass over what `_filter` kept; fills out (n, 4): level, its sigma, δ, its sigma."""
@@ -271,6 +266,7 @@ def _backward(
                     m0, m1, P00, P01, P11 = _predict(
                         f0, f1, F00, F01, F11, h, gain, ds, follow[j], q, jump[i, j]
                     )
+                    P00 += lost[k + 1]
                     det = P00 * P11 - P01 * P01
                     c0, c1 = F00 + h * F01, F01 + h * F11  # covariance with the predicted level
                     G00, G01 = (c0 * P11 - F01 * P01) / det, (F01 * P00 - c0 * P01) / det
