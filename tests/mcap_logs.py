@@ -88,6 +88,7 @@ class Log:
     summary: bool = True
     statistics: bool = True
     crc: bool = True
+    data_crc: bool = True  # off in mcap's writer, unless asked for
     end: bool = True
     padding: bytes = b""
     repeat: bool = False  # definitions again in every chunk
@@ -130,7 +131,7 @@ class Log:
                         out += record(MessageIndex(channel, entries), self.padding)
         if not self.end:
             return out
-        out += record(DataEnd(zlib.crc32(out) if self.crc else 0), self.padding)
+        out += record(DataEnd(zlib.crc32(out) if self.crc and self.data_crc else 0), self.padding)
         start, summary = len(out), b""
         if self.summary:
             for of in definitions:

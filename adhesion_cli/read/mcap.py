@@ -8,6 +8,7 @@ Indexes only speed up what walking would find. Specification: https://mcap.dev/s
 import os
 import struct
 import zlib
+from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -330,7 +331,7 @@ class McapSource:
         """Keeps the first message of a channel, of a JSON channel the first of its first block."""
         mine = records.channel == channel.id
         most = _JSON_HEADS if channel.message_encoding == "json" else 1
-        rows = np.flatnonzero(mine)[:most] if most > 1 else np.argmax(mine)[None]
+        rows = np.flatnonzero(mine)[:most]
         heads = []
         for start, length in zip(records.start[rows], records.u64(1)[rows], strict=True):
             self._head_bytes += int(length)
@@ -897,9 +898,14 @@ def _inflate_zstd(packed: bytes, into: memoryview) -> int:
 def _inflate_lz4(packed: bytes, into: memoryview) -> int:
     import lz4.frame
 
-    inflated = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=len(into))
-    into[: len(inflated)] = inflated
-    return len(inflated)
+    found, frame = 0, lz4.frame.LZ4FrameDecompressor()
+    while found < len(into) and not frame.eof:
+        more = frame.decompress(packed, max_length=min(len(into) - found, _PIECE))
+        if not more:
+            break
+        into[found : found + len(more)] = more
+        found, packed = found + len(more), b""
+    return found
 
 
 _INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}
@@ -915,7 +921,7 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> _Reco
             them fill the block without a gap, which is what walking would find.
         block: for the words of an error.
     """
-    starts: list[int] = []
+    starts = array("q")
     others: list[tuple[int, int, int]] = []
     unknown = 0
     view = data.data
@@ -957,12 +963,12 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> _Reco
             for i in np.flatnonzero(ends != stops).tolist():
                 walk(int(ends[i]), int(stops[i]))
             if starts:
-                start = np.sort(np.append(start, starts))
+                start = np.sort(np.append(start, np.frombuffer(starts, np.int64)))
         except DamageError:
-            start, starts, others, unknown = None, [], [], 0
+            start, starts, others, unknown = None, array("q"), [], 0
     if start is None:
         walk(0, size)
-        start = np.array(starts, np.int64)
+        start = np.frombuffer(starts, np.int64) if starts else np.empty(0, np.int64)
     channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
     return _Records(data, start, channel, others, unknown)
 

@@ -39,8 +39,8 @@ class ReadOptions:
     decimal: str | None = None
     encoding: str | None = None
     strict: bool = False  # damage is an error, not a finding
-    max_inflated: int = 1 << 30  # bytes one MCAP chunk may inflate to
-    max_record: int = 1 << 30  # bytes one MCAP record may declare
+    max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to
+    max_record: int = 1 << 27  # bytes one MCAP record may declare
 
 
 class Source(Protocol):

@@ -1,0 +1,359 @@
+"""Damaged and hostile MCAP files: a typed error or a finding, never wrong numbers in silence."""
+
+import random
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from mcap.records import Channel, DataEnd, Footer, Header, Metadata, Schema
+from mcap_logs import (
+    MAGIC,
+    START,
+    Log,
+    chunk,
+    double_message,
+    message,
+    proto_file,
+    proto_schema,
+    raw_record,
+    record,
+    scalar_log,
+)
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.read.mcap import open_mcap
+from adhesion_cli.read.source import ReadOptions
+
+# what a log says, read: by field its times, values and validity, and the metadata
+Said = dict[tuple[str, str], tuple[bytes, bytes, bytes]]
+
+VALUES = [0.5 * i for i in range(24)]
+SMALL = {
+    "zstd": scalar_log(VALUES, compression="zstd", per_chunk=8, data_crc=False),
+    "lz4": scalar_log(VALUES, compression="lz4", per_chunk=8, attachments=2, data_crc=False),
+    "none": scalar_log(VALUES, per_chunk=8, padding=b"more", data_crc=False),
+    "unchunked": scalar_log(VALUES, metadata={"wagon": "7"}),
+}  # fmt: skip
+
+
+def read(path: Path, strict: bool = False) -> tuple[Said, set[str]]:
+    """All a log says, and the severities of what was found beside that."""
+    source = open_mcap(path, ReadOptions(strict=strict))
+    columns = source.columns(source.fields)
+    said = {
+        (f.channel, f.path): (c.t.tobytes(), c.value.tobytes(), c.valid.tobytes())
+        for f, c in zip(source.fields, columns, strict=True)
+    }
+    said["metadata", str(source.metadata)] = (b"", b"", b"")
+    return said, {f.severity for f in source.findings} - {"info"}
+
+
+def verdict(path: Path, whole: Said) -> str:
+    """ "right", "told" (error or finding) or "silent"; any other exception escapes."""
+    try:
+        said, told = read(path)
+    except UserError as error:
+        return "told" if f"{path}: byte" in error.text else "without a place"
+    if told:
+        return "told"
+    return "right" if said == whole else "silent"
+
+
+def flips(raw: bytes, bits: Iterator[int]) -> Iterator[bytes]:
+    for bit in bits:
+        changed = bytearray(raw)
+        changed[bit // 8] ^= 1 << bit % 8
+        yield bytes(changed)
+
+
+@pytest.mark.parametrize("kind", SMALL)
+def test_a_flipped_bit_is_never_silent(tmp_path: Path, kind: str) -> None:
+    raw = SMALL[kind].bytes()
+    some = random.Random(kind).sample(range(len(raw) * 8), 250)
+    _never_silent(tmp_path, raw, flips(raw, iter(some)))
+
+
+@pytest.mark.parametrize("kind", SMALL)
+def test_a_truncation_is_never_silent(tmp_path: Path, kind: str) -> None:
+    raw = SMALL[kind].bytes()
+    some = random.Random(kind).sample(range(len(raw)), 80)
+    _never_silent(tmp_path, raw, (raw[:n] for n in some))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SMALL)
+def test_every_flipped_bit_and_truncation(tmp_path: Path, kind: str) -> None:
+    raw = SMALL[kind].bytes()
+    _never_silent(tmp_path, raw, flips(raw, iter(range(len(raw) * 8))))
+    _never_silent(tmp_path, raw, (raw[:n] for n in range(len(raw))))
+
+
+def _never_silent(folder: Path, raw: bytes, damaged: Iterator[bytes]) -> None:
+    path = folder / "log.mcap"
+    path.write_bytes(raw)
+    whole, told = read(path)
+    assert not told
+    for n, changed in enumerate(damaged):
+        path.write_bytes(changed)
+        assert verdict(path, whole) in ("right", "told"), n
+
+
+def test_whole_chunks_before_a_truncation_are_kept_and_counted(tmp_path: Path) -> None:
+    log = scalar_log(VALUES, compression="zstd", per_chunk=8)
+    raw = log.bytes()
+    path = tmp_path / "log.mcap"
+    third = raw.index(b"\x06", raw.rindex(b"zstd", 0, raw.index(b"\x0f\x04")) - 60)
+    path.write_bytes(raw[: third + 70])
+    source = open_mcap(path, ReadOptions())
+    p, v = source.columns(source.fields)
+    assert source.rows == 16
+    np.testing.assert_array_equal(p.value, VALUES[:16:2])
+    np.testing.assert_array_equal(v.value, VALUES[1:16:2])
+    (finding,) = source.findings
+    assert (finding.code, finding.severity) == ("mcap-damaged", "error")
+    assert f"byte {third}" in finding.message
+    assert "16 messages in 2 whole chunks" in finding.message
+    with pytest.raises(UserError, match=f"log.mcap: byte {third}: "):
+        open_mcap(path, ReadOptions(strict=True))
+
+
+def test_one_bad_chunk_costs_only_itself(tmp_path: Path) -> None:
+    definitions = [Channel(1, "/c", "json", {}, 0)]
+    chunks = [
+        chunk([*definitions, *(message(1, START + 10 * n + i, b'{"x": %d}' % n) for i in range(5))])
+        for n in range(3)
+    ]
+    bad = bytearray(chunks[1][0])
+    bad[-3] ^= 4
+    raw = MAGIC + record(Header("", "")) + chunks[0][0] + bytes(bad) + chunks[2][0]
+    path = tmp_path / "log.mcap"
+    path.write_bytes(raw + record(DataEnd(0)) + record(Footer(0, 0, 0)) + MAGIC)
+    source = open_mcap(path, ReadOptions())
+    (column,) = source.columns(source.fields)
+    assert column.value.tolist() == [0.0] * 5 + [2.0] * 5
+    (finding,) = source.findings
+    assert f"byte {len(MAGIC + record(Header('', ''))) + len(chunks[0][0])}: " in finding.message
+
+
+# ---------------------------------------------------------------------- hostile files
+
+
+def wrapped(*records: bytes) -> bytes:
+    data = MAGIC + record(Header("", "")) + b"".join(records)
+    return data + record(DataEnd(0)) + record(Footer(0, 0, 0)) + MAGIC
+
+
+def json_log(*bodies: bytes) -> bytes:
+    log = Log([], [Channel(1, "/c", "json", {}, 0)], per_chunk=100)
+    log.messages = [message(1, START + i, body) for i, body in enumerate(bodies)]
+    return log.bytes()
+
+
+def typed_log(schema: Schema, encoding: str, *bodies: bytes) -> bytes:
+    log = Log([schema], [Channel(1, "/c", encoding, {}, 1)], per_chunk=100)
+    log.messages = [message(1, START + i, body) for i, body in enumerate(bodies)]
+    return log.bytes()
+
+
+def ros(text: str) -> Schema:
+    return Schema(1, text.encode(), "ros2msg", "p/msg/T")
+
+
+def bomb(compress: Callable[[bytes], bytes], declared: int, real: int) -> bytes:
+    body = b"\0" * real
+    content = struct.pack("<QQQI", 0, 0, declared, 0)
+    name = b"zstd" if compress is zstandard.compress else b"lz4"
+    packed = compress(body)
+    content += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(packed)) + packed
+    return wrapped(raw_record(6, content))
+
+
+def chain(count: int, circle: bool) -> Schema:
+    """Protobuf files that import each other in a row or in a circle."""
+    files = [
+        FileDescriptorProto(name=f"f{i}", package="t", dependency=[f"f{i + 1}"])
+        for i in range(count)
+    ]
+    last = proto_file([double_message()], name=f"f{count}")
+    if circle:
+        last.dependency.append("f0")
+    data = FileDescriptorSet(file=[*files, last]).SerializeToString()
+    return Schema(1, data, "protobuf", "t.D")
+
+
+def recursive() -> Schema:
+    node = double_message("N")
+    node.field.add(
+        name="next", number=2, type=F.TYPE_MESSAGE, type_name=".t.N", label=F.LABEL_OPTIONAL
+    )
+    return proto_schema(proto_file([node]), "N")
+
+
+def nested(depth: int) -> bytes:
+    raw = b""
+    for _ in range(depth):
+        size = len(raw)
+        length = b""
+        while size > 0x7F:
+            length += bytes([size & 0x7F | 0x80])
+            size >>= 7
+        raw = b"\x12" + length + bytes([size]) + raw
+    return raw
+
+
+D = proto_schema(proto_file([double_message()]), "D")
+DOUBLE = b"\x09" + struct.pack("<d", 2.0)
+ONE = chunk([Channel(1, "/c", "json", {}, 0), message(1, START, b'{"x": 1}')])[0]
+HOSTILE: dict[str, Callable[[], bytes]] = {
+    "empty": lambda: b"",
+    "magic only": lambda: MAGIC,
+    "other magic": lambda: b"\x89MCAP1\r\n" + bytes(100),
+    "zstd bomb": lambda: bomb(zstandard.compress, 300 << 20, 300 << 20),
+    "zstd bomb that lies": lambda: bomb(zstandard.compress, 100, 300 << 20),
+    "lz4 bomb that lies": lambda: bomb(lz4.frame.compress, 100, 300 << 20),
+    "huge declared size": lambda: bomb(zstandard.compress, 1 << 62, 10),
+    "length 2^63": lambda: wrapped(ONE, raw_record(12, b"", 1 << 63)),
+    "length 2^64-1": lambda: wrapped(ONE, raw_record(6, b"", (1 << 64) - 1)),
+    "length in chunk": lambda: wrapped(
+        ONE, chunk([raw_record(5, bytes(30), (1 << 63) + 5)], crc=0)[0]
+    ),
+    "string length": lambda: wrapped(ONE, raw_record(12, b"\xff" * 20)),
+    "hole of zeros": lambda: MAGIC + record(Header("", "")) + ONE + bytes(1 << 20),
+    "only zeros": lambda: MAGIC + bytes(1 << 20),
+    "two files": lambda: json_log(b'{"x": 1}') * 2,
+    "redefined channel": lambda: wrapped(
+        ONE, chunk([Channel(1, "/other", "json", {}, 0), message(1, START, b'{"x": 5}')])[0]
+    ),
+    "unknown channel": lambda: wrapped(ONE, chunk([message(9, START, b'{"x": 5}')])[0]),
+    "unknown compression": lambda: wrapped(
+        ONE, chunk([message(1, START, b'{"x": 5}')], "snappy")[0]
+    ),
+    "nested chunk": lambda: wrapped(ONE, chunk([ONE])[0]),
+    "name not UTF-8": lambda: wrapped(
+        ONE, raw_record(12, struct.pack("<I", 2) + b"\xff\xfe" + struct.pack("<I", 0))
+    ),
+    "topic not UTF-8": lambda: wrapped(
+        ONE, chunk([raw_record(4, b"\2\0\0\0" + b"\2\0\0\0\xff\xfe" + bytes(8))])[0]
+    ),
+    "late log time": lambda: wrapped(ONE, chunk([message(1, 1 << 63, b'{"x": 1}')])[0]),
+    "JSON NaN": lambda: json_log(b'{"x": 1}', b'{"x": NaN}'),
+    "JSON 1e400": lambda: json_log(b'{"x": 1}', b'{"x": 1e400}'),
+    "JSON deep": lambda: json_log(b'{"x": 1}', b"[" * 100_000),
+    "JSON deep and closed": lambda: json_log(b'{"x": 1}', b"[" * 900 + b"]" * 900),
+    "JSON not UTF-8": lambda: json_log(b'{"x": 1}', b'{"x": "\xff"}'),
+    "JSON two in one": lambda: json_log(b'{"x": 1}', b'{"x": 1}, {"x": 2}'),
+    "JSON text": lambda: json_log(b'{"x": 1}', b'{"x": "7"}'),
+    "JSON late key": lambda: json_log(*[b'{"x": 1}'] * 250, b'{"x": 1, "y": 2}'),
+    "JSON first broken": lambda: json_log(b"{"),
+    "ROS giant array": lambda: typed_log(
+        ros("Foo[2000000000] a\n===\nMSG: p/Foo\nuint8[1] b"), "cdr", b"\0\1\0\0"
+    ),
+    "ROS giant empty array": lambda: typed_log(
+        ros("Foo[2000000000] a\n===\nMSG: p/Foo\n"), "cdr", b"\0\1\0\0"
+    ),
+    "ROS giant count": lambda: typed_log(
+        ros("Foo[] a\n===\nMSG: p/Foo\nuint8[1] b"), "cdr", b"\0\1\0\0" + b"\xff" * 4
+    ),
+    "ROS fan-out": lambda: typed_log(
+        ros(
+            "\n".join(f"A0 f{i}" for i in range(9))
+            + "".join(
+                f"\n===\nMSG: p/A{n}\n" + "\n".join(f"A{n + 1} f{i}" for i in range(9))
+                for n in range(20)
+            )
+            + "\n===\nMSG: p/A20\nuint8 x"
+        ),
+        "cdr",
+        b"\0\1\0\0" + bytes(100_000),
+    ),
+    "ROS recursive": lambda: typed_log(ros("T a"), "cdr", b"\0\1\0\0" + bytes(90)),
+    "ROS short": lambda: typed_log(
+        ros("float64 a\nuint8[] b"), "cdr", b"\0\1\0\0" + bytes(12), b"\0\1\0\0" + bytes(7)
+    ),
+    "ROS array behind the end": lambda: typed_log(
+        ros("float64 a\nuint8[] b"), "cdr", b"\0\1\0\0" + bytes(8) + b"\xff\0\0\0"
+    ),
+    "ROS no header": lambda: typed_log(ros("uint8 a"), "cdr", b"\0"),
+    "ROS XCDR2": lambda: typed_log(ros("uint8 a"), "cdr", b"\0\1\0\0\1", b"\0\7\0\0\1"),
+    "ROS schema": lambda: typed_log(ros("what is this?"), "cdr", b"\0\1\0\0\1"),
+    "protobuf recursive": lambda: typed_log(recursive(), "protobuf", nested(90) + DOUBLE),
+    "protobuf too deep": lambda: typed_log(recursive(), "protobuf", nested(20_000)),
+    "protobuf cyclic": lambda: typed_log(chain(3, True), "protobuf", DOUBLE),
+    "protobuf missing import": lambda: typed_log(
+        Schema(1, FileDescriptorSet(
+            file=[FileDescriptorProto(name="a", dependency=["b"])]
+        ).SerializeToString(), "protobuf", "t.D"), "protobuf", DOUBLE,
+    ),
+    "protobuf wrong wire": lambda: typed_log(D, "protobuf", DOUBLE, b"\x08\x05"),
+    "protobuf first wrong": lambda: typed_log(D, "protobuf", b"\x08\x05"),
+    "protobuf cut": lambda: typed_log(D, "protobuf", DOUBLE, DOUBLE[:-1]),
+    "protobuf endless varint": lambda: typed_log(D, "protobuf", DOUBLE, b"\xff" * 30),
+    "protobuf many fields": lambda: typed_log(D, "protobuf", DOUBLE, DOUBLE * 99_999, b"\x08\1"),
+    "protobuf schema": lambda: typed_log(
+        Schema(1, b"\xff", "protobuf", "t.D"), "protobuf", DOUBLE
+    ),
+    "protobuf other type": lambda: typed_log(
+        Schema(1, D.data, "protobuf", "X"), "protobuf", DOUBLE
+    ),
+    "metadata only": lambda: wrapped(record(Metadata("m", {}))) [:-12],
+}  # fmt: skip
+RIGHT = {"protobuf recursive"}  # valid, however odd
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_told_of(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "log.mcap"
+    path.write_bytes(HOSTILE[name]())
+    begin = time.process_time()
+    try:
+        said, told = read(path)
+    except UserError as error:
+        text = error.text
+    else:
+        assert bool(told) == (name not in RIGHT), said
+        text = str(path)
+        if "error" in told:
+            with pytest.raises(UserError, match="log"):
+                read(path, strict=True)
+    assert str(path) in text
+    # generous: the point is that no size inside the file decides how long it takes
+    assert time.process_time() - begin < 10
+
+
+def test_hostile_files_need_little_memory(tmp_path: Path) -> None:
+    """All of them, one after the other, in one process."""
+    for i, make in enumerate(HOSTILE.values()):
+        (tmp_path / f"{i}.mcap").write_bytes(make())
+    script = """
+import sys
+from pathlib import Path
+from adhesion_cli.errors import UserError
+from adhesion_cli.read import json_rows, mcap, protobuf, ros2
+from adhesion_cli.read.source import ReadOptions
+import lz4.frame, zstandard
+def peak():  # of this program alone, in KiB
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+
+before = peak()
+for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
+    try:
+        source = mcap.open_mcap(path, ReadOptions())
+        source.columns(source.fields)
+    except UserError:
+        pass
+print(peak() - before)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)],
+        capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1],
+    )  # fmt: skip
+    assert int(done.stdout) < 200 << 10  # KiB
