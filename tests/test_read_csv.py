@@ -225,6 +225,32 @@ def test_second_reading_reports_nothing_twice(log):
     assert source.findings == before
 
 
+def test_time_of_day_is_told_to_start_anew_at_midnight(log):
+    source, columns = read(log, "Time,p\n23:59:59.5,5\n00:00:00.0,5.5\n00:00:00.5,5.5\n")
+    assert columns["p"].t.tolist() == [86_399_500_000_000, 0, S // 2]
+    assert codes(source) == {"time-of-day-wrapped"}
+
+
+def test_column_that_starts_with_words_is_still_a_channel(log):
+    late = "".join(f"{k},1.5,{'OFF' if k < 900 else k}\n" for k in range(1000))
+    source, columns = read(log, "t [s],p,v\n" + late)
+    assert columns["v"].value[columns["v"].valid].tolist() == list(range(900, 1000))
+    (bad,) = (f for f in source.findings if f.code == "csv-bad-cells")
+    assert (bad.count, bad.channel) == (900, "v")
+
+
+def test_column_of_the_other_decimal_mark_is_left_out_and_told(log):
+    text = "t [s];p;lat\n" + "".join(f"{k},5;1,{k}5;51.{k}\n" for k in range(8))
+    source, columns = read(log, text)
+    assert list(columns) == ["p"]
+    assert codes(source) == {"csv-mixed-decimals"}
+
+
+def test_names_that_are_numbers_are_a_header_beside_a_time(log):
+    _, columns = read(log, "time [s],1,2\n0,1,2\n1,2,3\n2,3,4\n")
+    assert list(columns) == ["1", "2"]
+
+
 def test_strict_refuses_what_would_be_a_finding(log):
     log.write_text("t [s];p\n0;1\n1;x\n2;3\n")
     source = open_csv(log, ReadOptions(strict=True))
@@ -356,8 +382,10 @@ REFUSED = {
     "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
     "day or month": (b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n", "day/month or month/day", 'unit = "dmy"'),
     "date only": (b"Date;p\n2026-01-01;1\n2026-01-01;2\n", "no column is a time", "time = {channel"),
-    "two different times": (b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n", "both 't \\[s\\]'", 'channel = "column 1"'),
+    "two different times": (b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n", "both times, and differ", 'channel = "column 1"'),
     "seconds beyond 2060": (b"t [s];p\n1795266307000;1\n1795266307010;2\n", "beyond the year 2060", "unit"),
+    "numbered times": (b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n", "both times, and differ", 'channel = "column 1"'),
+    "hours or minutes": (b"Time;p\n12:05;1\n12:06;2\n", "hours and minutes or minutes and seconds", "seconds"),
     "no delimiter": (b"speed\n1.5\n2.5\n3.5\n", "no delimiter", "time column"),
 }  # fmt: skip
 

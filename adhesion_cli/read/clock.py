@@ -135,8 +135,8 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             named.append((found[0], i, name))
     for _, i, name in sorted(named):
         if clock := _clock_of(dialect, i, unit, rows, path, f"column named {name!r}"):
-            _refuse_twin(dialect, i, path)
-            return clock
+            rest = [k for _, k, _ in named if k not in clock.columns]
+            return replace(clock, findings=(*clock.findings, *_others(dialect, i, rest, path)))
     if dialect.headed:
         for i, name in enumerate(dialect.names):
             stamps = _date_form(dialect.column(i), unit) or _share(dialect.column(i), _CLOCK) > 0.8
@@ -207,17 +207,34 @@ def _rises(dialect: Dialect, i: int) -> bool:
     return all(b > a for a, b in pairwise(values))
 
 
-def _refuse_twin(dialect: Dialect, i: int, path: Any) -> None:
-    """Refuses a second time column of the same name with other values."""
-    name = dialect.names[i]
-    if name not in dialect.duplicates:
-        return
-    for k, other in enumerate(dialect.names):
-        if other.startswith(f"{name} (") and dialect.column(k) != dialect.column(i):
+def _others(dialect: Dialect, i: int, named: Sequence[int], path: Any) -> tuple[Finding, ...]:
+    """Tells of further time columns; refuses those that time other columns ("time1", "time2").
+
+    Raises:
+        UserError: where a column of the same name, but for its number, holds other times.
+    """
+    others = [k for k in named if k != i and dialect.column(k) != dialect.column(i)]
+    for k in others:
+        if _unnumbered(dialect.names[k]) == _unnumbered(dialect.names[i]):
             raise UserError(
-                f"{path}: columns {i + 1} and {k + 1} are both {name!r}, with different times",
-                f'state one, as time = {{channel = "column {i + 1}"}} under [channels]',
+                f"{path}: columns {dialect.names[i]!r} and {dialect.names[k]!r} are both times, and differ: "
+                " which columns belong to which is not stated",
+                f'state one, as time = {{channel = "column {i + 1}"}} under [channels], and map '
+                "only columns that belong to it",
             )
+    if not others:
+        return ()
+    text = ", ".join(repr(dialect.names[k]) for k in others)
+    return (
+        Finding(
+            "time-others", "info", f"{text} name a time as well; {dialect.names[i]!r} is taken",
+            dialect.names[i], len(others),
+        ),
+    )  # fmt: skip
+
+
+def _unnumbered(name: str) -> str:
+    return re.sub(r"[\s_.]*\(?[0-9]+\)?(?=\W*\w*\W*$)", "", name).strip()
 
 
 def _clock_of(
@@ -403,6 +420,11 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         )
     if clock_only:
         pattern = f"{_CLOCK}{_ZONE}"
+        if not any(c.count(":") > 1 for c in cells):
+            raise UserError(
+                f"{path}: {cells[0]!r} in {names} may be hours and minutes or minutes and seconds",
+                "export the time with hours, minutes and seconds",
+            )
     elif _share(cells, _SHORT_CLOCK) >= _READABLE:
         pattern = _SHORT_CLOCK
     else:

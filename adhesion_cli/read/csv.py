@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..model import Bools, Column, Finding, Floats, Times
 from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
-from .lines import Block, Lines, read_head
-from .sniff import NULLS, Dialect, is_comment, is_null, sniff, split
+from .lines import Block, Lines, read_head, read_tail
+from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
 from .source import Field, ReadOptions
 from .words import is_group_name
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _MAX_MET = 10_000
+_HALF_DAY = 43_200 * 1_000_000_000
 _MAX_GROUPS = 64
 _SKIPPED = {
     "too few cells": "have too few cells",
@@ -87,6 +88,7 @@ class CsvSource:
         self._group, self._groups = self._find_groups()
         names = dialect.names
         taken = {*clock.columns, self._group}
+        self._tail = read_tail(path, dialect)
         numeric = [i for i in range(len(names)) if i not in taken and self._is_numeric(i)]
         self._index = {names[i]: i for i in numeric}
         self.fields: list[Field] = [
@@ -104,6 +106,13 @@ class CsvSource:
         text = [names[i] for i in range(len(names)) if i not in taken and i not in numeric]
         if text:
             self.stated["not numeric"] = ", ".join(text)
+        for name in text:
+            if self._other_decimal(names.index(name)):
+                self._report(
+                    "csv-mixed-decimals", "warning",
+                    f"left out: its decimal mark is not {dialect.decimal!r} as elsewhere; state "
+                    "decimal = … under [csv]", name, 1,
+                )  # fmt: skip
         if self._group is not None:
             self.stated["group"] = f"{names[self._group]!r}: {', '.join(self._groups)}"
         if dialect.duplicates:
@@ -132,6 +141,13 @@ class CsvSource:
         self.rows = scan.lines["used"] + scan.lines["other group"]
         self._report_rows(scan)
         self._report_cells(scan)
+        of_day = self._clock.pattern and not self.absolute
+        if of_day and (back := int((np.diff(t) < -_HALF_DAY).sum())):
+            self._report(
+                "time-of-day-wrapped", "warning",
+                "the time of day starts anew (midnight); there is no date to continue with",
+                self._dialect.names[self._clock.columns[0]], back,
+            )  # fmt: skip
         rows = [codes == k for k in range(len(self._groups))] if self._group is not None else []
         times = [t[r] for r in rows] if len(rows) > 1 else [t]
         out = []
@@ -155,11 +171,22 @@ class CsvSource:
         )
 
     def _is_numeric(self, i: int) -> bool:
+        """Whether a column holds numbers, in the head or, where that is words, near the end."""
         cells = self._dialect.column(i)
+        if not cells and self._dialect.names[i] == f"column {i + 1}":
+            return not self._dialect.headed  # an empty column without a name
         number = self._dialect.number()
-        if not cells:
-            return self._dialect.names[i] != f"column {i + 1}" or not self._dialect.headed
-        return sum(bool(number.fullmatch(c)) for c in cells) >= _NUMERIC * len(cells)
+        late = [c for row in self._tail if not is_null(c := row[i])]
+        return any(
+            sum(bool(number.fullmatch(c)) for c in of) >= _NUMERIC * len(of) for of in (cells, late)
+        )
+
+    def _other_decimal(self, i: int) -> bool:
+        """Whether a column's numbers have the decimal mark that the other columns do not."""
+        mark = "." if self._dialect.decimal == "," else ","
+        cells = self._dialect.column(i)
+        found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
+        return len(found) > len(cells) / 2
 
     def _find_groups(self) -> tuple[int | None, list[str]]:
         """Column that tells devices or axles apart, and its values; (None, []) in a wide log."""
@@ -544,15 +571,19 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table whose columns nobody named, with the mapping to write."""
     first = dialect.rows[0]
     found = interleaved(dialect, (0,))
-    group = f"; {found[0]}" if found else ""
+    group, hint, rest = "", "", list(range(2, len(first) + 1))
+    if found:
+        message, column, _ = found
+        group = f"; {message}"
+        hint = f'group = {{channel = {toml(column)}, equals = "…"}}, '
+        rest = [k for k in rest if column != f"column {k}"]
     return UserError(
         f"{path}: has no header row (line {dialect.first_line} is numbers: "
         f"{', '.join(first[:4])}{', …' if len(first) > 4 else ''}){group}",
         'map its columns by number under [channels], as time = {channel = "column 1", unit = "s"}, '
-        + ('group = {channel = ' + toml(found[1]) + ', equals = "…"}, ' if found else "")
-        + 'pressure."axle 1" = {channel = "column 2", unit = "bar"}, '
-        'speed."axle 1" = {channel = "column 3", unit = "km/h"}',
-    )  # fmt: skip
+        f'{hint}pressure."axle 1" = {{channel = "column {rest[0]}", unit = "bar"}}, '
+        f'speed."axle 1" = {{channel = "column {rest[-1]}", unit = "km/h"}}',
+    )
 
 
 def _is_long(t: Times, codes: NDArray[np.int64], groups: int) -> bool:

@@ -6,6 +6,7 @@ that the parser sees one form and lines can be counted.
 
 import codecs
 import gzip
+import os
 import re
 import zlib
 from collections.abc import Iterator
@@ -17,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from .sniff import HEAD_BYTES, Dialect
+from .sniff import HEAD_BYTES, Dialect, split
 
 _BLOCK = 4 << 20
+_TAIL = 1 << 16
+_TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
 _MAX_QUOTED = 1 << 20  # bytes and lines of one quoted cell; beyond, the quote is taken to be stray
 _MAX_QUOTED_LINES = 100
@@ -226,6 +229,20 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     complete = len(head) <= HEAD_BYTES
     return head[:HEAD_BYTES], complete, len(head) if complete else size
+
+
+def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
+    """Last rows of a plain file; none of a compressed one, whose end is far to reach."""
+    if is_gzip(path):
+        return []
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        start = max(dialect.bom, size - _TAIL - (size - dialect.bom) % 4)  # whole UTF-16 units
+        file.seek(start)
+        text = file.read().decode(dialect.encoding, "replace")
+    lines = text.replace("\r", "\n").split("\n")[1:][-_TAIL_ROWS:]
+    rows = (split(line, dialect.delimiter) for line in lines)
+    return [cells for cells in rows if len(cells) == dialect.width]
 
 
 def _read_until_damage(file: Any) -> bytes:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import UserError
 from .source import ReadOptions
-from .words import is_units_row
+from .words import is_units_row, time_name
 
 HEAD_BYTES = 1 << 20
 MAX_COLUMNS = 10_000
@@ -81,7 +81,7 @@ class Dialect:
 
     def column(self, index: int) -> list[str]:
         """Non-null cells of a column in the head's rows."""
-        return [c for row in self.rows if not is_null(c := row[index].strip())]
+        return [c for row in self.rows if not is_null(c := row[index])]
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:
@@ -439,6 +439,8 @@ def _first_data(table: list[tuple[int, list[str]]], width: int, decimal: str) ->
         if len(cells) != width:
             return False
         said = [cells[i] for i in numeric if not is_null(cells[i])]
+        if any(time_name(c) for c in said):  # a header whose other names are numbers
+            return False
         good = sum(typed(c) for c in said)
         return good > 0.5 * len(said)
 
@@ -460,6 +462,8 @@ def _headers(
         if not width - 1 <= len(cells) <= width + 1 or (len(cells) < width and width == 2):
             return False
         said = [c for c in cells if c]
+        if any(time_name(c) for c in said):
+            return True
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
     top, units = start, []

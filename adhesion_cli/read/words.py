@@ -83,7 +83,7 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         if (found := re.match(pattern, text)) and (stated := time_unit(found[2])):
             text, unit = found[1], stated
             break
-    name = normal(text)
+    name = normal(text).rstrip("0123456789") or normal(text)
     if name not in _TIME:
         return None
     return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
