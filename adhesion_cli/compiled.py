@@ -104,7 +104,9 @@ def function(target: Callable[..., Any]) -> Callable[..., Any]:
     code = target.__code__
     arguments = ", ".join(code.co_varnames[: code.co_argcount])
     name = f"{target.__module__}.{target.__name__}".replace(".", "_")
-    return _compiled(name, _WRAPPER.format(arguments=arguments), (("target", target),))
+    return _compiled(
+        name, _WRAPPER.format(arguments=arguments), (("target", target),), inline=False
+    )
 
 
 def _loop(est: Estimator, template: str) -> Callable[..., Any]:
@@ -113,11 +115,13 @@ def _loop(est: Estimator, template: str) -> Callable[..., Any]:
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
     )
     reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
-    return _compiled(f"batch_{est.name}", text, tuple(reached.items()))
+    return _compiled(f"batch_{est.name}", text, tuple(reached.items()), inline=True)
 
 
 @cache
-def _compiled(name: str, text: str, reached: tuple[tuple[str, Any], ...]) -> Callable[..., Any]:
+def _compiled(
+    name: str, text: str, reached: tuple[tuple[str, Any], ...], inline: bool
+) -> Callable[..., Any]:
     """`call` of the source `text`, which finds the things `reached` under their names.
 
     The source is a file of its own because numba's disk cache recognises a function by its file;
@@ -135,13 +139,13 @@ def _compiled(name: str, text: str, reached: tuple[tuple[str, Any], ...]) -> Cal
     module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
     done: dict[FunctionType, Any] = {}
     for key, x in reached:
-        setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
+        setattr(module, key, _lowered(x, done, inline) if isinstance(x, FunctionType) else x)
     spec.loader.exec_module(module)
     call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
     return call
 
 
-def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
+def _lowered(f: FunctionType, done: dict[FunctionType, Any], inline: bool) -> Any:
     """`f` for numba, with every plain function it names lowered as well."""
     from numba import njit
 
@@ -149,9 +153,9 @@ def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
         names = dict(f.__globals__)
         for name in f.__code__.co_names:
             if isinstance(names.get(name), FunctionType):
-                names[name] = _lowered(names[name], done)
+                names[name] = _lowered(names[name], done, inline)
         plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        done[f] = njit(error_model="numpy", forceinline=True)(plain)
+        done[f] = njit(error_model="numpy", forceinline=inline)(plain)
     return done[f]
 
 

@@ -1,0 +1,164 @@
+"""Compiled code: same numbers as plain Python, kept on disk, never stale."""
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import adhesion_cli
+from adhesion_cli import compiled, estimator
+from adhesion_cli.model import Vehicle
+from adhesion_cli.physics import wheelset
+
+PACKAGE = Path(adhesion_cli.__file__).parent
+
+BATCH = """
+import json, sys
+import numpy as np
+from adhesion_cli import compiled, estimator
+from adhesion_cli.model import Vehicle
+from adhesion_cli.physics import wheelset
+est = estimator.registry()[sys.argv[1]]
+w = wheelset(Vehicle(), 1)
+t = np.arange(200) * 1_000_000
+K, y = np.full(200, 21e3), 40.0 - 2e-9 * t
+F = compiled.batch(est, est.Params(), w, t, K, y, np.array([0]))
+online = estimator.online(est, est.Params(), w, zip(t.tolist(), K.tolist(), y.tolist()))
+print(json.dumps([F.tolist(), list(online)]))
+"""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A copy of the package, free to be edited."""
+    path = tmp_path_factory.mktemp("source")
+    shutil.copytree(PACKAGE, path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+    return path
+
+
+def start(path, code, *arguments, **environment):
+    environment = {**os.environ, **{k: str(v) for k, v in environment.items()}}
+    environment |= {"PYTHONPATH": str(path), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, cwd=path, env=environment, stdout=pipe, stderr=pipe, text=True)
+
+
+def answer(process):
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out
+
+
+def machine_code(cache):
+    return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
+
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+
+def halved(x):
+    return 0.5 * x
+
+
+def swapped(pair, x):
+    return Pair(halved(pair.b) + x, math.exp(-abs(pair.a)))
+
+
+def ratio(a, b):
+    return a / b
+
+
+number = st.floats(-1e6, 1e6)
+
+
+@given(a=number, b=number, x=number)
+def test_function_is_the_plain_function(a, b, x):
+    assert compiled.function(swapped)(Pair(a, b), x) == swapped(Pair(a, b), x)
+
+
+def test_division_by_zero_is_inf():
+    assert compiled.function(ratio)(1.0, 0.0) == math.inf
+
+
+def test_an_edited_helper_is_noticed(copy, tmp_path):
+    """And nothing is compiled again while nothing changed."""
+
+    def run():
+        return json.loads(answer(start(copy, BATCH, "neso", XDG_CACHE_HOME=tmp_path)))
+
+    batch, online = run()
+    assert batch == online
+    kept = machine_code(tmp_path)
+    assert kept
+    assert run()[0] == batch
+    assert machine_code(tmp_path) == kept
+
+    helper = copy / PACKAGE.name / "estimators" / "_han.py"
+    text = helper.read_text(encoding="utf-8")
+    assert "alpha - 1.0" in text
+    try:
+        helper.write_text(text.replace("alpha - 1.0", "alpha - 0.9"), encoding="utf-8")
+        edited, online = run()
+    finally:
+        helper.write_text(text, encoding="utf-8")
+    assert edited == online
+    assert edited != batch
+
+
+def test_processes_may_start_at_once(copy, tmp_path):
+    racing = [start(copy, BATCH, "kalman", XDG_CACHE_HOME=tmp_path) for _ in range(2)]
+    first, second = map(answer, racing)
+    assert first == second
+    kept = machine_code(tmp_path)
+    assert answer(start(copy, BATCH, "kalman", XDG_CACHE_HOME=tmp_path)) == first
+    assert machine_code(tmp_path) == kept
+
+
+def test_a_cache_folder_that_cannot_be_written(copy, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    run = start(copy, BATCH, "leso", XDG_CACHE_HOME=blocked, TMPDIR=temporary)
+    batch, online = json.loads(answer(run))
+    assert batch == online
+    assert machine_code(temporary)
+
+
+def test_old_folders_go(copy, tmp_path):
+    root = tmp_path / "adhesion-cli"
+    for i in range(12):
+        folder = root / f"{i:016x}"
+        folder.mkdir(parents=True)
+        os.utime(folder, (i, i))
+    answer(start(copy, BATCH, "leso", XDG_CACHE_HOME=tmp_path))
+    left = sorted(path.name for path in root.iterdir())
+    assert len(left) == 8
+    assert left[:7] == [f"{i:016x}" for i in range(5, 12)]
+
+
+def test_importing_compiles_nothing(copy):
+    code = (
+        "import sys, adhesion_cli.compiled, adhesion_cli.estimator as e; e.registry();"
+        "print(*sys.modules)"
+    )
+    assert "numba" not in answer(start(copy, code)).split()
+
+
+def test_no_samples_no_answer():
+    est = estimator.registry()["leso"]
+    none, no_times = np.zeros(0), np.zeros(0, np.int64)
+    w = wheelset(Vehicle(), 1)
+    assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times).shape == (0,)

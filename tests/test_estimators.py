@@ -1,0 +1,472 @@
+"""What every estimator must hold, found by the registry; nothing is skipped by name."""
+
+import ast
+import inspect
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from adhesion_cli import compiled, estimator, metrics, scenario, simulate
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import AxleRecord, Vehicle, Wheelset
+from adhesion_cli.physics import clamping_force, wheelset
+
+W = wheelset(Vehicle(), 1)
+REGISTRY = estimator.registry()
+STEADY = W.rolling * W.phi * 21e3  # 5378 N
+
+every = pytest.mark.parametrize("name", REGISTRY)
+
+
+def ns(t):
+    return np.round(np.asarray(t) * 1e9).astype(np.int64)
+
+
+def run(name, t, K, y, starts=(0,), **overrides):
+    est = REGISTRY[name]
+    p = estimator.validated(est, overrides)
+    return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))
+
+
+def online(name, t, K, y, **overrides):
+    est = REGISTRY[name]
+    p = estimator.validated(est, overrides)
+    samples = zip(ns(t).tolist(), K.tolist(), y.tolist(), strict=True)
+    return np.array(list(estimator.online(est, p, W, samples)))
+
+
+def rolling_brake(t, ramp=2.5, y0=20 / 0.42):
+    """Exact signals of (1) without slip: 2 s coasting, K to 21 kN along `ramp` [s], then held."""
+    x = np.clip((t - 2.0) / ramp, 0.0, None)
+    K = 21e3 * np.minimum(x, 1.0)
+    impulse = 21e3 * ramp * np.where(x < 1.0, 0.5 * x**2, x - 0.5)
+    return K, y0 - W.a * W.phi * (1.0 - W.rolling) * impulse, W.rolling * W.phi * K
+
+
+def slide(t):
+    """K = 21 kN held, adhesion lost and found: the wheel's acceleration dips, then swings up."""
+
+    def bell(centre):
+        x = (t - centre) / 0.15
+        return np.exp(-(x**2)), 0.15 * math.sqrt(math.pi) / 2.0 * np.vectorize(math.erf)(x)
+
+    (dip, dip_area), (rise, rise_area) = bell(2.0), bell(2.6)
+    y = 40.0 - 2.7 * t - 6.0 * dip_area + 5.0 * rise_area
+    K = np.full_like(t, 21e3)
+    return K, y, W.phi * K + (-2.7 - 6.0 * dip + 5.0 * rise) / W.a
+
+
+def jittery(n, seed):
+    """n rising times [s], intervals from 0.1 ms to 0.3 s."""
+    rng = np.random.default_rng(seed)
+    return np.cumsum(np.exp(rng.uniform(math.log(1e-4), math.log(0.3), n)))
+
+
+# what a file says
+
+
+@every
+def test_documented(name):
+    est = REGISTRY[name]
+    module = inspect.getmodule(est.step)
+    for thing in (module, est.Params, est.State, est.init, est.step):
+        assert len(inspect.getdoc(thing) or "") > 10
+    assert est.title
+    assert "Wu M., Peng S., Li X." in est.source or "doi" in est.source
+    assert est.claims
+    for _, quantity, default in estimator.parameters(est):
+        assert quantity.unit
+        assert quantity.text
+        assert quantity.low <= default <= quantity.high
+        assert math.isfinite(quantity.high)
+
+
+@every
+def test_plain_python(name):
+    tree = ast.parse(REGISTRY[name].path.read_text(encoding="utf-8"))
+    imported = {n.names[0].name for n in ast.walk(tree) if isinstance(n, ast.Import)}
+    imported |= {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) if not n.level}
+    assert imported <= {"math", "typing"}
+
+
+# one step, two ways of running it
+
+
+@every
+def test_online_equals_batch(name):
+    t = jittery(400, seed=1)
+    K, y, _ = slide(t)
+    y = y + np.random.default_rng(2).normal(0.0, 3e-3, len(t))
+    np.testing.assert_array_equal(run(name, t, K, y), online(name, t, K, y))
+
+
+@every
+def test_causal_and_deterministic(name):
+    t = jittery(300, seed=3)
+    K, y, _ = slide(t)
+    F = run(name, t, K, y)
+    for cut in (1, 17, 150, 299):
+        K2, y2 = K.copy(), y.copy()
+        K2[cut:], y2[cut:] = 0.0, -1e3
+        np.testing.assert_array_equal(run(name, t, K2, y2)[:cut], F[:cut])
+        np.testing.assert_array_equal(run(name, t[:cut], K[:cut], y[:cut]), F[:cut])
+
+
+@every
+def test_nothing_crosses_a_segment(name):
+    t = jittery(300, seed=4)
+    K, y, _ = slide(t)
+    whole = run(name, t, K, y, starts=(0, 100, 101, 230))
+    for first, last in ((0, 100), (100, 101), (101, 230), (230, 300)):
+        alone = run(name, t[first:last], K[first:last], y[first:last])
+        np.testing.assert_array_equal(whole[first:last], alone)
+
+
+# the physics
+
+
+@every
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 0.1, 1.0])
+def test_finds_the_steady_force(name, h):
+    t = np.arange(0.0, 17.0 + h / 2.0, h)
+    K, y, F = rolling_brake(t)
+    assert F[-1] == pytest.approx(5378.4, abs=0.1)
+    assert run(name, t, K, y)[-1] == pytest.approx(F[-1], abs=0.1)
+
+
+@every
+@pytest.mark.parametrize("signals", [rolling_brake, slide])
+@pytest.mark.parametrize("h", [1e-3, 1e-2, 0.1, 1.0, "irregular"])
+def test_rate_does_not_matter(name, signals, h):
+    """A log at `h` gives what the same log at 10 kHz gives at the same instants.
+
+    To within the sampling's own limit: between two samples the log holds the mean force and no
+    more, and the force itself may be as far from that as it changes in the interval.
+    """
+    fine = np.arange(0.0, 8.00005, 1e-4)
+    K, y, F = signals(fine)
+    if h == "irregular":
+        at = np.unique(np.round(jittery(500, seed=5) / 1e-4).astype(int))
+        at = np.concatenate([[0], at[at < len(fine)]])
+    else:
+        at = np.arange(0, len(fine), round(h / 1e-4))
+    first = np.concatenate([[0], at[:-1]])
+    change = [np.ptp(F[i : j + 1]) for i, j in zip(first, at, strict=True)]
+    limit = max(change) + 0.1
+    coarse = run(name, fine[at], K[at], y[at])
+    assert np.abs(coarse - run(name, fine, K, y)[at]).max() <= limit
+
+
+def right_side(name, p):
+    """The differential equations of physics.md, as they stand, for K = 21 kN and y(t)."""
+    kappa = W.a * W.phi * 21e3
+
+    def fal(x, alpha, delta):
+        big = math.copysign(abs(x) ** alpha, x)
+        return x / delta ** (1.0 - alpha) if abs(x) <= delta else big
+
+    def leso(y, omega, d):
+        e = omega - y
+        return d - kappa - p.beta1 * e, -p.beta2 * e
+
+    def neso(y, omega, d):
+        e = omega - y
+        f1, f2 = fal(e, p.alpha1, p.delta), fal(e, p.alpha2, p.delta)
+        return d - kappa - p.beta1 * f1, -p.beta2 * f2
+
+    def gradient(y, z, y_f, d):
+        e = z + y_f - y
+        return d - kappa - p.lam * z, p.lam * (y - y_f), -p.p * e
+
+    return {"leso": leso, "neso": neso, "gradient": gradient}[name]
+
+
+@pytest.mark.parametrize(("name", "d"), [("leso", 1), ("neso", 1), ("gradient", 2)])
+@pytest.mark.parametrize("h", [1e-3, 0.05])
+def test_step_solves_the_equations(name, d, h):
+    """Against an integrator that knows nothing of exact steps, on a line from sample to sample."""
+    t = np.arange(0.0, 1.5 + h / 2.0, h)
+    y = 40.0 - 2.7 * t - 0.5 * np.sin(9.0 * t)
+    f = right_side(name, estimator.validated(REGISTRY[name], {}))
+    solution = solve_ivp(
+        lambda at, x: f(np.interp(at, t, y), *x),
+        (0.0, t[-1]), [0.0] * (d - 1) + [y[0], 0.0], "LSODA", t, rtol=1e-9, atol=1e-11,
+        max_step=min(h, 1e-2),
+    )  # fmt: skip
+    F = run(name, t, np.full_like(t, 21e3), y)
+    np.testing.assert_allclose(F, solution.y[d] / W.a, rtol=0.0, atol=2.0)
+
+
+# the paper
+
+
+def constant(h, duration=8.0, noise=0, halved_at=math.inf):
+    """Section 3.2: K = 21 kN from the first sample, rolling; noise of variance 1e-5 by seed."""
+    t = np.arange(round(duration / h) + 1) * h
+    F = np.where(t > halved_at, 0.5, 1.0) * STEADY
+    y = 20 / 0.42 + np.cumsum(h * W.a * (F - W.phi * 21e3))
+    if noise:
+        y = y + np.random.default_rng(noise).normal(0.0, math.sqrt(1e-5), len(t))
+    return t, np.full_like(t, 21e3), y
+
+
+@pytest.mark.parametrize(
+    ("name", "response", "overrides"),
+    [
+        ("leso", 2.98, {}),
+        ("leso", 2.98, {"euler": 1.0}),
+        ("neso", 0.48, {}),
+        ("neso", 0.48, {"euler": 1.0}),
+        ("gradient", 0.83, {}),
+        ("gradient", 0.83, {"euler": 1.0}),
+    ],
+)
+@pytest.mark.parametrize("h", [1e-3, 2e-3, 5e-3])
+def test_response_time_of_table_2(name, response, overrides, h):
+    t, K, y = constant(h)
+    F = run(name, t, K, y, **overrides)
+    assert t[np.argmax(F >= 0.95 * STEADY)] == pytest.approx(response, abs=0.012)
+
+
+def test_td_response_is_its_start_from_zero():
+    t, K, y = constant(1e-3)
+
+    def settled(**overrides):
+        off = np.abs(run("td", t, K, y, **overrides) - STEADY) > 0.05 * STEADY
+        return t[np.flatnonzero(off)[-1] + 1]
+
+    printed = {"h0": 0.0, "euler": 1.0}
+    assert settled(**printed, from_zero=1.0) == pytest.approx(1.69, abs=0.01)
+    assert settled(**printed) < 0.07
+
+
+@pytest.mark.parametrize(
+    ("name", "largest", "overrides"),
+    [
+        ("neso", 10.0, {"euler": 1.0}),
+        ("td", 96.0, {"h0": 0.0, "euler": 1.0}),
+        ("gradient", 0.3, {}),
+    ],
+)
+def test_largest_error_at_1_khz(name, largest, overrides):
+    """The noise is a variance of each sample: then the errors are those of Table 2 in size."""
+    errors = []
+    for seed in range(1, 11):
+        t, K, y = constant(1e-3, noise=seed)
+        errors.append(np.abs(run(name, t, K, y, **overrides) - STEADY)[t > 6.0].max())
+    assert np.mean(errors) == pytest.approx(largest, rel=0.15)
+
+
+def test_printed_kalman_goes_blind():
+    t, K, y = constant(1e-3, halved_at=4.0)
+    blind = run("kalman", t, K, y, q=0.0, euler=1.0)
+    assert abs(blind[-1] - 0.5 * STEADY) > 500.0  # 4 s after adhesion halved
+    assert run("kalman", t, K, y)[-1] == pytest.approx(0.5 * STEADY, abs=1.0)
+
+
+# what it claims
+
+
+def simulated(name, seed):
+    """The record of every axle of a bundled scenario, as its sensors give it, with the truth."""
+    simulation = simulate.run(scenario.load(name), seed=seed)
+    vehicle = simulation.scenario.vehicle
+    log = {(r.signal, r.axle): r for r in simulate.log(simulation)}
+    for axle in range(1, simulation.scenario.train.axles + 1):
+        speed, pressure = log["wheel_speed", axle], log["pressure", axle]
+        held = pressure.value[np.searchsorted(pressure.t, speed.t, side="right") - 1]
+        K = clamping_force(held * 1e5, vehicle)
+        yield AxleRecord(
+            axle, speed.t, K, K, speed.value / 3.6 / vehicle.radius(axle).value,
+            (slice(0, len(speed.t)),),
+            truth=np.interp(speed.t, simulation.t, simulation.signal("truth", axle)),
+        )  # fmt: skip
+
+
+@cache
+def measured(name, seeds=(1, 2, 3)):
+    """By estimator: rmse [N] and lag [s] over the brake applications, mean over seeds and axles."""
+    found = {algo: [] for algo in REGISTRY}
+    for seed in seeds:
+        for record in simulated(name, seed):
+            for algo, est in REGISTRY.items():
+                F = compiled.batch(
+                    est, est.Params(), W, record.t, record.clamping_force, record.wheel_speed,
+                    np.array([0]),
+                )  # fmt: skip
+                c = metrics.compared(record, F, record.truth, metrics.applications(record))
+                found[algo].append((metrics.rmse(c), metrics.lag(c)))
+    return {algo: np.mean(pairs, axis=0) for algo, pairs in found.items()}
+
+
+@pytest.mark.parametrize(("name", "on"), [(n, on) for n, e in REGISTRY.items() for on in e.claims])
+def test_holds_its_claims(name, on):
+    """A claim that has gone slack fails as well."""
+    claim = REGISTRY[name].claims[on]
+    rmse, lag = measured(on)[name]
+    assert 0.9 * claim.rmse <= rmse <= claim.rmse
+    assert claim.lag - 0.02 <= lag <= claim.lag
+
+
+# whatever comes
+
+
+finite = st.floats(-1e9, 1e9, allow_nan=False)
+
+
+@every
+@given(
+    samples=st.lists(st.tuples(st.integers(1, 10**12), finite, finite), min_size=1, max_size=40),
+    data=st.data(),
+)
+@settings(max_examples=60)
+def test_finite_for_any_finite_input(name, samples, data):
+    est = REGISTRY[name]
+    overrides = {
+        key: data.draw(st.floats(q.low, q.high), label=key)
+        for key, q, _ in estimator.parameters(est)
+        if key != "euler"
+    }
+    t, K, y = (np.array(column) for column in zip(*samples, strict=True))
+    p = estimator.validated(est, overrides)
+    for parameters in (est.Params(), p):
+        F = compiled.batch(est, parameters, W, np.cumsum(t), abs(K), y, np.array([0]))
+        assert np.isfinite(F).all()
+
+
+@every
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 1e-2, 0.1, 1.0])
+def test_does_not_diverge(name, h):
+    """Bounded noise in, bounded force out, at every rate."""
+    rng = np.random.default_rng(6)
+    n = 3000
+    F = run(name, h * np.arange(n), rng.uniform(0.0, 21e3, n), rng.uniform(0.0, 0.01, n))
+    assert np.abs(F[n // 2 :]).max() <= 2.0 * max(
+        0.01 / h / W.a + W.phi * 21e3, np.abs(F[: n // 2]).max()
+    )
+
+
+def test_euler_refuses_a_step_at_which_it_is_unstable():
+    for name, longest in (("leso", 9.3e-3), ("neso", 9.58e-3), ("gradient", 0.4), ("td", 0.06)):
+        for h, refused in ((0.98 * longest, False), (1.02 * longest, True)):
+            t = h * np.arange(3000)
+            K, y = np.full_like(t, 21e3), 40.0 - 2.7 * t
+            for way in (run, online):
+                if refused:
+                    with pytest.raises(UserError, match="unstable"):
+                        way(name, t, K, y, euler=1.0)
+                else:
+                    assert np.abs(way(name, t, K, y, euler=1.0)).max() < 5e4
+
+
+def test_a_gap_between_segments_is_no_step():
+    t = np.concatenate([np.arange(5) * 1e-3, 100.0 + np.arange(5) * 1e-3])
+    K, y, _ = rolling_brake(t)
+    assert np.isfinite(run("leso", t, K, y, starts=(0, 5), euler=1.0)).all()
+
+
+# the registry
+
+SIXTH = '''
+"""Differentiation over the last interval."""
+
+from typing import Annotated, NamedTuple
+
+from adhesion_cli.estimator import About, Claim
+from adhesion_cli.model import Quantity, Wheelset
+
+from helper import slope
+
+
+class Params(NamedTuple):
+    """None but a factor."""
+
+    gain: Annotated[float, Quantity("-", "factor on the result", 0.0, 2.0)] = 1.0
+
+
+class State(NamedTuple):
+    """The sample before."""
+
+    y: float
+    F: float
+
+
+def init(p, w, K, y):
+    """F = 0."""
+    return State(y, 0.0)
+
+
+def step(p, w, s, h, K, y):
+    """One sample on."""
+    return State(y, p.gain * (w.phi * K + slope(s.y, y, h) / w.a))
+
+
+ABOUT = About("Difference", "nobody", {"rolling-brake": Claim(1.0, 0.0)})
+'''
+
+
+def sixth(folder, text=SIXTH):
+    text = text.replace("from helper import slope", "def slope(a, b, h):\n    return (b - a) / h")
+    (folder / "difference.py").write_text(text, encoding="utf-8")
+    return estimator.registry(folder)["difference"]
+
+
+def test_a_sixth_estimator_is_one_file(tmp_path):
+    est = sixth(tmp_path)
+    assert list(estimator.registry(tmp_path)) == sorted([*REGISTRY, "difference"])
+    t = jittery(300, seed=7)
+    K, y, _ = slide(t)
+    p = estimator.validated(est, {"gain": 0.5})
+    F = compiled.batch(est, p, W, ns(t), K, y, np.array([0, 100]))
+    expected = 0.5 * (W.phi * K[1:] + np.diff(y) / (np.diff(ns(t)) * 1e-9) / W.a)
+    expected[99] = 0.0
+    np.testing.assert_allclose(F, np.concatenate([[0.0], expected]), rtol=1e-12)
+    samples = zip(ns(t)[:100].tolist(), K.tolist(), y.tolist(), strict=False)
+    np.testing.assert_array_equal(list(estimator.online(est, p, W, samples)), F[:100])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("def step", "def stop"), "lacks step"),
+        (("class Params", "clas Params"), "SyntaxError"),
+        (("from typing", "from typong"), "ModuleNotFoundError"),
+        (("    F: float", "    G: float"), "last field of State"),
+        (('Annotated[float, Quantity("-", "factor on the result", 0.0, 2.0)]', "float"), "gain"),
+        ((" = 1.0\n", "\n"), "gain"),
+    ],
+)
+def test_a_broken_file_is_named(tmp_path, change, says):
+    with pytest.raises(UserError, match=says) as caught:
+        sixth(tmp_path, SIXTH.replace(*change))
+    assert "difference.py" in caught.value.text
+    assert caught.value.hint
+
+
+def test_registry_refuses_a_name_twice_and_a_folder_that_is_none(tmp_path):
+    (tmp_path / "leso.py").write_text(SIXTH, encoding="utf-8")
+    with pytest.raises(UserError, match=r"leso\.py"):
+        estimator.registry(tmp_path)
+    with pytest.raises(UserError, match="nowhere"):
+        estimator.registry(tmp_path / "nowhere")
+
+
+def test_parameters_are_checked():
+    est = REGISTRY["neso"]
+    assert estimator.validated(est, {"beta1": 100}).beta1 == 100.0
+    assert estimator.validated(est, {}) == est.Params()
+    with pytest.raises(UserError, match="beta3") as caught:
+        estimator.validated(est, {"beta3": 1.0})
+    assert "beta1" in caught.value.hint or "beta2" in caught.value.hint
+    for value in (-1.0, 1e99, math.nan):
+        with pytest.raises(UserError, match="out of range"):
+            estimator.validated(est, {"delta": value})
+
+
+def test_wheelset_fields_are_floats():
+    assert Wheelset(*map(float, W)) == W
