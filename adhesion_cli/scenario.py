@@ -41,7 +41,7 @@ class Train:
     ] = ()
     cleaning: Annotated[
         tuple[float, ...],
-        Quantity("-", "f0 under each axle over that of the rail: wheels clean it", 0.0, 20.0),
+        Quantity("-", "f0 under each axle over that of the rail: wheels clean it", 1e-3, 20.0),
     ] = ()
 
 
@@ -75,7 +75,7 @@ class Section:
 
     at: Annotated[float, Quantity("m or s", "where the section starts")]
     condition: str
-    scale: Annotated[float, Quantity("-", "factor on f0", 0.0, 20.0)] = 1.0
+    scale: Annotated[float, Quantity("-", "factor on f0", 1e-3, 20.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Film:
     length: Annotated[float, Quantity("m or s", "length of a patch")]
     pitch: Annotated[float, Quantity("m or s", "from patch to patch")]
     count: Annotated[int, Quantity("-", "number of patches", 1, 10000)] = 1
-    scale: Annotated[float, Quantity("-", "factor on f0", 0.0, 20.0)] = 1.0
+    scale: Annotated[float, Quantity("-", "factor on f0", 1e-3, 20.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -250,6 +250,48 @@ def test_wsp_prevents_the_lock() -> None:
     assert np.nanmax(unprotected.slip[unprotected.train_speed > 2.0]) == 1.0
 
 
+sections = st.tuples(
+    st.floats(2.0, 30.0),
+    st.sampled_from(sorted(rail.conditions())),
+    st.sampled_from([0.001, 0.3, 1.0]),
+)
+demands = st.tuples(
+    st.floats(0.0, 2.0), st.sampled_from([0.0, 3e5, 2e6]), st.sampled_from([0.0, 0.5])
+)
+
+
+@given(
+    st.lists(sections, min_size=1, max_size=4),
+    st.lists(demands, min_size=1, max_size=4),
+    st.sampled_from([0.0, 0.3, 5.0, 100.0]),
+    st.sampled_from([2e-2, 1e-3]),
+    st.sampled_from([None, Wsp(), Wsp(period=0.0137)]),
+    st.sampled_from([0.0, 5e-3]),
+)
+def test_any_brake_on_any_rail_has_a_solution(
+    places: list[tuple[float, str, float]], demand: list[tuple[float, float, float]],
+    speed: float, dt: float, wsp: Wsp | None, creep_y: float,
+) -> None:  # fmt: skip
+    at, on = 0.0, []
+    for length, name, scale in places:
+        on.append(Section(at, name, scale))
+        at += length
+    t, commands = 0.0, []
+    for wait, pressure, ramp in demand:
+        commands.append(Command(t + wait, pressure=pressure, ramp=ramp))
+        t += wait + ramp
+    s = braked(
+        rail=Rail(tuple(on)), brake=Brake(tuple(commands), vent_time=0.2), wsp=wsp, duration=5.0,
+        train=Train(speed, 2, cleaning=(1.0, 1.7)), contact=rail.Contact(lateral_creep=creep_y),
+    )  # fmt: skip
+    r = simulate.run(s, dt=dt)
+    assert np.isfinite(r.adhesion_force).all()
+    assert (r.wheel_speed >= 0.0).all()
+    assert r.train_speed.min() >= 0.0
+    assert r.train_speed.max() <= speed
+    assert (np.abs(r.adhesion_force) <= PATCH.load * 0.55 * 1.7).all()
+
+
 # --- brake, rail, rig ---------------------------------------------------------------------------
 
 
