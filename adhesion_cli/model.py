@@ -112,6 +112,7 @@ class AxleRecord:
     pressure: Floats | None = None
     train_speed: Floats | None = None  # NaN where not known
     truth: Floats | None = None  # true adhesion force [N], NaN where not known
+    clamping_force_step: float = 0.0  # quantisation step of K [N]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -126,6 +127,7 @@ class AxleRecord:
             yield AxleRecord(
                 self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
                 self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **cut,
+                clamping_force_step=self.clamping_force_step,
             )  # fmt: skip
 
 

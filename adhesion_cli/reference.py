@@ -15,10 +15,11 @@ import numpy as np
 from . import smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from .physics import moving, wheelset
+from .physics import moving, true_runs, wheelset
 
 _FIT = 30_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
+_ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
@@ -79,6 +80,7 @@ def _cut(record: AxleRecord, s: slice) -> AxleRecord:
     return AxleRecord(
         record.axle, record.t[s], record.clamping_force[s], record.clamping_force_smooth[s],
         record.wheel_speed[s], (slice(0, s.stop - s.start),), record.wheel_speed_step,
+        clamping_force_step=record.clamping_force_step,
     )  # fmt: skip
 
 
@@ -178,33 +180,52 @@ def _fit_either(
 
 
 def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
-    """K without its noise: held, moving, or stepping (then it is taken as measured)."""
-    own = []
-    for r in runs:
-        # samples of the pressure's own, not those interpolated to the wheel's times
-        own.append(
-            (np.diff(r.clamping_force, prepend=np.nan) != 0.0)
-            | (r.clamping_force == r.clamping_force_smooth)
-        )
-        own[-1][[0, -1]] = True
-    pressed = [
-        smoother.Run(_seconds(r)[k], r.clamping_force_smooth[k], *np.zeros((3, np.sum(k))))
-        for r, k in zip(runs, own, strict=True)
-    ]
-    scale = max(max(float(np.max(np.abs(r.y))) for r in pressed), _SMALL)
-    step = _step(pressed)
-    guess = smoother.Noise(
-        _white([r.y for r in pressed]), 0.0, scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
-    )
+    """K without its noise: held, moving, or stepping (then it is taken as measured).
+
+    K = 0 is a bound of (15), not a measurement with noise: there it is exact.
+    """
+    pieces = [[_piece(r, s) for s in _pressed(r)] for r in runs]
+    every = [piece for some in pieces for piece in some]
+    if not every:
+        zero = [np.zeros((4, len(r))) for r in runs]
+        return [smoother.Smooth(*z) for z in zero]
+    scale = max(max(float(np.max(np.abs(r.y))) for r in every), _SMALL)
+    step = _step(every)
+    floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
+    rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
+    guess = smoother.Noise(max(_white([r.y for r in every]), floor), 0.0, rough)
     regimes = smoother.Regimes(
         np.zeros(3), _LEAVE, 3.0 * scale * (1.0 - np.eye(3)), _START, 3.0 * scale
     )
-    floor = (1e-5 * scale) ** 2  # no transducer is better, and no variance may be zero
-    noise, _ = smoother.fit(_sample(pressed), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
-    return [
-        _between(_seconds(r), p.t, smoother.smooth(p, regimes, noise))
-        for r, p in zip(runs, pressed, strict=True)
-    ]
+    noise, _ = smoother.fit(_sample(every), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
+    found = []
+    for r, some in zip(runs, pieces, strict=True):
+        whole = smoother.Smooth(*np.zeros((4, len(r))))
+        for s, piece in zip(_pressed(r), some, strict=True):
+            t = _seconds(r)[s]
+            part = _between(t - t[0], piece.t, smoother.smooth(piece, regimes, noise))
+            for column, values in zip(whole, part, strict=True):
+                column[s] = values
+        found.append(whole)
+    return found
+
+
+def _pressed(run: AxleRecord) -> list[slice]:
+    """Where K > 0, with one sample of the zero on either side; short zeros are noise."""
+    off = run.clamping_force_smooth <= 0.0
+    for first, past in true_runs(off):
+        off[first:past] = past - first >= _ZEROS or first == 0 or past == len(run)
+    n = len(run)
+    spans = [slice(max(a - 1, 0), min(b + 1, n)) for a, b in true_runs(~off)]
+    return [s for s in spans if s.stop - s.start > 1]
+
+
+def _piece(run: AxleRecord, s: slice) -> smoother.Run:
+    """The pressure's own samples of a piece, not those interpolated to the wheel's times."""
+    held, K, t = run.clamping_force[s], run.clamping_force_smooth[s], _seconds(run)[s]
+    own = (np.diff(held, prepend=np.nan) != 0.0) | (held == K)
+    own[[0, -1]] = True
+    return smoother.Run((t - t[0])[own], K[own], *np.zeros((3, np.sum(own))))
 
 
 def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:

@@ -125,6 +125,10 @@ def _record(
         if is_pressure
         else (held, smooth)
     )
+    K_step = brake.step
+    if is_pressure:  # (15) is a straight line once the pads are on
+        on = np.array([1e6, 1e6 + brake.step])
+        K_step = float(np.diff(clamping_force(on, vehicle))[0])
     frozen = _frozen(t, y, held, speed)
     if count := int((frozen & usable & inside).sum()):
         first = float(since[np.argmax(frozen)])
@@ -145,6 +149,7 @@ def _record(
         held[kept] if is_pressure else None,
         v[kept] if train else None,
         truth_force[kept] if truth else None,
+        K_step,
     ), findings  # fmt: skip
 
 
