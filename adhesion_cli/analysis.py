@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from . import compiled, estimator, metrics, physics, reference
 from . import settings as settings_module
 from .errors import unknown
 from .estimator import Estimator
-from .model import AxleRecord, AxleResult, Finding, Result, Vehicle
+from .model import AxleRecord, AxleResult, Finding, Floats, Result, Vehicle
 from .read import align
 from .read.log import open_source, read
 from .settings import Settings
@@ -95,7 +94,7 @@ def _axle(
         for e in estimators
     }
     applications = metrics.applications(record)
-    findings = _told(record, vehicle, ref.force, bool(applications))
+    findings = _told(record, vehicle, ref.force, applications)
     scores = metrics.scores(record, ref, estimates, applications)
     slip = None
     if record.train_speed is not None:
@@ -107,16 +106,22 @@ def _axle(
 
 
 def _told(
-    record: AxleRecord, vehicle: Vehicle, force: np.ndarray[Any, Any], braked: bool
+    record: AxleRecord, vehicle: Vehicle, force: Floats, applications: Sequence[slice]
 ) -> list[Finding]:
     """What must be said about one axle's result."""
     findings = []
     name = f"axle {record.axle}"
-    if missing := int((~np.isfinite(force)).sum()):
+    turning = np.zeros(len(record), dtype=np.bool_)
+    for run in physics.moving(record):
+        turning[run] = True
+    if standing := int((~turning).sum()):
+        text = "the wheel stands: no reference there, friction is anything up to φK"
+        findings.append(Finding("standstill", "info", text, name, standing))
+    if short := int((turning & ~np.isfinite(force)).sum()):
         text = "segments too short for the reference: no value there"
-        findings.append(Finding("no-reference", "warning", text, name, missing))
-    if not braked:
-        text = "no brake application found: K never rises; estimators are not scored"
+        findings.append(Finding("no-reference", "warning", text, name, short))
+    if not applications:
+        text = "no brake application found: estimators are not scored"
         findings.append(Finding("no-application", "warning", text, name))
     peak = float(np.nanmax(np.abs(force), initial=0.0)) / (vehicle.axle_mass.value * physics.G)
     if peak > 1.0:

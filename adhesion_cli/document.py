@@ -61,7 +61,7 @@ def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
 
 
 def rows_used(result: Result) -> int:
-    """Rows or messages of the log whose time lies in some axle's segments and that hold a number."""
+    """Rows or messages of the log that hold a number and lie in some axle's segments."""
     by_origin: dict[tuple[str, str], int] = {}
     for channel in result.log.channels:
         if not channel.meaning:

@@ -35,7 +35,11 @@ def _text(doc: dict[str, Any]) -> str:
             [*lines, f"error: {printable(doc['error'])}", f"hint: {printable(doc['hint'])}"]
         )
     lines += [f"{doc['rows_read']} rows, {doc['duration_s']:.3f} s", f"time: {doc['time']}"]
-    lines += [f"{name}: {printable(str(value))}" for name, value in doc["stated"].items() if name != "time"]
+    lines += [
+        f"{name}: {printable(str(value))}"
+        for name, value in doc["stated"].items()
+        if name != "time"
+    ]
     rows = [
         [
             c["name"], c["meaning"] or "-", show.number(c["axle"]), c["unit"] or "-",

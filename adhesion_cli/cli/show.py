@@ -26,20 +26,20 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -
 
 def number(value: float | None, digits: int = 0) -> str:
     """A number with fixed digits, a dash where there is none."""
-    return "-" if value is None else f"{value:.{digits}f}"
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 
 def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
     """The table of estimators, whatever stands in the first column."""
     header = [
-        title, "algorithm", "against", "rmse N", "bias N", "max N", "lag s", "gain", "95 % s",
-        "noise", "relative",
+        title, "algorithm", "against", "rmse [N]", "bias [N]", "max [N]", "lag [s]", "gain",
+        "95 % [s]", "ripple [N/(rad/s)]", "relative",
     ]  # fmt: skip
     lines = [
         [
             name, s.algo, s.against, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
-            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2),
-            number(s.noise_gain, 2), number(s.relative, 2),
+            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), number(s.noise_gain),
+            number(s.relative, 2),
         ]
         for name, s in rows
     ]  # fmt: skip

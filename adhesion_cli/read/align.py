@@ -206,7 +206,8 @@ def _missing(log: Log, what: str, example: str) -> UserError:
     names = ", ".join(repr(c.name) for c in log.channels[:8]) or "none"
     return UserError(
         f"{log.path}: no channel is a {what} (recognised: {names})",
-        f"`adhesion inspect` lists the channels; map one in a TOML given with -c: [channels] {example}",
+        "`adhesion inspect` lists the channels; map one in a TOML given with -c: "
+        f"[channels] {example}",
     )
 
 
@@ -232,6 +233,7 @@ def _nothing(
             code=2,
         )
     return UserError(
-        f"{log.path}: no overlap in time of wheel speed ({span(speeds)}) and pressure ({span(brakes)})",
+        f"{log.path}: no overlap in time of wheel speed ({span(speeds)}) "
+        f"and pressure ({span(brakes)})",
         'state the clock in [channels], e.g. time = {source = "log"}, or convert one of them',
     )

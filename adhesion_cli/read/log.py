@@ -189,7 +189,7 @@ def _measures(unit: units.Unit, m: Meant) -> bool:
 def _rate(
     data: Column, starts: tuple[int, ...], turn: float, wrap: float
 ) -> tuple[Column, tuple[int, ...], int]:
-    """Speed [rad/s] of a cumulative counter: the mean over an interval, at the interval's middle."""
+    """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle."""
     step = np.diff(data.value)
     wrapped = 0
     if wrap:

@@ -45,36 +45,34 @@ class Meant:
 # Chinese ones may stand anywhere.
 _STEMS = ("pressure", "druck", "zylinder", "cylinder", "speed", "velocity", "geschw", "drehzahl",
           "adhesion", "kraftschluss", "clamp", "klemmkraft")  # fmt: skip
-_WORDS: dict[str, set[str]] = {
-    "pressure": set("pressure press pres druck p 压力 缸压 压强".split()),
-    "cylinder": set("bc bcp bcps pbc pc cylinder cyl zylinder bz bzd caliper 制动缸 闸缸".split()),
-    "other pressure": set(
-        "pipe bp hl hll hbl reservoir main mr mrp pilot spring supply load ambient parking command"
-        " cmd target setpoint demand soll sollwert request requested atmospheric hauptluftleitung"
-        " hauptbehälter vorsteuer luftfeder federspeicher 列车管 总风 空簧 预控 停放 目标 指令 制动管"
-        " 主风".split()
-    ),
-    "speed": set("speed velocity vel geschw drehzahl omega ω rpm spd v w n 速度 转速 轮速 轴速 车速".split()),
-    "wheel": set("wheel wheels axle axles wheelset achse achs rad radsatz ws ax joint encoder 轮 轴".split()),
-    "train": set(
-        "train vehicle gps gnss radar doppler ground zug fahrzeug body carbody car loco reference ref"
-        " odometry odom twist fahr 列车 车速 车辆 地面 参考 机车".split()
-    ),
-    "other speed": set("limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机".split()),
-    "clamping": set("clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧".split()),
-    "force": set("force kraft f 力".split()),
-    "adhesion": set("adhesion adhesive kraftschluss bw adh 黏着 粘着".split()),
-    "bogie": set("bogie truck drehgestell dg 转向架".split()),
-    "true": set("true truth wahr actual real 真 实际".split()),
-    "estimated": set(
-        "estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak"
-        " available limit utilisation utilization slip slope 估 系数 误差".split()
-    ),
-    "never": set(
-        "variance covariance stamp sec nsec nanosec seq index status quality temperature lat lon"
-        " latitude longitude altitude valid flag acceleration accel".split()
-    ),
-}  # fmt: skip
+_VOCABULARY = {
+    "pressure": "pressure press pres druck p 压力 缸压 压强",
+    "cylinder": "bc bcp bcps pbc pc cylinder cyl zylinder bz bzd caliper 制动缸 闸缸",
+    "other pressure": """
+        pipe bp hl hll hbl reservoir main mr mrp pilot spring supply load ambient parking command
+        cmd target setpoint demand soll sollwert request requested atmospheric hauptluftleitung
+        hauptbehälter vorsteuer luftfeder federspeicher
+        列车管 总风 空簧 预控 停放 目标 指令 制动管 主风""",
+    "speed": "speed velocity vel geschw drehzahl omega ω rpm spd v w n 速度 转速 轮速 轴速 车速",
+    "wheel": """
+        wheel wheels axle axles wheelset achse achs rad radsatz ws ax joint encoder 轮 轴""",
+    "train": """
+        train vehicle gps gnss radar doppler ground zug fahrzeug body carbody car loco reference ref
+        odometry odom twist fahr 列车 车速 车辆 地面 参考 机车""",
+    "other speed": "limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机",
+    "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
+    "force": "force kraft f 力",
+    "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",
+    "bogie": "bogie truck drehgestell dg 转向架",
+    "true": "true truth wahr actual real 真 实际",
+    "estimated": """
+        estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak
+        available limit utilisation utilization slip slope 估 系数 误差""",
+    "never": """
+        variance covariance stamp sec nsec nanosec seq index status quality temperature lat lon
+        latitude longitude altitude valid flag acceleration accel""",
+}
+_WORDS = {kind: frozenset(words.split()) for kind, words in _VOCABULARY.items()}
 _GENERIC = set(
     "value data val raw scalar float float64 double signal reading measurement x".split()
 )
@@ -154,9 +152,9 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     true = _has("true", words)
     if is_force and not _has("estimated", words) and (true or _has("adhesion", words)):
         return meant("truth", true, _has("adhesion", words))
-    if dimension in ("force", "") and (clamping := _has("clamping", primary)):
-        if dimension == "force" or _has("force", primary) or "夹" in clamping:
-            return meant("clamping_force", clamping, _has("force", primary))
+    clamping = _has("clamping", primary)
+    if clamping and dimension in ("force", "") and (is_force or "夹" in clamping):
+        return meant("clamping_force", clamping, _has("force", primary))
     pressure, cylinder = _has("pressure", primary), _has("cylinder", words)
     if dimension in ("pressure", "") and (
         pressure or _has("cylinder", primary) or (dimension and cylinder)

@@ -51,10 +51,14 @@ class Source(Protocol):
     absolute: bool  # time stamps count from 1970
     rows: int  # rows or messages in the log; final after `columns`
     time_reason: str  # which clock was taken, and why
-    fields: Sequence[Field]
     findings: list[Finding]  # grows while reading
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
     stated: dict[str, Any]  # dialect decisions and why, for `inspect`
+
+    @property
+    def fields(self) -> Sequence[Field]:
+        """Every scalar series it can give."""
+        ...
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, in that order, samples in the log's own order, time untouched.

@@ -136,7 +136,7 @@ def in_name(name: str) -> tuple[str, str]:
     for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+"):
         head, *tail = re.split(f"(?i){separator}(?=[^\\s]+$)", name.strip())
         if head and tail and (found := unit(tail[-1])) and not (
-            separator == r"\s+" and found.name == "N" and not tail[-1] == "N"
+            separator == r"\s+" and found.name == "N" and tail[-1] != "N"
         ):  # fmt: skip
             return head.strip(), tail[-1].strip()
     # behind an underscore, the axle's number perhaps behind it: v_kmh, speed_km_h, wheel_speed_rpm1
