@@ -1,0 +1,449 @@
+"""What an MCAP source offers: fields with labels and units, clocks, findings."""
+
+import json
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf import timestamp_pb2
+from google.protobuf.descriptor_pb2 import (
+    DescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+    OneofDescriptorProto,
+)
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
+from mcap.records import Channel, Schema
+from mcap_logs import (
+    START,
+    Log,
+    cdr,
+    double_message,
+    message,
+    proto_file,
+    proto_schema,
+    scalar_log,
+)
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import Column
+from adhesion_cli.read.mcap import McapSource, open_mcap
+from adhesion_cli.read.source import Field, ReadOptions
+
+JOINT_STATE = Schema(
+    1,
+    b"""std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity  # speed of the joint [rad/s]
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+""",
+    "ros2msg",
+    "sensor_msgs/msg/JointState",
+)
+
+
+def joints(t: int, names: list[str], **arrays: list[float]) -> bytes:
+    stamp = {"sec": t // 10**9, "nanosec": t % 10**9}
+    header = {"stamp": stamp, "frame_id": "wagon"}
+    return cdr(JOINT_STATE, {"header": header, "name": names, **arrays})
+
+
+def opened(folder: Path, log: Log, **options: Any) -> McapSource:
+    path = folder / "log.mcap"
+    path.write_bytes(log.bytes())
+    return open_mcap(path, ReadOptions(**options))
+
+
+def read(source: McapSource) -> dict[str, Column]:
+    """Columns by "topic path"."""
+    columns = source.columns(source.fields)
+    return {
+        f"{f.channel} {f.path}": c for f, c in zip(source.fields, columns, strict=True)
+    }  # fmt: skip
+
+
+def json_log(*channels: list[tuple[int, Any]], **metadata: str) -> Log:
+    """JSON channels /0, /1, ... of (log time after START [ns], message)."""
+    log = Log([], [Channel(i, f"/{i}", "json", metadata, 0) for i in range(len(channels))])
+    log.messages = [
+        message(i, START + t, json.dumps(body).encode())
+        for i, rows in enumerate(channels)
+        for t, body in rows
+    ]
+    return log
+
+
+def codes(source: McapSource) -> list[tuple[str, int]]:
+    return [(f.code, f.count) for f in source.findings]
+
+
+# ---------------------------------------------------------------------- fields
+
+
+def test_joint_state_elements_carry_their_names(tmp_path: Path) -> None:
+    log = Log([JOINT_STATE], [Channel(1, "/joints", "cdr", {}, 1)], per_chunk=4)
+    for i in range(10):
+        body = joints(START + i, ["left", "r"], position=[i, 2.0 * i], velocity=[0.5, i])
+        log.messages.append(message(1, START + i + 5, body))
+    source = opened(tmp_path, log)
+    assert [(f.path, f.label, f.unit) for f in source.fields] == [
+        ("position[0]", "left", ""),
+        ("position[1]", "r", ""),
+        ("velocity[0]", "left", "rad/s"),
+        ("velocity[1]", "r", "rad/s"),
+    ]
+    assert {f.message_type for f in source.fields} == {"sensor_msgs/msg/JointState"}
+    columns = read(source)
+    np.testing.assert_array_equal(columns["/joints position[1]"].value, 2.0 * np.arange(10))
+    np.testing.assert_array_equal(columns["/joints position[1]"].t, START + np.arange(10))
+    assert source.findings == []
+
+
+def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
+    """Several publishers on one topic, each with joints of its own, as ROS allows."""
+    log = Log([JOINT_STATE], [Channel(1, "/joints", "cdr", {}, 1)])
+    for i, names in enumerate([["a", "b"], ["a", "b"], ["b", "a"], ["a", "bb"], ["a", "b"]]):
+        log.messages.append(message(1, START + i, joints(START + i, names, position=[1.0, 2.0])))
+    source = opened(tmp_path, log)
+    for column in read(source).values():
+        assert column.valid.tolist() == [True, True, False, False, True]
+    assert codes(source) == [("mcap-label-change", 2)]
+
+
+def test_structs_are_named_by_their_own_name(tmp_path: Path) -> None:
+    body = {"axles": [{"name": "A1", "v": 1}, {"name": "A2", "v": 2}]}
+    source = opened(tmp_path, json_log([(0, body)]))
+    assert [(f.path, f.label) for f in source.fields] == [
+        ("axles[0].v", "A1"),
+        ("axles[1].v", "A2"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("body", "metadata", "unit", "place"),
+    [
+        ({"p": 1, "p_unit": "bar", "unit": "kPa"}, {"unit": "Pa"}, "bar", "field p_unit"),
+        ({"p": 1, "unit": "kPa"}, {"unit": "Pa"}, "kPa", "field unit"),
+        ({"p": 1}, {"unit.p": "MPa", "unit": "Pa"}, "MPa", "channel metadata 'unit.p'"),
+        ({"p": 1}, {"units": "Pa"}, "Pa", "channel metadata 'units'"),
+        ({"p": 1, "unit": ""}, {}, "mbar", "JSON schema 'unit'"),
+    ],
+)
+def test_where_a_unit_is_from(
+    tmp_path: Path, body: Any, metadata: dict[str, str], unit: str, place: str
+) -> None:
+    log = json_log([(0, body)], **metadata)
+    schema = {"type": "object", "properties": {"p": {"type": "number", "unit": "mbar"}}}
+    log.schemas = [Schema(1, json.dumps(schema).encode(), "jsonschema", "x")]
+    log.channels[0].schema_id = 1
+    (field,) = opened(tmp_path, log).fields
+    assert (field.unit, field.unit_from) == (unit, place)
+
+
+def test_units_beside_and_above(tmp_path: Path) -> None:
+    body = {"unit": "bar", "in": {"x": 1}, "many": {"v": [1, 2], "units": ["m", "s"]}}
+    found = {f.path: f.unit for f in opened(tmp_path, json_log([(0, body)])).fields}
+    assert found == {"in.x": "bar", "many.v[0]": "m", "many.v[1]": "s"}
+
+
+def test_long_arrays_are_not_offered_but_told(tmp_path: Path) -> None:
+    source = opened(tmp_path, json_log([(0, {"image": [0] * 300, "x": 1})]))
+    assert [f.path for f in source.fields] == ["x"]
+    assert codes(source) == [("mcap-not-offered", 1)]
+
+
+def test_an_unknown_encoding_is_told(tmp_path: Path) -> None:
+    log = Log([], [Channel(1, "/a", "ros1", {}, 0)], [message(1, START, b"x")])
+    source = opened(tmp_path, log)
+    assert (list(source.fields), source.rows) == ([], 1)
+    assert codes(source) == [("mcap-encoding", 1)]
+
+
+def test_channels_of_one_topic(tmp_path: Path) -> None:
+    """With one schema they are one series in the file's order, else two."""
+    log = Log([], [Channel(1, "/a", "json", {}, 0), Channel(2, "/a", "json", {"x": "y"}, 0)])
+    log.messages = [message(1 + i % 2, START + i, b'{"x": %d}' % i) for i in range(6)]
+    source = opened(tmp_path, log)
+    assert read(source)["/a x"].value.tolist() == [0, 1, 2, 3, 4, 5]
+    assert codes(source) == [("mcap-shared-topic", 2 - 1)]
+
+    log.schemas = [Schema(1, b"{}", "jsonschema", "other")]
+    log.channels[1].schema_id = 1
+    source = opened(tmp_path, log)
+    assert [(f.channel, f.group) for f in source.fields] == [
+        ("/a", "channel 1"), ("/a", "channel 2"),
+    ]  # fmt: skip
+    assert [c.value.tolist() for c in source.columns(source.fields)] == [[0, 2, 4], [1, 3, 5]]
+
+
+def test_only_what_is_asked_for_is_decoded(tmp_path: Path) -> None:
+    log = json_log([(0, {"x": 1}), (1, {"x": 2})], [(0, {"x": 1})])
+    log.messages.append(message(1, START, b"broken"))
+    source = opened(tmp_path, log)
+    x, y = source.fields
+    assert source.columns([x, x])[1].value.tolist() == [1, 2]
+    assert source.findings == []
+    for _ in range(2):  # a second time nothing is told twice
+        source.columns([y])
+        assert codes(source) == [("mcap-bad-message", 1)]
+    with pytest.raises(UserError, match="no field 'z'"):
+        source.columns([Field("/0", "z")])
+
+
+# ---------------------------------------------------------------------- values
+
+
+def test_arrays_of_other_lengths(tmp_path: Path) -> None:
+    schema = Schema(1, b"uint8 n\nfloat64[] x\nfloat32 y", "ros2msg", "p/msg/T")
+    repeated = double_message()
+    repeated.field[0].label = F.LABEL_REPEATED
+    proto = proto_schema(proto_file([repeated]), "D", 2)
+    log = Log([schema, proto], [
+        Channel(1, "/cdr", "cdr", {}, 1), Channel(2, "/proto", "protobuf", {}, 2),
+        Channel(3, "/json", "json", {}, 0),
+    ])  # fmt: skip
+    for i, x in enumerate([[1.0, 2.0], [], [3.0], [4.0, 5.0, 6.0]]):
+        packed = b"\x0a" + bytes([8 * len(x)]) + struct.pack(f"<{len(x)}d", *x)
+        log.messages += [
+            message(1, START + i, cdr(schema, {"n": 1, "x": x, "y": i})),
+            message(
+                2, START + i, packed if i else b"".join(b"\x09" + struct.pack("<d", v) for v in x)
+            ),
+            message(3, START + i, json.dumps({"x": x}).encode()),
+        ]
+    source = opened(tmp_path, log)
+    columns = read(source)
+    assert columns["/cdr y"].value.tolist() == [0, 1, 2, 3]
+    for name in ("/cdr x", "/proto value", "/json x"):
+        np.testing.assert_array_equal(columns[f"{name}[0]"].value, [1, np.nan, 3, 4])
+        np.testing.assert_array_equal(columns[f"{name}[1]"].value, [2, np.nan, np.nan, 5])
+    assert codes(source) == [("mcap-array-length", 3)] * 3
+
+
+def test_json_keys_that_come_or_change_later(tmp_path: Path) -> None:
+    rows = [(i, {"x": i}) for i in range(150)]
+    rows[120] = (120, {"x": "7", "late": {"y": 1}})
+    rows[130] = (130, {})
+    rows[140] = (140, {"x": None})
+    source = opened(tmp_path, json_log(rows))
+    column = read(source)["/0 x"]
+    assert np.flatnonzero(~column.valid).tolist() == [120, 130, 140]
+    assert codes(source) == [("mcap-late-field", 1), ("mcap-type-change", 1)]
+    assert [f.first_s for f in source.findings] == [120e-9, 120e-9]
+
+
+def test_json_keys_of_all_first_messages_are_offered(tmp_path: Path) -> None:
+    source = opened(tmp_path, json_log([(0, {"x": 1, "a": None}), (1, {"y": 2, "a": {"b": 3}})]))
+    assert [f.path for f in source.fields] == ["x", "a.b", "y"]
+    columns = read(source)
+    assert columns["/0 y"].valid.tolist() == columns["/0 a.b"].valid.tolist() == [False, True]
+
+
+def test_protobuf_presence(tmp_path: Path) -> None:
+    """Omitted is 0, but absent where the schema can tell."""
+    inner = double_message("In")
+    outer = DescriptorProto(name="Out")
+    one = F.LABEL_OPTIONAL
+    outer.field.add(name="plain", number=1, type=F.TYPE_DOUBLE, label=one)
+    outer.field.add(
+        name="maybe", number=2, type=F.TYPE_DOUBLE, label=one, proto3_optional=True, oneof_index=1
+    )
+    outer.field.add(name="a", number=3, type=F.TYPE_DOUBLE, label=one, oneof_index=0)
+    outer.field.add(name="b", number=4, type=F.TYPE_INT32, label=one, oneof_index=0)
+    outer.field.add(name="in", number=5, type=F.TYPE_MESSAGE, label=one, type_name=".t.In")
+    outer.oneof_decl.extend([OneofDescriptorProto(name="ab"), OneofDescriptorProto(name="_maybe")])
+    schema = proto_schema(proto_file([inner, outer]), "Out")
+    two = struct.pack("<d", 2.0)
+    bodies = [
+        b"",
+        b"\x11" + two,
+        b"\x19" + two + b"\x20\x07",  # of a oneof the last counts
+        b"\x2a\x00",
+        b"\x2a\x09\x09" + two + b"\x2a\x00",  # a message in pieces is merged
+        b"\x09" + two + b"\x09" + bytes(8),  # a repeated single field: the last counts
+    ]
+    log = Log([schema], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, body) for i, body in enumerate(bodies)]
+    columns = read(opened(tmp_path, log))
+    nan = np.nan
+    expected = {
+        "plain": [0, 0, 0, 0, 0, 0],
+        "maybe": [nan, 2, nan, nan, nan, nan],
+        "a": [nan] * 6,
+        "b": [nan, nan, 7, nan, nan, nan],
+        "in.value": [nan, nan, nan, 0, 2, nan],
+    }
+    for path, values in expected.items():
+        np.testing.assert_array_equal(columns[f"/a {path}"].value, values, err_msg=path)
+
+
+def test_unusual_protobuf_goes_through_the_library(tmp_path: Path) -> None:
+    """Very many fields, groups and long varints give what the lock-step would."""
+    schema = proto_schema(proto_file([double_message()]), "D")
+    value = b"\x09" + struct.pack("<d", 3.0)
+    unusual = [
+        b"\x09" + struct.pack("<d", 1.0) * 1 + (b"\x10\x01" * 600) + value,
+        b"\x13\x08\x01\x14" + value,  # an unknown group
+        b"\x89\x80\x80\x00" + struct.pack("<d", 3.0),  # a tag with needless bytes
+        value,
+    ]
+    log = Log([schema], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, body) for i, body in enumerate(unusual)]
+    source = opened(tmp_path, log)
+    assert read(source)["/a value"].value.tolist() == [3.0] * 4
+    assert source.findings == []
+
+
+# ---------------------------------------------------------------------- time
+
+
+def stamped_schema() -> Schema:
+    stamp = FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
+    of = DescriptorProto(name="S")
+    one = F.LABEL_OPTIONAL
+    of.field.add(
+        name="timestamp", number=1, type=F.TYPE_MESSAGE, label=one,
+        type_name=".google.protobuf.Timestamp",
+    )  # fmt: skip
+    of.field.add(name="wheel_speed", number=3, type=F.TYPE_DOUBLE, label=one)
+    file = proto_file([of])
+    file.dependency.append(stamp.name)
+    data = FileDescriptorSet(file=[stamp, file]).SerializeToString()
+    return Schema(1, data, "protobuf", "t.S")
+
+
+def stamped(t: int, value: float) -> bytes:
+    stamp = timestamp_pb2.Timestamp(seconds=t // 10**9, nanos=t % 10**9).SerializeToString()
+    return b"\x0a" + bytes([len(stamp)]) + stamp + b"\x19" + struct.pack("<d", value)
+
+
+def test_a_stamp_of_its_own_is_the_time(tmp_path: Path) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/axle/1/input", "protobuf", {}, 1)], per_chunk=3)
+    log.messages = [
+        message(1, START + i * 1000 + 7, stamped(START + i * 1000, i)) for i in range(9)
+    ]
+    source = opened(tmp_path, log)
+    assert [f.path for f in source.fields] == ["wheel_speed"]
+    (column,) = read(source).values()
+    np.testing.assert_array_equal(column.t, START + 1000 * np.arange(9))
+    assert source.absolute
+    assert "stamp" in source.time_reason
+    assert source.findings == []
+    (column,) = read(opened(tmp_path, log, time_source="log")).values()
+    np.testing.assert_array_equal(column.t, START + 7 + 1000 * np.arange(9))
+
+
+def test_messages_without_their_stamp_are_not_used(tmp_path: Path) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, stamped(START + i if i != 2 else 0, i)) for i in range(4)]
+    source = opened(tmp_path, log)
+    (column,) = read(source).values()
+    assert column.valid.tolist() == [True, True, False, True]
+    np.testing.assert_array_equal(column.t, START + np.arange(4))
+    assert codes(source) == [("mcap-no-stamp", 1)]
+
+
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
+    stamp = {"sec": START // 10**9, "nsec": 500}
+    log = json_log([(7, {"timestamp": stamp, "x": 1})], [(9, {"x": 1})])
+    if encoding == "cdr":
+        log.schemas = [JOINT_STATE]
+        log.channels[0] = Channel(0, "/0", "cdr", {}, 1)
+        body = joints(START + 500, ["x"], position=[1.0])
+        log.messages[0] = message(0, START + 7, body)
+    source = opened(tmp_path, log)
+    assert [int(c.t[0]) - START for c in read(source).values()] == [7, 9]
+    assert source.time_reason == "log time: /1 carries no stamp of its own"
+    with pytest.raises(UserError, match="/1: messages carry no stamp"):
+        read(opened(tmp_path, log, time_source="header"))
+    del log.channels[1], log.messages[1]
+    assert int(next(iter(read(opened(tmp_path, log)).values())).t[0]) == START + 500
+
+
+@pytest.mark.parametrize(
+    ("ahead", "source", "told"),
+    [(10**6, "header", 0), (5 * 10**9, "header", 1), (2 * 86_400 * 10**9, "log", 1)],
+)
+def test_stamps_away_from_log_time(tmp_path: Path, ahead: int, source: str, told: int) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, stamped(START + i + ahead, i)) for i in range(4)]
+    opened_log = opened(tmp_path, log)
+    (column,) = read(opened_log).values()
+    assert int(column.t[0]) == START + (ahead if source == "header" else 0)
+    assert codes(opened_log) == [("clock-offset", 1)] * told
+
+
+def test_a_log_time_that_stands_still(tmp_path: Path) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, 0, stamped(START + i, i)) for i in range(4)]
+    source = opened(tmp_path, log)
+    assert source.time_reason == "stamp inside the messages: the log time stands still"
+    assert read(source)["/a wheel_speed"].t.tolist() == [START + i for i in range(4)]
+
+
+def test_publish_time_and_a_clock_of_its_own(tmp_path: Path) -> None:
+    log = json_log([(0, {"x": 1})])
+    log.messages = [message(0, 5, b'{"x": 1}', publish=3), message(0, 4, b'{"x": 2}', publish=9)]
+    source = opened(tmp_path, log, time_source="publish")
+    assert not source.absolute
+    assert read(source)["/0 x"].t.tolist() == [3, 9]
+    assert read(opened(tmp_path, log))["/0 x"].t.tolist() == [5, 4]
+
+
+# ---------------------------------------------------------------------- cost
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    log = Log([], [Channel(1, "/x", "json", {}, 0), Channel(2, "/camera", "raw", {}, 0)])
+    log.per_chunk, log.compression = 2, "zstd"
+    for i in range(120):
+        log.messages += [message(1, START + i, b'{"x": 1}'), message(2, START + i, bytes(1 << 20))]
+    path = tmp_path / "log.mcap"
+    path.write_bytes(log.bytes())
+    script = """
+import sys
+from pathlib import Path
+from adhesion_cli.read.mcap import open_mcap
+from adhesion_cli.read.source import ReadOptions
+import orjson, zstandard, adhesion_cli.read.json_rows
+def peak():
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+before = peak()
+source = open_mcap(Path(sys.argv[1]), ReadOptions())
+(column,) = source.columns(source.fields)
+assert column.value.sum() == 120
+print(peak() - before)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)],
+        capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1],
+    )  # fmt: skip
+    assert int(done.stdout) < 16 << 10  # KiB, of 120 MiB in 120 chunks
+
+
+def test_an_index_saves_nothing_but_time(tmp_path: Path) -> None:
+    values = [float(i) for i in range(200)]
+    for compression in ("", "zstd", "lz4"):
+        for per_chunk in (0, 7, 1000):
+            for index in (True, False):
+                log = scalar_log(
+                    values, compression=compression, per_chunk=per_chunk, index=index
+                )  # fmt: skip
+                columns = read(opened(tmp_path, log))
+                assert columns["/p value"].value.tolist() == values[::2]
+                assert columns["/v value"].value.tolist() == values[1::2]
