@@ -14,8 +14,6 @@ from .read import align
 from .read.log import open_source, read
 from .settings import Settings
 
-Window = tuple[float | None, float | None]
-
 
 def chosen(algos: Sequence[str]) -> list[Estimator]:
     """The estimators of these names, every one if none is named.
@@ -35,7 +33,7 @@ def analyze(
     load: Callable[..., Settings],
     algos: Sequence[str] = (),
     axles: Sequence[int] = (),
-    window: Window = (None, None),
+    window: align.Window = (None, None),
     tell: Callable[[str], None] = lambda _: None,
 ) -> Result:
     """Analyses one log.

@@ -1,13 +1,27 @@
 """Channels of different rates to one record per axle, on the wheel speed's own time."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import UserError
-from ..model import AxleRecord, Bools, Channel, Finding, Floats, Log, Meaning, Times, Vehicle
+from ..model import (
+    AxleRecord,
+    Bools,
+    Channel,
+    Finding,
+    Floats,
+    Log,
+    Meaning,
+    Severity,
+    Times,
+    Vehicle,
+)  # fmt: skip
 from ..physics import clamping_force
 from . import timeaxis
+
+Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
 SHORTEST = 3  # samples: fewer give no derivative with an error
 
@@ -16,7 +30,7 @@ def records(
     log: Log,
     vehicle: Vehicle,
     axles: Sequence[int] = (),
-    window: tuple[float | None, float | None] = (None, None),
+    window: Window = (None, None),
 ) -> tuple[list[AxleRecord], list[Finding]]:
     """One record per axle that has a wheel speed and a pressure (or K).
 
@@ -57,7 +71,7 @@ def records(
             findings.append(Finding("axle-incomplete", "warning", text, name))
             continue
         record, told = _record(
-            log, vehicle, axle, speed, brake, _of(trains, axle), _of(truths, axle), window
+            log, vehicle, axle, window, speed, brake, _of(trains, axle), _of(truths, axle)
         )
         findings += told
         if record:
@@ -76,98 +90,101 @@ def _of(channels: dict[int | None, Channel], axle: int) -> Channel | None:
     return channels.get(axle) or channels.get(None)
 
 
-def _record(
-    log: Log, vehicle: Vehicle, axle: int, speed: Channel, brake: Channel,
-    train: Channel | None, truth: Channel | None, window: tuple[float | None, float | None],
-) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
-    findings: list[Finding] = []
-    start = log.start_ns()
-    pieces = [
-        slice(a, b)
-        for a, b in zip(speed.starts, (*speed.starts[1:], len(speed.data.t)), strict=True)
-    ]
-    columns: list[tuple[Floats, ...]] = []
-    ok: list[Bools] = []
-    for piece in pieces:
+class _Aligned(NamedTuple):
+    """The other channels at the wheel speed's times, shape (n,) each."""
+
+    held: Floats  # pressure or K, last value
+    smooth: Floats  # the same, interpolated
+    fresh: Bools  # whether the last value is recent enough
+    train: Floats
+    truth: Floats
+
+
+def _aligned(
+    speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None
+) -> _Aligned:
+    parts = []
+    for piece in timeaxis.pieces(speed.starts, len(speed.data.t)):
         t = speed.data.t[piece]
-        span = (int(t[0]), int(t[-1]))
-        held, fresh = timeaxis.hold(t, brake, timeaxis.piece_over(brake, *span))
-        smooth = timeaxis.interpolated(t, brake, timeaxis.piece_over(brake, *span))
-        others = [
-            timeaxis.interpolated(t, c, timeaxis.piece_over(c, *span))
-            if c
-            else np.full(len(t), np.nan)
-            for c in (train, truth)
+        held, fresh = timeaxis.hold(t, brake)
+        smooth = timeaxis.interpolated(t, brake)
+        known = [
+            timeaxis.interpolated(t, c) if c else np.full(len(t), np.nan) for c in (train, truth)
         ]
-        columns.append((held, np.where(np.isfinite(smooth), smooth, held), *others))
-        ok.append(fresh)
-    held, smooth, v, truth_force = (np.concatenate(c) for c in zip(*columns, strict=True))
-    usable = np.concatenate(ok)
+        parts.append((held, np.where(np.isfinite(smooth), smooth, held), fresh, *known))
+    return _Aligned(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _record(
+    log: Log, vehicle: Vehicle, axle: int, window: Window,
+    speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None,
+) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
-    since = (t - start) / 1e9
-    inside = (since >= (window[0] if window[0] is not None else -np.inf)) & (
-        since <= (window[1] if window[1] is not None else np.inf)
+    at = _aligned(speed, brake, train, truth)
+    since = (t - log.start_ns()) / 1e9
+    first, last = window
+    inside = (since >= (-np.inf if first is None else first)) & (
+        since <= (np.inf if last is None else last)
     )
-    if lost := int((~usable & inside).sum()):
-        first = float(since[np.argmax(~usable & inside)])
-        edge = max(brake.gap_ns, speed.gap_ns) / 1e9
-        within = (since >= (brake.data.t.min() - start) / 1e9) & (
-            since <= (brake.data.t.max() - start) / 1e9
-        )
-        hole = bool((~usable & inside & within).any()) or lost * _interval(t) > 2 * edge
-        text = f"wheel speed of axle {axle} without a fresh {brake.meaning}: left out"
-        findings.append(
-            Finding("no-pressure", "warning" if hole else "info", text, speed.name, lost, first)
-        )
-    is_pressure = brake.meaning == "pressure"
-    K, K_smooth = (
-        (clamping_force(held, vehicle), clamping_force(smooth, vehicle))
-        if is_pressure
-        else (held, smooth)
-    )
-    K_step = brake.step
-    if is_pressure:  # (15) is a straight line once the pads are on
-        on = np.array([1e6, 1e6 + brake.step])
-        K_step = float(np.diff(clamping_force(on, vehicle))[0])
-    frozen = _frozen(t, y, held, speed)
-    if count := int((frozen & usable & inside).sum()):
-        first = float(since[np.argmax(frozen)])
-        text = "the speed stands still while the brake is applied and the wheel turns: left out"
-        findings.append(Finding("speed-frozen", "warning", text, speed.name, count, first))
-    keep = usable & inside & ~frozen
-    broken = np.zeros(len(t), dtype=np.bool_)
-    broken[list(speed.starts)] = True
-    broken[1:] |= (np.diff(t) > speed.gap_ns) | (frozen[:-1] & ~frozen[1:])
-    segments, kept = _segments(t, keep, broken, speed.gap_ns)
-    if short := int(keep.sum()) - int(kept.sum()):
-        text = f"pieces of fewer than {SHORTEST} samples: left out"
-        findings.append(Finding("too-short", "warning", text, speed.name, short))
+    frozen = _frozen(t, y, at.held, speed)
+    keep = inside & at.fresh & ~frozen
+    jump = np.diff(t, prepend=t[0]) > speed.gap_ns
+    jump[1:] |= frozen[:-1] & ~frozen[1:]
+    jump[list(speed.starts)] = True
+    segments, kept = _segments(t, keep, jump, speed.gap_ns)
+
+    findings: list[Finding] = []
+
+    def tell(code: str, severity: Severity, message: str, where: Bools) -> None:
+        if count := int(where.sum()):
+            when = float(since[np.argmax(where)])
+            findings.append(Finding(code, severity, message, speed.name, count, when))
+
+    stale = inside & ~at.fresh
+    pressed = (t >= brake.data.t.min()) & (t <= brake.data.t.max())
+    ends = stale.sum() * np.median(np.diff(t, append=t[-1])) <= 2 * max(brake.gap_ns, speed.gap_ns)
+    tell(
+        "no-pressure", "info" if ends and not (stale & pressed).any() else "warning",
+        f"wheel speed of axle {axle} without a fresh {brake.meaning}: left out", stale,
+    )  # fmt: skip
+    tell(
+        "speed-frozen", "warning",
+        "the speed stands still while the brake is applied and the wheel turns: left out",
+        frozen & inside & at.fresh,
+    )  # fmt: skip
+    tell("too-short", "warning", f"pieces of fewer than {SHORTEST} samples: left out", keep & ~kept)
     if not segments:
         return None, findings
+    is_pressure = brake.meaning == "pressure"
+    K, K_smooth = (
+        clamping_force(x[kept], vehicle) if is_pressure else x[kept] for x in (at.held, at.smooth)
+    )
     return AxleRecord(
-        axle, t[kept], K[kept], K_smooth[kept], y[kept], segments, speed.step,
-        held[kept] if is_pressure else None,
-        v[kept] if train else None,
-        truth_force[kept] if truth else None,
-        K_step,
+        axle, t[kept], K, K_smooth, y[kept], segments, speed.step,
+        at.held[kept] if is_pressure else None,
+        at.train[kept] if train else None,
+        at.truth[kept] if truth else None,
     ), findings  # fmt: skip
 
 
-def _segments(t: Times, keep: Bools, broken: Bools, gap_ns: int) -> tuple[tuple[slice, ...], Bools]:
-    """Runs of kept samples without a break, and the mask of the samples in them."""
+def _segments(t: Times, keep: Bools, jump: Bools, gap_ns: int) -> tuple[tuple[slice, ...], Bools]:
+    """Runs of kept samples without a jump or a gap, and the mask of the samples in them.
+
+    The slices count kept samples only; `jump` marks a sample that begins something new.
+    """
     index = np.flatnonzero(keep)
     if not len(index):
         return (), keep
-    breaks = np.cumsum(broken)[index]
-    new = np.diff(breaks, prepend=-1) != 0
+    new = np.diff(np.cumsum(jump)[index], prepend=-1) != 0
     new[1:] |= np.diff(t[index]) > gap_ns
     run = np.cumsum(new) - 1
-    long = np.bincount(run) >= SHORTEST
+    length = np.bincount(run)
+    long = length >= SHORTEST
     kept = np.zeros(len(t), dtype=np.bool_)
     kept[index[long[run]]] = True
-    stops = np.cumsum(np.bincount(run)[long])
+    stops = np.cumsum(length[long])
     return tuple(
-        slice(int(b - n), int(b)) for b, n in zip(stops, np.bincount(run)[long], strict=True)
+        slice(int(stop - n), int(stop)) for stop, n in zip(stops, length[long], strict=True)
     ), kept
 
 
@@ -198,10 +215,6 @@ def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
     return frozen
 
 
-def _interval(t: Times) -> float:
-    return float(np.median(np.diff(t))) / 1e9 if len(t) > 1 else 0.0
-
-
 def _missing(log: Log, what: str, example: str) -> UserError:
     names = ", ".join(repr(c.name) for c in log.channels[:8]) or "none"
     return UserError(
@@ -213,7 +226,7 @@ def _missing(log: Log, what: str, example: str) -> UserError:
 
 def _nothing(
     log: Log, speeds: dict[int | None, Channel], brakes: dict[int | None, Channel],
-    window: tuple[float | None, float | None],
+    window: Window,
 ) -> UserError:  # fmt: skip
     def span(channels: dict[int | None, Channel]) -> str:
         first = min(int(c.data.t.min()) for c in channels.values())

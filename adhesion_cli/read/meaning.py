@@ -59,7 +59,8 @@ _VOCABULARY = {
     "train": """
         train vehicle gps gnss radar doppler ground zug fahrzeug body carbody car loco reference ref
         odometry odom twist fahr 列车 车速 车辆 地面 参考 机车""",
-    "other speed": "limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机",
+    "other speed": """
+        limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机""",
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
     "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",

@@ -79,7 +79,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     newest = np.maximum.accumulate(t) if len(t) else t
     restarts = _restarts(t, newest)
     late = np.zeros(len(t), dtype=np.bool_)
-    for piece in _slices(restarts, len(t)):
+    for piece in pieces(restarts, len(t)):
         top = np.maximum.accumulate(t[piece])
         late[piece] = t[piece] < top
     for index in restarts[1:]:
@@ -142,36 +142,37 @@ def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
     return tuple(starts)
 
 
-def _slices(starts: tuple[int, ...], n: int) -> list[slice]:
+def pieces(starts: tuple[int, ...], n: int) -> list[slice]:
+    """The stretches between two jumps of the clock."""
     return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)]
 
 
-def piece_over(of: Channel, first: int, last: int) -> slice:
-    """The piece of a channel that shares most time with first..last [ns]."""
-    pieces = _slices(of.starts, len(of.data.t))
+def _over(t: Times, of: Channel) -> tuple[Times, Floats]:
+    """The piece of a channel that shares most time with t."""
 
     def shared(piece: slice) -> int:
-        t = of.data.t[piece]
-        return min(last, int(t[-1])) - max(first, int(t[0])) if len(t) else -(2**63)
+        own = of.data.t[piece]
+        return min(int(t[-1]), int(own[-1])) - max(int(t[0]), int(own[0]))
 
-    return max(pieces, key=shared)
+    best = max(pieces(of.starts, len(of.data.t)), key=shared)
+    return of.data.t[best], of.data.value[best]
 
 
-def hold(t: Times, of: Channel, piece: slice) -> tuple[Floats, Bools]:
+def hold(t: Times, of: Channel) -> tuple[Floats, Bools]:
     """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,)."""
-    xs, ys = of.data.t[piece], of.data.value[piece]
+    xs, ys = _over(t, of)
     index = np.searchsorted(xs, t, side="right") - 1
     known = index >= 0
     index = np.maximum(index, 0)
     return ys[index], known & (t - xs[index] <= of.gap_ns)
 
 
-def interpolated(t: Times, of: Channel, piece: slice) -> Floats:
+def interpolated(t: Times, of: Channel) -> Floats:
     """Linear interpolation of a channel, shape (n,).
 
     NaN before its first sample and across its gaps; the last value holds as long as `hold` does.
     """
-    xs, ys = of.data.t[piece], of.data.value[piece]
+    xs, ys = _over(t, of)
     after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
     before = np.maximum(after - 1, 0)
     gap = xs[after] - xs[before]
