@@ -1,6 +1,7 @@
 """Names and texts from logs are hostile: made safe here before anyone sees them."""
 
 import unicodedata
+from collections import Counter
 
 # Control, format (bidi overrides, zero width, tags), surrogate, line and paragraph separators.
 _UNSAFE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
@@ -26,13 +27,12 @@ def distinct(names: list[str]) -> list[str]:
     >>> distinct(["a", "b", "a"])
     ['a', 'b', 'a (2)']
     """
-    taken: set[str] = set()
-    told = []
+    taken, repeats, told = set(names), Counter[str](), []
     for name in names:
-        free, n = name, 1
-        while free in taken:
-            n += 1
-            free = f"{name} ({n})"
+        repeats[name] += 1
+        free = name
+        while repeats[name] > 1 and (free := f"{name} ({repeats[name]})") in taken:
+            repeats[name] += 1
         taken.add(free)
         told.append(free)
     return told

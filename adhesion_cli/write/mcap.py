@@ -399,14 +399,15 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     total = sum(len(s.t) * (_MESSAGE + 13 + 9 * len(s.columns) + len(s.tails[0])) for s in streams)
     pieces = -(-total // CHUNK)
     sample = np.sort(np.concatenate([clocks[id(s.t)][::64] for s in streams]))
-    edges = sample[len(sample) * np.arange(1, pieces) // pieces]
+    middle = len(sample) * np.arange(1, pieces) // pieces
+    edges = sample[middle]
+    # Where many rows lie at one time (a clock that jumped back), an edge takes its share of them.
+    first, last = np.searchsorted(sample, edges, "left"), np.searchsorted(sample, edges, "right")
 
     cuts = {}
     for axis, clock in clocks.items():
-        # Many rows at one time (a clock that jumped back) fall on several equal edges: share them.
-        first, last = np.searchsorted(edges, edges, "left"), np.searchsorted(edges, edges, "right")
         below, above = np.searchsorted(clock, edges, "left"), np.searchsorted(clock, edges, "right")
-        share = (np.arange(len(edges)) + 1 - first) * (above - below) // (last - first)
+        share = (middle - first) * (above - below) // (last - first)
         cuts[axis] = np.concatenate([[0], below + share, [len(clock)]])
     for k in range(pieces):
         yield [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]

@@ -1,0 +1,333 @@
+"""Outputs appear whole or not at all, whatever ends the run."""
+
+import hashlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.write import files
+
+# What a killed run may leave: a file between its two last names, gone after the next run.
+PART = ".a.adhesion.mcap.part"
+
+
+@pytest.fixture(params=["anonymous", "named"])
+def folder(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, with and without the kernel's unnamed files."""
+    if request.param == "named":
+        monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    elif not hasattr(os, "O_TMPFILE"):
+        pytest.skip("this system has no unnamed files")
+    return tmp_path
+
+
+def pair(folder: Path) -> list[Path]:
+    return [folder / "a.adhesion.mcap", folder / "a.adhesion.rrd"]
+
+
+def write(paths: list[Path], text: str, force: bool = False) -> None:
+    with files.outputs(paths, force) as temporary:
+        for path in temporary:
+            path.write_text(text)
+
+
+def names(folder: Path) -> set[str]:
+    return {p.name for p in folder.iterdir()}
+
+
+def manifest_holds(folder: Path) -> bool:
+    lines = (folder / "a.adhesion.sha256").read_text().splitlines()
+    assert lines[0].startswith("#")
+    told = dict(reversed(line.split("  ")) for line in lines[1:])
+    assert set(told) == {p.name for p in pair(folder)}
+    return all(
+        hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+        for name, digest in told.items()
+    )
+
+
+def test_set_appears_with_manifest(folder: Path) -> None:
+    write(pair(folder), "new")
+    assert names(folder) == {"a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"}
+    assert manifest_holds(folder)
+    assert all(p.stat().st_mode & 0o777 == 0o666 & ~_umask() for p in folder.iterdir())
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def test_sha256sum_reads_the_manifest(tmp_path: Path) -> None:
+    write(pair(tmp_path), "new")
+    subprocess.run(["sha256sum", "-c", "--strict", "a.adhesion.sha256"], cwd=tmp_path, check=True)
+
+
+def test_single_file_needs_no_manifest(folder: Path) -> None:
+    write([folder / "a.csv"], "new")
+    assert names(folder) == {"a.csv"}
+
+
+def test_single_file_of_a_set_takes_the_manifest_with_it(folder: Path) -> None:
+    write(pair(folder), "old")
+    write([folder / "a.adhesion.rrd"], "new", force=True)
+    assert names(folder) == {"a.adhesion.mcap", "a.adhesion.rrd"}
+    (folder / "a.adhesion.sha256").write_text("somebody's own")
+    write([folder / "a.adhesion.rrd"], "newer", force=True)
+    assert (folder / "a.adhesion.sha256").read_text() == "somebody's own"
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_nothing_is_left_of_a_failed_run(folder: Path, error: type[BaseException]) -> None:
+    def fail() -> None:
+        with files.outputs(pair(folder), False) as temporary:
+            temporary[0].write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert names(folder) == set()
+    write(pair(folder), "old")
+    with pytest.raises(UserError, match="exists"):
+        fail()
+    assert {p.read_text() for p in pair(folder)} == {"old"}
+
+
+def test_existing_results_need_force(folder: Path) -> None:
+    write(pair(folder)[:1], "old")
+    with pytest.raises(UserError) as caught:
+        write(pair(folder), "new")
+    assert (caught.value.code, "--force" in caught.value.hint) == (1, True)
+    assert pair(folder)[0].read_text() == "old"
+    write(pair(folder), "new", force=True)
+    assert {p.read_text() for p in pair(folder)} == {"new"}
+    assert manifest_holds(folder)
+
+
+def test_result_that_appeared_meanwhile_is_kept(folder: Path) -> None:
+    def late() -> None:
+        with files.outputs(pair(folder), False) as temporary:
+            for path in temporary:
+                path.write_text("ours")
+            pair(folder)[1].write_text("theirs")
+
+    with pytest.raises(UserError, match="exists"):
+        late()
+    assert names(folder) == {"a.adhesion.rrd"}
+
+
+@pytest.mark.parametrize("how", ["same", "hard link", "symlink", "folder link"])
+def test_output_that_is_the_input_is_refused_even_with_force(tmp_path: Path, how: str) -> None:
+    source, target = tmp_path / "log.mcap", tmp_path / "log.adhesion.mcap"
+    source.write_text("measured")
+    if how == "same":
+        target = source
+    elif how == "hard link":
+        os.link(source, target)
+    elif how == "symlink":
+        target.symlink_to(source)
+    else:
+        (tmp_path / "other").symlink_to(tmp_path)
+        target = tmp_path / "other" / "log.mcap"
+    with (
+        pytest.raises(UserError, match="input"),
+        files.outputs([target], True, inputs=[source]) as temporary,
+    ):
+        temporary[0].write_text("computed")
+    assert source.read_text() == "measured"
+
+
+def test_link_as_output_is_replaced_and_its_target_kept(folder: Path) -> None:
+    kept, link = folder / "precious", folder / "a.csv"
+    kept.write_text("precious")
+    link.symlink_to(kept)
+    with pytest.raises(UserError, match="exists"):
+        write([link], "new")
+    write([link], "new", force=True)
+    assert (kept.read_text(), link.is_symlink(), link.read_text()) == ("precious", False, "new")
+
+
+def test_dangling_link_counts_as_existing(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(UserError, match="exists"):
+        files.check([tmp_path / "a.csv"], False)
+
+
+def test_missing_folder_folder_as_output_and_double_name(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such folder"):
+        files.check([tmp_path / "no" / "a.csv"], False)
+    with pytest.raises(UserError, match="is a folder"):
+        files.check([tmp_path], True)
+    with pytest.raises(UserError, match="two logs"):
+        files.check([tmp_path / "a.csv", tmp_path / "." / "a.csv"], True)
+
+
+def test_folder_that_takes_no_files(tmp_path: Path) -> None:
+    target = Path("/proc/a.csv")  # refuses even root
+    with pytest.raises(UserError, match=r"^/proc: ") as caught:
+        write([target], "new")
+    assert "--out" in caught.value.hint
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o555)
+    if os.geteuid():
+        with pytest.raises(UserError, match="cannot be written"):
+            files.check([locked / "a.csv"], False)
+
+
+# ---- real processes
+
+CHILD = """
+import os, signal, sys
+from pathlib import Path
+from adhesion_cli.errors import UserError
+from adhesion_cli.write import files
+folder, text, force = Path(sys.argv[1]), sys.argv[2], sys.argv[3] == "force"
+paths = [folder / "a.adhesion.mcap", folder / "a.adhesion.rrd"]
+"""
+WRITE = """
+try:
+    with files.outputs(paths, force) as temporary:
+        for path in temporary:
+            path.write_text(text)
+except UserError as error:
+    sys.exit(error.code)
+"""
+DIE = """
+die, step = int(sys.argv[4]), 0
+def hook(event, arguments):
+    global step
+    if event in ("os.link", "os.rename", "os.remove"):
+        step += 1
+        if step == die:
+            os.kill(os.getpid(), signal.SIGKILL)
+sys.addaudithook(hook)
+"""
+
+
+def child(code: str, folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-c", CHILD + code, str(folder), *arguments],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+def assert_whole(folder: Path) -> None:
+    """The old result or the new one, never a mixture; nothing else."""
+    found = names(folder)
+    assert found - {PART} <= {"a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"}
+    texts = {p.read_text() for p in pair(folder) if p.exists()}
+    assert len(texts) <= 1
+    assert texts <= {"old" * 9, "new" * 9}
+    if "a.adhesion.sha256" in found:
+        assert manifest_holds(folder)
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["fresh", "replacing"])
+def test_kill_before_every_step_of_publishing(tmp_path: Path, before: bool) -> None:
+    for die in range(1, 20):
+        folder = tmp_path / str(die)
+        folder.mkdir()
+        if before:
+            write(pair(folder), "old" * 9)
+        process = child(DIE + WRITE, folder, "new" * 9, "force", str(die))
+        code = process.wait(20)
+        assert_whole(folder)
+        if before:
+            assert pair(folder)[0].exists()  # there always is a record
+        if code == 0:
+            assert pair(folder)[0].read_text() == "new" * 9
+            assert manifest_holds(folder)
+            break
+        assert code == -signal.SIGKILL
+        write(pair(folder), "new" * 9, force=True)  # the next run cleans up
+        assert names(folder) == {"a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"}
+    assert die > 2  # it was killed at least at each link
+
+
+def killed_at_random(tmp_path: Path, times: int) -> None:
+    loop = "print(flush=True)\nfor text in ['old' * 9, 'new' * 9] * 99999:" + WRITE.replace(
+        "\n", "\n    "
+    )
+    for i in range(times):
+        process = child(loop, tmp_path, "", "force")
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(0.002 + 0.0137 * (i % 7))
+        process.kill()
+        process.communicate(timeout=20)
+        assert_whole(tmp_path)
+
+
+def test_kill_at_random(tmp_path: Path) -> None:
+    killed_at_random(tmp_path, 5)
+
+
+@pytest.mark.slow
+def test_kill_at_random_many_times(tmp_path: Path) -> None:
+    killed_at_random(tmp_path, 300)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_writing(tmp_path: Path, number: signal.Signals) -> None:
+    wait = WRITE.replace(
+        "path.write_text(text)",
+        "path.write_text(text)\n        print(flush=True)\n        signal.pause()",
+    )
+    process = child(wait, tmp_path, "new", "")
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(number)
+    process.communicate(timeout=20)
+    assert process.returncode != 0
+    assert names(tmp_path) == set()
+
+
+def test_eight_runs_to_one_output(tmp_path: Path) -> None:
+    runs = [child(WRITE, tmp_path, "new" * 9, "") for _ in range(8)]
+    codes = sorted(run.wait(30) for run in runs)
+    for run in runs:
+        run.communicate()
+    assert codes == [0] + [1] * 7  # one wins, the others are told
+    runs = [child(WRITE, tmp_path, text * 9, "force") for text in ["old", "new"] * 4]
+    assert [run.wait(30) for run in runs] == [0] * 8
+    for run in runs:
+        run.communicate()
+    assert_whole(tmp_path)
+    assert manifest_holds(tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["mcap", "rrd"])
+def test_file_size_limit(tmp_path: Path, kind: str) -> None:
+    """What a full disk looks like: writing fails in the middle."""
+    code = f"""
+import resource
+from tests.results import result
+from adhesion_cli.write import {kind}
+from adhesion_cli.errors import UserError
+big = result(1, 20_000)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+try:
+    with files.outputs(paths, False) as (record, picture):
+        if "{kind}" == "mcap":
+            mcap.write_result(record, big, "{{}}")
+        else:
+            rrd.write_result(picture, big, [])
+except UserError as error:
+    print(error.text)
+    sys.exit(error.code)
+"""
+    process = subprocess.run(
+        [sys.executable, "-c", CHILD + code, str(tmp_path), "", ""],
+        cwd=Path(__file__).parents[1], capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert process.returncode == 1, process.stderr
+    assert re.search("cannot write the results", process.stdout)
+    assert names(tmp_path) == set()
