@@ -347,7 +347,7 @@ class Simulation:
 
     @cached_property
     def slip(self) -> Floats:
-        """s [-], NaN below `rail.SLOWEST`."""  # noqa: D403
+        """Slip s [-], NaN below `rail.SLOWEST`. Source: (2)."""
         rim = self.wheel_speed * _radii(self.scenario)
         return physics.slip(self.train_speed[:, None], rim, 1.0, SLOWEST)
 

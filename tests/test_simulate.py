@@ -215,6 +215,9 @@ def test_a_locked_wheel_stays_locked_and_the_train_stops_for_good() -> None:
     expected = [rail.creep_force(v, v, law, PATCH)[0] for v in r.train_speed[sliding]]
     np.testing.assert_array_equal(r.adhesion_force[sliding, 0], expected)
     np.testing.assert_array_equal(r.friction_force[sliding], r.adhesion_force[sliding])
+    v = r.train_speed[sliding]
+    slowed = v[0] - integral(r.adhesion_force[sliding, 0] / 4797.0, 1e-3)  # (1)
+    assert np.abs(v - slowed).max() < 1e-6
     stands = r.train_speed == 0.0
     assert stands[-1]
     assert stands[int(np.argmax(stands)) :].all()
@@ -246,6 +249,12 @@ def test_wsp_prevents_the_lock() -> None:
     assert np.nanmax(r.slip[fast]) < 0.35
     assert np.nanmax(r.slip[fast][:, :2], axis=0).min() > 0.1  # two axles slide
     assert np.nanmax(r.slip[fast][:, 2:]) < 0.01  # and two do not
+    speeding = (r.wheel_speed[40:] > r.wheel_speed[20:-20]) & (
+        r.wheel_speed[20:-20] > r.wheel_speed[:-40]
+    )
+    vented = np.diff(r.pressure, axis=0)[39:] < 0.0
+    assert vented.any()
+    assert not (vented & speeding).any()  # a wheel that recovers keeps its pressure
     unprotected = simulate.run(dataclasses.replace(r.scenario, wsp=None))
     assert np.nanmax(unprotected.slip[unprotected.train_speed > 2.0]) == 1.0
 
