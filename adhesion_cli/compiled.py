@@ -25,6 +25,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
@@ -94,7 +95,7 @@ def batch(
         h[starts[1:] - 1] = 0  # between segments
         check_step(est, p, float(h.max(initial=0)) * 1e-9)
     F = np.empty(len(t))
-    _loop(est, _BATCH)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
+    _loop(est)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
     return F
 
 
@@ -109,8 +110,8 @@ def function(target: Callable[..., Any]) -> Callable[..., Any]:
     )
 
 
-def _loop(est: Estimator, template: str) -> Callable[..., Any]:
-    text = template.format(
+def _loop(est: Estimator) -> Callable[..., Any]:
+    text = _BATCH.format(
         params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
     )
@@ -166,14 +167,25 @@ def _folder(files: set[Path]) -> Path:
     for root in _roots():
         folder = root / name
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _ours(root):
+                continue
+            folder.mkdir(exist_ok=True)
             tempfile.TemporaryFile(dir=folder).close()
             os.utime(folder)  # the latest used
-            _prune(root)
         except OSError:
             continue
+        _prune(root)
         return folder
     return Path(tempfile.mkdtemp(prefix="adhesion-"))
+
+
+def _ours(root: Path) -> bool:
+    """Whether nobody else can put code into `root`: what lies there is run."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = root.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
 def _sources(folder: Path, pattern: str = "*.py") -> bytes:
@@ -201,9 +213,10 @@ def _roots() -> list[Path]:
 
 
 def _prune(root: Path) -> None:
-    folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
-    for old in folders[_KEEP:]:
-        shutil.rmtree(old, ignore_errors=True)
+    with suppress(OSError):  # another process may be at it
+        folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in folders[_KEEP:]:
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def _write(path: Path, text: str) -> None:

@@ -185,6 +185,8 @@ def _estimator(path: Path, module: ModuleType) -> Estimator:
     if missing:
         raise UserError(f"{path}: not an estimator, lacks {', '.join(missing)}", _REMEDY)
     about, P, S = module.ABOUT, module.Params, module.State
+    if not isinstance(about, About):
+        raise UserError(f"{path}: ABOUT must be an `About`", _REMEDY)
     est = Estimator(
         path.stem, about.title, about.source, about.claims, P, S, module.init, module.step,
         getattr(module, "longest_step", _any_step), path,

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -126,27 +127,36 @@ def test_processes_may_start_at_once(copy, tmp_path):
     assert machine_code(tmp_path) == kept
 
 
-def test_a_cache_folder_that_cannot_be_written(copy, tmp_path):
-    blocked = tmp_path / "file"
-    blocked.write_text("not a folder")
-    temporary = tmp_path / "tmp"
+@pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
+@pytest.mark.parametrize("kind", ["no folder", "anybody's", "mine"])
+def test_where_the_cache_is(tmp_path, monkeypatch, kind):
+    """What lies in the cache is run: a folder that others can write to is as bad as none."""
+    home, temporary = tmp_path / "home", tmp_path / "tmp"
     temporary.mkdir()
-    run = start(copy, BATCH, "leso", XDG_CACHE_HOME=blocked, TMPDIR=temporary)
-    batch, online = json.loads(answer(run))
-    assert batch == online
-    assert machine_code(temporary)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    if kind == "no folder":
+        home.write_text("a file")
+    elif kind == "anybody's":
+        (home / "adhesion-cli").mkdir(parents=True)
+        (home / "adhesion-cli").chmod(0o777)
+    folder = compiled._folder(set())
+    assert folder.is_relative_to(home if kind == "mine" else temporary)
+    assert folder.is_dir()
 
 
-def test_old_folders_go(copy, tmp_path):
+@pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
+def test_old_folders_go(tmp_path, monkeypatch):
     root = tmp_path / "adhesion-cli"
+    root.mkdir(mode=0o700)
     for i in range(12):
         folder = root / f"{i:016x}"
-        folder.mkdir(parents=True)
+        folder.mkdir()
         os.utime(folder, (i, i))
-    answer(start(copy, BATCH, "leso", XDG_CACHE_HOME=tmp_path))
-    left = sorted(path.name for path in root.iterdir())
-    assert len(left) == 8
-    assert left[:7] == [f"{i:016x}" for i in range(5, 12)]
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    latest = compiled._folder(set())
+    left = {path.name for path in root.iterdir()}
+    assert left == {latest.name, *(f"{i:016x}" for i in range(5, 12))}
 
 
 def test_importing_compiles_nothing(copy):
