@@ -217,8 +217,8 @@ def _others(dialect: Dialect, i: int, named: Sequence[int], path: Any) -> tuple[
     for k in others:
         if _unnumbered(dialect.names[k]) == _unnumbered(dialect.names[i]):
             raise UserError(
-                f"{path}: columns {dialect.names[i]!r} and {dialect.names[k]!r} are both times, and differ: "
-                " which columns belong to which is not stated",
+                f"{path}: {dialect.names[i]!r} and {dialect.names[k]!r} are both times, and "
+                "differ: which columns belong to which is not stated",
                 f'state one, as time = {{channel = "column {i + 1}"}} under [channels], and map '
                 "only columns that belong to it",
             )

@@ -64,7 +64,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     if not dialect.headed and options.time_channel is None:
         raise _headerless(dialect, path)
     rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path))
+    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path), int(rows))
 
 
 class CsvSource:
@@ -75,7 +75,9 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
+    def __init__(
+        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, expected: int
+    ) -> None:
         self.path = path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
@@ -84,6 +86,7 @@ class CsvSource:
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.lines: Counter[str] = Counter()
         self._options, self._dialect, self._clock = options, dialect, clock
+        self._expected = expected  # rows, roughly
         self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
         self._group, self._groups = self._find_groups()
         names = dialect.names
@@ -160,15 +163,9 @@ class CsvSource:
 
     def _scan(self, indices: list[int], group: int | None, groups: list[str] | None) -> "_Scan":
         return _Scan(
-            self.path,
-            self._options,
-            self._dialect,
-            self._clock,
-            self._types,
-            indices,
-            group,
-            groups,
-        )
+            self.path, self._options, self._dialect, self._clock, self._types, self._expected,
+            indices, group, groups,
+        )  # fmt: skip
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers, in the head or, where that is words, near the end."""
@@ -325,6 +322,7 @@ class _Scan:
     dialect: Dialect
     clock: Clock
     types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
+    expected: int  # rows, roughly
     indices: list[int]
     group: int | None = None
     groups: list[str] | None = None  # values of the group wanted; None: every one met
@@ -343,8 +341,9 @@ class _Scan:
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
         source = Lines(self.path, self.dialect, self.options.max_inflated)
-        times, codes = _Grown(np.int64), _Grown(np.int64)
-        values = {i: _Grown(np.float64) for i in self.indices}
+        room = self.expected + self.expected // 16
+        times, codes = _Grown(np.int64, room), _Grown(np.int64, room)
+        values = {i: _Grown(np.float64, room) for i in self.indices}
         for part in self._parts(source):
             self._count_lines(part)
             keep = self._count_times(part)
@@ -434,11 +433,11 @@ class _Scan:
             return "skip"
 
         return pyarrow.csv.read_csv(
-            pa.BufferReader(block.data),
+            pa.BufferReader(pa.py_buffer(block.data).slice(0, block.size)),
             pyarrow.csv.ReadOptions(
                 column_names=[f"c{i}" for i in range(self.dialect.width)],
                 use_threads=False,  # blocks run in parallel; only so are wrong rows numbered
-                block_size=len(block.data) + 1,
+                block_size=block.size + 1,
             ),
             pyarrow.csv.ParseOptions(
                 delimiter=block.delimiter, newlines_in_values=multiline, invalid_row_handler=skip
@@ -461,11 +460,11 @@ class _Scan:
         if i in self.types and len(self.types[i]) > 1:
             self.types[i] = self.types[i][1:]
             return
-        if not block.data.isascii():
-            clean = block.data.decode("utf-8", "replace").encode()
-            if clean != block.data:
-                block.data = clean
-                return
+        text = block.data[: block.size]
+        clean = text.decode("utf-8", "replace").encode()
+        if clean != text:
+            block.data, block.size = clean, len(clean)
+            return
         raise UserError(
             f"{self.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
             "mend the log, or state its dialect under [csv]",
@@ -540,8 +539,8 @@ class _Scan:
 class _Grown:
     """An array that grows by parts, so that only one block's parts stay beside it."""
 
-    def __init__(self, dtype: Any) -> None:
-        self._room = np.empty(1 << 16, dtype)
+    def __init__(self, dtype: Any, room: int) -> None:
+        self._room = np.empty(room, dtype)
         self._used = 0
 
     def append(self, part: NDArray[Any]) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from .sniff import HEAD_BYTES, Dialect, split
 
-_BLOCK = 4 << 20
+_BLOCK = 2 << 20
 _TAIL = 1 << 16
 _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
@@ -30,22 +30,23 @@ _MAX_QUOTED_LINES = 100
 
 @dataclass(slots=True)
 class Block:
-    """Whole rows of the file, each ended by a line feed."""
+    """Whole rows of the file, each ended by a line feed: the first `size` bytes of `data`."""
 
     data: bytes
+    size: int
     first_line: int
     lines: int
     delimiter: str
 
     def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Positions of all line feeds, and of those that end a row."""
-        text = np.frombuffer(self.data, np.uint8)
+        text = np.frombuffer(self.data, np.uint8, self.size)
         feeds = np.flatnonzero(text == 10)
         quotes = np.flatnonzero(text == 34)
         if not (np.searchsorted(quotes, feeds) % 2).any():
             return feeds, feeds
         inside = np.zeros(len(feeds), bool)
-        for m in _quoted(self.delimiter).finditer(self.data):
+        for m in _quoted(self.delimiter).finditer(self.data, 0, self.size):
             a, b = np.searchsorted(feeds, m.span())
             inside[a:b] = True
         return feeds, feeds[~inside]
@@ -96,14 +97,15 @@ class Lines:
             if done and data and not data.endswith(b"\n"):
                 data = self._close(data, line)
             cut = self._cut(data, line, done, delimiter)
-            whole, rest = data[:cut], data[cut:]
-            if whole:
-                block = Block(whole, line, whole.count(b"\n"), delimiter)
-                line += block.lines
+            rest = data[cut:]
+            if cut:
+                lines = int(np.count_nonzero(np.frombuffer(data, np.uint8, cut) == 10))
                 if self.dialect.delimiter == " ":
-                    spaced = re.sub(rb"[ \t]+", b"\t", whole)
-                    block.data = re.sub(rb"(?m)^\t|\t$", b"", spaced)
-                yield block
+                    spaced = re.sub(rb"[ \t]+", b"\t", data[:cut])
+                    data = re.sub(rb"(?m)^\t|\t$", b"", spaced)
+                    cut = len(data)
+                yield Block(data, cut, line, lines, delimiter)
+                line += lines
 
     def _close(self, data: bytes, line: int) -> bytes:
         """The file's end, with the line end that it lacks or without what damage cut."""
