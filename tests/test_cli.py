@@ -1,0 +1,240 @@
+"""The command as users run it: real processes, real files."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLES = ROOT / "sample_logs"
+SNCB = ROOT.parent / "shared" / "data" / "sncb" / "input_sncb.csv"
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    def adhesion(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "adhesion_cli", *map(str, arguments)],
+            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        )  # fmt: skip
+
+    return adhesion
+
+
+def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
+    lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
+    for i in range(n):
+        t = i / rate
+        pressure = 3.5 * min(max(t - 1.0, 0.0), 1.0)
+        speed = 72.0 - 2.0 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
+        lines.append(f"{start + t:.3f},{pressure:.3f},{speed:.4f}")
+    return "\n".join(lines) + "\n"
+
+
+def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None:
+    done = run("analyze", SAMPLES / "service-brake.csv")
+    assert done.returncode == 0, done.stderr
+    assert "neso" in done.stdout
+    assert "wrote service-brake.adhesion.mcap" in done.stdout
+    names = {p.name for p in tmp_path.iterdir()}
+    assert {"service-brake.adhesion.mcap", "service-brake.adhesion.rrd"} <= names
+
+    first = (tmp_path / "service-brake.adhesion.mcap").read_bytes()
+    refused = run("analyze", SAMPLES / "service-brake.csv")
+    assert refused.returncode == 1
+    assert "--force" in refused.stderr
+    again = run("analyze", SAMPLES / "service-brake.csv", "--force", "--json")
+    assert again.returncode == 0
+    assert (tmp_path / "service-brake.adhesion.mcap").read_bytes() == first
+
+    document = json.loads(again.stdout)
+    assert document["schema"] == "adhesion.result/1"
+    (result,) = document["results"]
+    assert result["log"]["rows_read"] == result["log"]["rows_used"] == 2601
+    assert result["log"]["duration_s"] == 26.0
+    (axle,) = result["axles"]
+    assert axle["reference"]["method"] == "smoother"
+    assert axle["reference"]["sigma_n"] < axle["reference"]["band_n"]
+    assert {e["algo"] for e in axle["estimators"]} == {"td", "kalman", "leso", "neso", "gradient"}
+    assert {e["against"] for e in axle["estimators"]} == {"truth"}
+    assert min(e["relative"] for e in axle["estimators"]) == 1.0
+
+    compared = run("compare", "--algo", "neso", "--json")
+    assert compared.returncode == 0, compared.stderr
+    assert "service-brake.adhesion.mcap" in compared.stderr  # it says which log it took
+    (neso,) = json.loads(compared.stdout)["results"][0]["axles"][0]["estimators"]
+    before = next(e for e in axle["estimators"] if e["algo"] == "neso")
+    assert neso["rmse_n"] == pytest.approx(before["rmse_n"], rel=1e-6)
+
+
+def test_compare_ranks_several_logs(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    converted = run("convert", "a.csv", "b.mcap")
+    assert converted.returncode == 0, converted.stderr
+    done = run("compare", "a.csv", "b.mcap", "--algo", "neso", "--algo", "leso", "--json")
+    assert done.returncode == 0, done.stderr
+    first, second = json.loads(done.stdout)["results"]
+    assert first["axles"] == second["axles"]
+    assert [e["against"] for e in first["axles"][0]["estimators"]] == ["reference"] * 2
+    assert (tmp_path / "a.compare.mcap").exists()
+    assert (tmp_path / "a.compare.rrd").exists()
+
+
+def test_convert_there_and_back_loses_nothing(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows(40))
+    assert run("convert", "a.csv", "b.mcap").returncode == 0
+    assert run("convert", "b.mcap", "c.csv").returncode == 0
+    documents = [json.loads(run("inspect", f, "--json").stdout) for f in ("a.csv", "c.csv")]
+    first, last = (
+        {(c["meaning"], c["unit"], c["rows"], c["rate_hz"]) for c in d["logs"][0]["channels"]}
+        for d in documents
+    )
+    assert first == last
+    again = (tmp_path / "c.csv").read_text().splitlines()[1:]
+    for line, original in zip(again, rows(40).splitlines()[1:], strict=True):
+        assert [float(x) for x in line.split(",")] == [float(x) for x in original.split(",")]
+
+
+def test_settings_change_the_result_and_a_result_keeps_them(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+
+    def scores(*arguments: str) -> dict[str, object]:
+        done = run("compare", *arguments, "--algo", "neso", "--json", "--force")
+        assert done.returncode == 0, done.stderr
+        found: dict[str, object] = json.loads(done.stdout)["results"][0]["axles"][0]
+        return found
+
+    assert (
+        run("analyze", "a.csv", "--set", "neso.beta1=100", "--set", "vehicle.phi=0.2").returncode
+        == 0
+    )
+    changed = scores("a.csv", "--set", "neso.beta1=100", "--set", "vehicle.phi=0.2")
+    assert changed != scores("a.csv")
+    assert scores("a.adhesion.mcap") == pytest.approx(changed)
+
+
+def test_inspect_explains_every_channel(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    done = run("inspect", "a.csv", "missing.csv", "--json")
+    assert done.returncode == 1  # one log's failure does not stop the others
+    good, bad = json.loads(done.stdout)["logs"]
+    assert good["status"] == "ok"
+    assert good["rows_read"] == 400
+    channels = {c["meaning"]: c for c in good["channels"]}
+    assert channels["pressure"]["unit"] == "bar"
+    assert "bar" in channels["pressure"]["reason"]
+    assert channels["wheel_speed"]["rate_hz"] == pytest.approx(50.0)
+    assert bad["status"] == "error"
+    assert "missing.csv" in bad["error"]
+
+
+HEADER = "time [s],bc pressure [bar],wheel speed [km/h]\n"
+GOOD = "analyze a.csv"
+
+
+@pytest.mark.parametrize(
+    ("command", "content", "code", "says"),
+    [
+        ("analyze missing.csv", None, 1, "missing.csv"),
+        (GOOD, "", 1, "empty"),
+        ("analyze a.mcap", "not an mcap file at all", 1, "a.mcap"),
+        (GOOD, HEADER, 1, "a.csv"),
+        (GOOD, HEADER + "0.0,1.0,70.0\n", 1, "a.csv"),
+        (GOOD, HEADER + "".join(f"{i},nan,nan\n" for i in range(50)), 1, "no usable"),
+        (GOOD, HEADER + "".join(f"1.0,{i},{70 - i}\n" for i in range(50)), 1, "a.csv"),
+        (GOOD, rows().replace("[bar]", "[furlong]"), 1, "unit"),
+        (GOOD, rows().replace(" [bar]", ""), 1, "unit"),
+        (GOOD, rows().replace("bc pressure", "temperature").replace("bar", "degC"), 1, "pressure"),
+        (GOOD + " --algo nesso", rows(), 2, "neso"),
+        (GOOD + " --set neso.beta9=1", rows(), 2, "beta1"),
+        (GOOD + " --reference smother", rows(), 2, "smoother"),
+        (GOOD + " -c missing.toml", rows(), 2, "missing.toml"),
+        (GOOD + " -c map.toml", rows(), 2, "bc pressure"),
+        (GOOD + " -o nowhere", rows(), 1, "nowhere"),
+        (GOOD + " --axle 7", rows(), 2, "axle 7"),
+        (GOOD + " --from 900", rows(), 2, "--from"),
+        ("analyse a.csv", rows(), 2, "analyze"),
+        ("analyze a.csv --bogus", rows(), 2, "--bogus"),
+        ("convert a.csv a.xyz", rows(), 2, ".mcap"),
+        ("view nothing.rrd", None, 1, "nothing.rrd"),
+    ],
+)
+def test_bad_input_is_one_error_one_hint_and_no_file(
+    run: Run, tmp_path: Path, command: str, content: str | None, code: int, says: str
+) -> None:
+    for name in ("a.csv", "a.mcap"):
+        if content is not None and name in command:
+            (tmp_path / name).write_text(content)
+    (tmp_path / "map.toml").write_text(
+        '[channels]\npressure."axle 1" = {channel = "bc presure", unit = "bar"}\n'
+    )
+    before = set(tmp_path.iterdir())
+    done = run(*command.split())
+    assert done.returncode == code, done.stderr
+    lines = done.stderr.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["error", "hint"], done.stderr
+    assert says in done.stderr
+    assert not done.stdout
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_errors_as_json(run: Run) -> None:
+    done = run("analyze", "missing.csv", "--json")
+    assert done.returncode == 1
+    assert not done.stderr
+    document = json.loads(done.stdout)
+    assert document["schema"] == "adhesion.error/1"
+    assert "missing.csv" in document["error"]
+    assert document["hint"]
+
+
+def test_no_overlap_in_time(run: Run, tmp_path: Path) -> None:
+    lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
+    lines += [f"{i / 10},{min(i / 20, 3)}," for i in range(100)]
+    lines += [f"{100 + i / 10},,{70 - i / 5}" for i in range(100)]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    done = run("analyze", "a.csv")
+    assert done.returncode == 1
+    assert "no overlap" in done.stderr
+
+
+def test_lost_data_is_told_with_exit_code_3(run: Run, tmp_path: Path) -> None:
+    lines = rows(600).splitlines()
+    del lines[300:400]
+    lines[50] = lines[50].rsplit(",", 1)[0] + ",broken"
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    done = run("analyze", "a.csv", "--json")
+    assert done.returncode == 3, done.stderr
+    findings = {f["code"]: f for f in json.loads(done.stdout)["results"][0]["findings"]}
+    assert findings["gap"]["count"] == 1
+    assert findings["gap"]["first_s"] == pytest.approx(5.96)
+    assert "broken" in findings["csv-bad-cells"]["message"]
+
+
+def test_the_registry_is_shown(run: Run) -> None:
+    done = run("estimators", "--json")
+    assert done.returncode == 0
+    listed = {e["algo"]: e for e in json.loads(done.stdout)["estimators"]}
+    beta1 = next(p for p in listed["neso"]["parameters"] if p["name"] == "beta1")
+    assert beta1["default"] == 216.0
+    assert "neso.beta1" in run("estimators").stdout
+
+
+@pytest.mark.skipif(not SNCB.exists(), reason="the public SNCB log is not beside this checkout")
+def test_a_real_log_of_three_trains(run: Run) -> None:
+    mapping = ROOT / "tests" / "data" / "sncb.toml"
+    seen = json.loads(run("inspect", SNCB, "-c", mapping, "--json").stdout)["logs"][0]
+    frozen = next(f for f in seen["findings"] if f["code"] == "speed-frozen")
+    assert frozen["first_s"] == pytest.approx(91.0)
+    unmapped = json.loads(run("inspect", SNCB, "--json").stdout)["logs"][0]
+    assert unmapped["status"] == "error"
+    assert "3, 4, 5" in unmapped["error"]
+    done = run("analyze", SNCB, "-c", mapping, "--json")
+    assert done.returncode == 3
+    axles = json.loads(done.stdout)["results"][0]["axles"]
+    assert [a["axle"] for a in axles] == [1, 2]
