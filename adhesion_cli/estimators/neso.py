@@ -64,7 +64,7 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     kappa_rate = w.a * w.phi * (K - s.K) / h
     y_rate = (y - s.y) / h
     b1, b2 = gains(p, 0.0)  # the highest
-    n = min(math.ceil(h * (b1 + math.sqrt(b2))), SUBSTEPS)
+    n = math.ceil(min(h * (b1 + math.sqrt(b2)), SUBSTEPS))
     tau = h / n
     e, d = s.e, s.d
     for i in range(n):

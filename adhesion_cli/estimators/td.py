@@ -49,7 +49,7 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     if p.euler > 0.0:
         x1, x2 = x1 + h * x2, x2 + h * fhan(x1 - s.y, x2, p.r, h0)  # (4)
     else:
-        n = min(math.ceil(4.0 * h / h0), SUBSTEPS)
+        n = math.ceil(min(4.0 * h / h0, SUBSTEPS))
         tau = h / n
         h0 = max(h0, 4.0 * tau)
         dv = (y - s.y) / n
