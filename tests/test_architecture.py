@@ -25,7 +25,11 @@ LAYERS = [
     {"cli"},
     {"__main__"},
 ]
-OWNERS = {"numba": {"compiled"}, "rerun": {"write/rrd"}, "mcap": {"read/mcap", "write/mcap"}}
+OWNERS = {
+    "numba": {"compiled"},
+    "rerun": {"write/rrd"},
+    "mcap": {"read/mcap_records", "write/mcap"},
+}
 
 
 def imports(path: Path) -> set[tuple[str, int]]:

@@ -14,7 +14,17 @@ import pytest
 import zstandard
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
-from mcap.records import Channel, DataEnd, Footer, Header, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    Metadata,
+    Schema,
+)
+from mcap.stream_reader import StreamReader
 from mcap_logs import (
     MAGIC,
     START,
@@ -30,7 +40,7 @@ from mcap_logs import (
 )
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.read.mcap import open_mcap
+from adhesion_cli.read.mcap import copy_whole, open_mcap
 from adhesion_cli.read.source import ReadOptions
 
 # what a log says, read: by field its times, values and validity, and the metadata
@@ -142,6 +152,32 @@ def test_one_bad_chunk_costs_only_itself(tmp_path: Path) -> None:
     assert column.value.tolist() == [0.0] * 5 + [2.0] * 5
     (finding,) = source.findings
     assert f"byte {len(MAGIC + record(Header('', ''))) + len(chunks[0][0])}: " in finding.message
+
+
+@pytest.mark.parametrize("per_chunk", [0, 5])
+def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
+    log = scalar_log(VALUES, compression="lz4", per_chunk=per_chunk, attachments=2)
+    log.metadata = {"wagon": "7"}
+    log.messages[3].publish_time, log.messages[3].sequence = 1 << 63, 9
+    log.messages.append(message(77, START, b"of no channel"))
+    raw = log.bytes()
+    broken, copy = tmp_path / "broken.mcap", tmp_path / "copy.mcap"
+    broken.write_bytes(raw[: raw.index(b"\x0f\x04") - 3])
+    with copy.open("wb") as out:
+        findings = copy_whole(broken, out, ReadOptions())
+    assert {f.code for f in findings} >= {"mcap-damaged"}
+    before, told = read(broken)
+    assert told
+    assert read(copy, strict=True) == (before, set())
+    with copy.open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    messages = [r for r in records if isinstance(r, Message)]
+    assert len(messages) >= 20
+    for one, other in zip(messages, log.messages, strict=False):
+        assert (one.log_time, one.publish_time, one.sequence, one.data) == (
+            other.log_time, other.publish_time, other.sequence, other.data,
+        )  # fmt: skip
+    assert [r.data for r in records if isinstance(r, Attachment)] == [b"", b"attached"]
 
 
 # ---------------------------------------------------------------------- hostile files

@@ -1,0 +1,687 @@
+"""The records of an MCAP file: a bounded linear walk that believes nothing unchecked.
+
+Every declared length is checked against the bytes that are left and the limits of ReadOptions,
+every CRC and inflated size is compared. Indexes only speed up what walking would find.
+Specification: https://mcap.dev/spec
+"""
+
+import os
+import struct
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel
+from mcap.records import Schema as Schema  # for those who ask a Walk
+from numpy.typing import NDArray
+
+from ..errors import UserError
+from ..model import Times
+from .source import ReadOptions
+from .tree import PADDING, Bytes, Offsets
+
+MAGIC = b"\x89MCAP0\r\n"
+HEADER = struct.Struct("<BQ")  # opcode and length of every record
+MESSAGE = 22  # bytes of a Message record before its data: channel, sequence, two times
+_PIECE = 1 << 20  # bytes read from the file at once
+_RUN = 4 << 20  # bytes of unchunked records taken together
+_HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
+_JSON_HEADS = 100  # messages of a JSON channel that are kept to search them for keys
+_RAISE_LIMIT = "raise the limit if the log is trusted, or cut it with `adhesion recover`"
+
+
+class DamageError(Exception):
+    """Bytes that are not what the specification or the file itself says they are.
+
+    Args:
+        at: offset in the file.
+        what: what is wrong there.
+        hint: remedy other than recovering.
+    """
+
+    def __init__(self, at: int, what: str, hint: str = "") -> None:
+        super().__init__(what)
+        self.at, self.what, self.hint = at, what, hint
+
+
+class _Content:
+    """The fields of one record, read front to back."""
+
+    def __init__(self, data: bytes, at: int) -> None:
+        self._data, self._at, self._p = data, at, 0
+
+    def raw(self, size: int) -> bytes:
+        if size > len(self._data) - self._p:
+            raise DamageError(self._at, f"a field of {size} bytes does not fit into its record")
+        self._p += size
+        return self._data[self._p - size : self._p]
+
+    def number(self, size: int) -> int:
+        return int.from_bytes(self.raw(size), "little")
+
+    def text(self) -> str:
+        try:
+            return self.raw(self.number(4)).decode()
+        except UnicodeDecodeError:
+            raise DamageError(self._at, "text is not UTF-8") from None
+
+    def pairs(self) -> dict[str, str]:
+        inner = _Content(self.raw(self.number(4)), self._at)
+        found = {}
+        while inner._p < len(inner._data):
+            key = inner.text()
+            found[key] = inner.text()
+        return found
+
+    def place(self) -> int:
+        return self._p
+
+
+class _File:
+    """A file whose bytes are read by offset, a bounded piece at a time."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("rb", buffering=0)
+        self.size = os.fstat(self._file.fileno()).st_size
+        self._window, self._from = b"", 0
+
+    def __enter__(self) -> "_File":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+    def read(self, at: int, size: int) -> bytes:
+        data = os.pread(self._file.fileno(), size, at)
+        while len(data) < size:
+            more = os.pread(self._file.fileno(), size - len(data), at + len(data))
+            if not more:
+                raise DamageError(at, "file became shorter while it was read")
+            data += more
+        return data
+
+    def head(self, at: int) -> tuple[int, int]:
+        """Opcode and length of the record at an offset."""
+        place = at - self._from
+        if not 0 <= place <= len(self._window) - HEADER.size:
+            self._window, self._from = os.pread(self._file.fileno(), _PIECE, at), at
+            place = 0
+        opcode, length = HEADER.unpack_from(self._window, place)
+        return opcode, length
+
+    def crc(self, start: int, end: int) -> int:
+        crc = 0
+        for piece in range(start, end, _PIECE):
+            crc = zlib.crc32(self.read(piece, min(_PIECE, end - piece)), crc)
+        return crc
+
+
+@dataclass(slots=True)
+class _Block:
+    """Where messages stand in the file: a chunk, or a run of records outside chunks."""
+
+    at: int
+    end: int
+    chunk: bool
+    index_at: int = 0  # the message indexes behind a chunk
+    index_end: int = 0
+
+
+@dataclass(slots=True)
+class Records:
+    """The records of one block, inflated and checked."""
+
+    data: Bytes
+    start: Offsets  # of the Message records
+    channel: Offsets  # their channel ids
+    others: list[tuple[int, int, int]]  # opcode, offset and length of schemas and channels
+    unknown: int  # records of unknown kinds
+
+    def field(self, offset: int, dtype: str) -> NDArray[Any]:
+        """A number that every message record has at an offset."""
+        size = np.dtype(dtype).itemsize
+        view = np.ndarray((len(self.data) - size + 1,), dtype, self.data, 0, (1,))
+        found: NDArray[Any] = view[self.start + offset]
+        return found
+
+    @property
+    def end(self) -> Offsets:
+        """Offsets behind the message records."""
+        length: Offsets = self.field(1, "<i8")
+        return self.start + HEADER.size + length
+
+    @property
+    def log_time(self) -> Times:
+        """When messages were logged [ns]; beyond the year 2262 negative."""
+        return self.field(15, "<i8")
+
+    @property
+    def publish_time(self) -> Times:
+        """When messages were published [ns]; beyond the year 2262 negative."""
+        return self.field(23, "<i8")
+
+
+class Walk:
+    """One walk over a file: what it defines, where its messages are, and what is damaged.
+
+    Args:
+        path: the file.
+        options: limits, and whether damage is an error.
+
+    Raises:
+        UserError: where the file cannot be read, is no MCAP, holds nothing whole, or is damaged
+            and options.strict is set: "FILE: byte N: what".
+    """
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self.path, self._options = path, options
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.counts: Counter[int] = Counter()  # messages by channel
+        self.heads: dict[int, tuple[int, list[bytes]]] = {}  # first messages, log time of the first
+        self.blocks: list[_Block] = []
+        self.damage: list[DamageError] = []
+        self.unknown = 0  # records of unknown kinds
+        self.times = (1 << 63, -1)  # first and last log time
+        self.compressions: set[str] = set()
+        self.profile = self.library = ""
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.attachments: list[tuple[int, int]] = []  # offset and length of the whole ones
+        self._head_bytes = 0
+        self._pending: _Block | None = None
+        self._chunks: dict[int, int] = {}  # offset and length, for the chunk indexes
+        self._data_end = 0
+        self._kinds: Counter[int] = Counter()  # records by opcode
+        self._statistics: tuple[int, dict[str, int], dict[int, int]] | None = None
+        with self._opened() as self._file:
+            self._check_magic()
+            try:
+                for opcode, at, length in self._outer():
+                    try:
+                        self._record(opcode, at, length)
+                    except DamageError as damage:
+                        self._note(damage)  # the record's own; the walk goes on behind it
+            except DamageError as damage:
+                self._flush()
+                self._note(damage)
+            self._compare()
+        if self.damage and not self.rows:
+            raise self._error(self.damage[0])
+
+    @property
+    def rows(self) -> int:
+        """Messages of channels that the file defines."""
+        return sum(n for channel, n in self.counts.items() if channel in self.channels)
+
+    @property
+    def chunks(self) -> int:
+        """Whole chunks."""
+        return sum(block.chunk for block in self.blocks)
+
+    def again(self) -> Iterator[tuple[_Block, Records]]:
+        """The whole blocks a second time, with their records.
+
+        Raises:
+            UserError: where a block is not what it was.
+        """
+        try:
+            with self._opened() as self._file:
+                for block in self.blocks:
+                    yield block, self._records(block)
+        except DamageError:
+            raise self.changed() from None
+
+    def changed(self) -> UserError:
+        """The error for a file that is not what it was on opening."""
+        return UserError(f"{self.path}: the file changed while it was read", "read it again")
+
+    def copy_whole(self, out: BinaryIO) -> None:
+        """Writes what is whole as a new MCAP: messages, metadata and attachments.
+
+        Chunks, ids and indexes are new; times, topics, schemas and message bytes are kept.
+        """
+        from mcap.writer import Writer
+
+        writer = Writer(out, enable_data_crcs=True)
+        writer.start(self.profile, self.library)
+        schemas = {
+            i: writer.register_schema(s.name, s.encoding, s.data) for i, s in self.schemas.items()
+        }
+        channels = {
+            i: writer.register_channel(
+                c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata
+            )
+            for i, c in self.channels.items()
+        }  # fmt: skip
+        for name, entries in self.metadata.items():
+            writer.add_metadata(name, entries)
+        with self._opened() as file:
+            for at, length in self.attachments:
+                content = _Content(file.read(at + HEADER.size, length), at)
+                log_time, create_time = content.number(8), content.number(8)
+                name, kind = content.text(), content.text()
+                data = content.raw(content.number(8))
+                writer.add_attachment(create_time, log_time, name, kind, data)
+        for _, records in self.again():
+            columns = (
+                records.channel, records.start + HEADER.size + MESSAGE, records.end,
+                records.log_time, records.publish_time.view(np.uint64), records.field(11, "<u4"),
+            )  # fmt: skip
+            for channel, start, end, log, publish, sequence in zip(
+                *(column.tolist() for column in columns), strict=True
+            ):
+                if channel in channels:
+                    data = records.data[start:end].tobytes()
+                    writer.add_message(channels[channel], log, data, publish, sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+    # ------------------------------------------------------------------ records outside chunks
+
+    def _opened(self) -> _File:
+        try:
+            return _File(self.path)
+        except OSError as e:
+            raise UserError(f"{self.path}: {e.strerror}", "give the path of a log") from None
+
+    def _check_magic(self) -> None:
+        size = self._file.size
+        if self._file.read(0, min(size, len(MAGIC))) != MAGIC:
+            what = "file is empty" if not size else "not an MCAP file (wrong magic bytes)"
+            raise UserError(f"{self.path}: byte 0: {what}", "give a CSV or MCAP log")
+
+    def _note(self, damage: DamageError) -> None:
+        self.damage.append(damage)
+        if self._options.strict:
+            raise self._error(damage)
+
+    def _error(self, damage: DamageError) -> UserError:
+        hint = damage.hint or "`adhesion recover` writes what is whole as a new file"
+        return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
+
+    def _outer(self) -> Iterator[tuple[int, int, int]]:
+        """Opcode, offset and content length of the records outside chunks, up to the footer."""
+        at, size = len(MAGIC), self._file.size
+        while True:
+            if size - at < HEADER.size:
+                raise DamageError(at, "file ends without a footer")
+            opcode, length = self._file.head(at)
+            if opcode == 0:
+                raise DamageError(at, "a record of kind 0, which does not exist")
+            if length > size - at - HEADER.size:
+                left = size - at - HEADER.size
+                raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
+            if length > self._options.max_record and opcode != Opcode.ATTACHMENT:
+                limit = self._options.max_record
+                raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
+            yield opcode, at, length
+            at += HEADER.size + length
+            if opcode == Opcode.FOOTER:
+                return
+
+    def _content(self, at: int, length: int) -> _Content:
+        return _Content(self._file.read(at + HEADER.size, length), at)
+
+    def _record(self, opcode: int, at: int, length: int) -> None:
+        end = at + HEADER.size + length
+        if not self._kinds and opcode != Opcode.HEADER:
+            self._note(DamageError(at, "first record is no header"))
+        self._kinds[opcode] += 1
+        in_data = not self._data_end
+        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) and in_data:
+            run = self._pending
+            if run is None or run.chunk or end - run.at > _RUN:
+                self._flush()
+                run = self._pending = _Block(at, end, False)
+            run.end = end
+            return
+        if opcode == Opcode.MESSAGE_INDEX and in_data:
+            if (chunk := self._pending) and chunk.chunk:
+                chunk.index_at = chunk.index_at or at
+                chunk.index_end = end
+            return
+        self._flush()
+        if opcode == Opcode.CHUNK and in_data:
+            self._pending = _Block(at, end, True)
+            self._chunks[at] = end - at
+        elif opcode == Opcode.DATA_END and in_data:
+            self._data_end = end
+            crc = self._content(at, length).number(4)
+            if crc and self._file.crc(0, at) != crc:
+                raise DamageError(at, "data section has another CRC than it says")
+        elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
+            content = self._content(at, length)
+            self.profile, self.library = content.text(), content.text()
+        elif opcode == Opcode.ATTACHMENT and in_data:
+            self._attachment(at, length)
+        elif opcode == Opcode.METADATA and in_data:
+            content = self._content(at, length)
+            name = content.text()
+            self.metadata[name] = self.metadata.get(name, {}) | content.pairs()
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            content = self._content(at, length)
+            self._define(opcode, content, at, self.schemas, self.channels)
+        elif opcode == Opcode.STATISTICS:
+            self._read_statistics(at, length)
+        elif opcode == Opcode.CHUNK_INDEX:
+            content = self._content(at, length)
+            content.raw(16)
+            place, size = content.number(8), content.number(8)
+            if self._chunks.get(place) != size:
+                raise DamageError(at, f"an index of a chunk at byte {place} that is not there")
+        elif opcode == Opcode.FOOTER:
+            self._footer(at, length)
+        elif opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.HEADER):
+            raise DamageError(at, f"a record of kind {opcode} where none may be")
+        elif opcode not in set(Opcode):
+            self.unknown += 1
+
+    def _flush(self) -> None:
+        """Hands on the block whose end was not known until now."""
+        if self._pending:
+            block, self._pending = self._pending, None
+            self._block(block)
+
+    def _compare(self) -> None:
+        """Compares with what the statistics say."""
+        if self._statistics is None or self.damage:
+            return
+        at, said, channels = self._statistics
+        found = {
+            "messages": sum(self.counts.values()),
+            "chunks": self._kinds[Opcode.CHUNK],
+            "attachments": self._kinds[Opcode.ATTACHMENT],
+            "metadata records": self._kinds[Opcode.METADATA],
+        }
+        for name, count in found.items():
+            if said[name] != count:
+                self._note(DamageError(at, f"statistics say {said[name]} {name}, found {count}"))
+        for channel, count in channels.items():
+            if self.counts[channel] != count:
+                here = self.counts[channel]
+                what = f"statistics say {count} messages of channel {channel}, found {here}"
+                self._note(DamageError(at, what))
+
+    def _attachment(self, at: int, length: int) -> None:
+        place, end = at + HEADER.size, at + HEADER.size + length
+        content = _Content(self._file.read(place, min(length, _PIECE)), at)
+        content.raw(16)
+        content.text(), content.text()
+        behind = place + content.number(8) + content.place()
+        if behind + 4 > end:
+            raise DamageError(at, "an attachment's data does not fit into its record")
+        crc = int.from_bytes(self._file.read(behind, 4), "little")
+        if crc and self._file.crc(place, behind) != crc:
+            raise DamageError(at, "attachment has another CRC than it says")
+        self.attachments.append((at, length))
+
+    def _read_statistics(self, at: int, length: int) -> None:
+        content = self._content(at, length)
+        said = {"messages": content.number(8)}
+        content.raw(6)  # schemas and channels: records that hide no data
+        for name in ("attachments", "metadata records", "chunks"):
+            said[name] = content.number(4)
+        content.raw(16)
+        inner = _Content(content.raw(content.number(4)), at)
+        channels = {}
+        while inner.place() < len(inner._data):
+            channel = inner.number(2)
+            channels[channel] = inner.number(8)
+        self._statistics = at, said, channels
+
+    def _footer(self, at: int, length: int) -> None:
+        content = self._content(at, length)
+        summary, _, crc = content.number(8), content.number(8), content.number(4)
+        if not self._data_end:
+            self._note(DamageError(at, "no end of the data section before the footer"))
+        start = self._data_end or summary
+        if crc and self._file.crc(start, at + HEADER.size + 16) != crc:
+            self._note(DamageError(start, "summary has another CRC than it says"))
+        behind = at + HEADER.size + length
+        if self._file.size - behind < len(MAGIC) or self._file.read(behind, len(MAGIC)) != MAGIC:
+            self._note(DamageError(behind, "no magic bytes behind the footer"))
+        elif self._file.size - behind > len(MAGIC):
+            more = self._file.size - behind - len(MAGIC)
+            what = f"{more} bytes behind the end of the log (two files joined?), not read"
+            self._note(DamageError(behind + len(MAGIC), what))
+
+    # ------------------------------------------------------------------ records inside a block
+
+    def _block(self, block: _Block) -> None:
+        """Takes up the definitions in a block and counts its messages."""
+        try:
+            records = self._records(block)
+            schemas, channels = self.schemas, self.channels
+            if records.others:  # a block that turns out to be wrong must define nothing
+                schemas, channels = dict(schemas), dict(channels)
+            for opcode, at, length in records.others:
+                content = _Content(records.data[at : at + length].tobytes(), block.at)
+                self._define(opcode, content, block.at, schemas, channels)
+            log = records.log_time
+            if len(log) and log.min() < 0:
+                raise DamageError(block.at, "a log time beyond the year 2262")
+        except DamageError as damage:
+            self._note(damage)
+            return
+        self.schemas, self.channels = schemas, channels
+        self.blocks.append(block)
+        self.unknown += records.unknown
+        counts = np.bincount(records.channel)
+        for channel in np.flatnonzero(counts).tolist():
+            self.counts[channel] += int(counts[channel])
+            if channel not in self.heads:
+                self._keep_heads(channel, records, log)
+        if len(log):
+            first, last = int(log.min()), int(log.max())
+            self.times = min(self.times[0], first), max(self.times[1], last)
+
+    def _keep_heads(self, channel: int, records: Records, log: Times) -> None:
+        """Keeps the first message of a channel, of a JSON channel the first of its first block."""
+        known = self.channels.get(channel)
+        most = 1 if known and known.message_encoding != "json" else _JSON_HEADS
+        rows = np.flatnonzero(records.channel == channel)[:most]
+        heads = []
+        for start, end in zip(records.start[rows], records.end[rows], strict=True):
+            self._head_bytes += int(end - start)
+            if self._head_bytes > _HEADS:
+                break
+            heads.append(records.data[start + HEADER.size + MESSAGE : end].tobytes())
+        self.heads[channel] = int(log[rows[0]]), heads
+
+    def _define(
+        self,
+        opcode: int,
+        content: _Content,
+        at: int,
+        schemas: dict[int, Schema],
+        channels: dict[int, Channel],
+    ) -> None:
+        """Takes up a Schema or Channel record; a second one must equal the first."""
+        if opcode == Opcode.SCHEMA:
+            number, name, encoding = content.number(2), content.text(), content.text()
+            schema = Schema(number, content.raw(content.number(4)), encoding, name)
+            if number == 0:
+                raise DamageError(at, "a schema with the reserved id 0")
+            if schemas.setdefault(number, schema) != schema:
+                raise DamageError(at, f"schema {number} is defined a second time, differently")
+        else:
+            number, schema_id = content.number(2), content.number(2)
+            topic, encoding = content.text(), content.text()
+            channel = Channel(number, topic, encoding, content.pairs(), schema_id)
+            if channels.setdefault(number, channel) != channel:
+                raise DamageError(at, f"channel {number} is defined a second time, differently")
+
+    def _records(self, block: _Block) -> Records:
+        """The records of a block, inflated, checked, and its messages found."""
+        if block.chunk:
+            data, size = self._inflate(block)
+            hints = self._hints(block, size)
+        else:
+            size = block.end - block.at
+            data = np.zeros(size + PADDING, np.uint8)
+            data[:size] = np.frombuffer(self._file.read(block.at, size), np.uint8)
+            hints = None
+        return _find(data, size, hints, block)
+
+    def _inflate(self, block: _Block) -> tuple[Bytes, int]:
+        content = self._content(block.at, block.end - block.at - HEADER.size)
+        content.raw(16)  # the time range, which nothing here relies on
+        size, crc, compression = content.number(8), content.number(4), content.text()
+        packed = content.raw(content.number(8))
+        if size > self._options.max_inflated:
+            limit = self._options.max_inflated
+            raise DamageError(
+                block.at, f"a chunk of {size} inflated bytes, limit {limit}", _RAISE_LIMIT
+            )
+        data = np.empty(size + PADDING, np.uint8)
+        data[size:] = 0
+        try:
+            found = _INFLATE[compression](packed, data.data[: size + 1])
+        except KeyError:
+            raise DamageError(block.at, f"unknown compression {compression[:20]!r}") from None
+        except Exception as e:  # lz4 and zstandard raise several kinds, all of them mean this
+            raise DamageError(block.at, f"chunk does not inflate: {e}") from None
+        if found != size:
+            more = "more" if found > size else f"{found}"
+            raise DamageError(block.at, f"chunk says {size} inflated bytes and has {more}")
+        if crc and zlib.crc32(data[:size].data) != crc:
+            raise DamageError(block.at, "chunk has another CRC than it says")
+        data[size:] = 0
+        self.compressions.add(compression or "none")
+        return data, size
+
+    def _hints(self, block: _Block, size: int) -> Offsets | None:
+        """Where the message indexes behind a chunk say its messages are; not yet to be believed."""
+        length = block.index_end - block.index_at
+        if not length or length > size + (1 << 20):
+            return None
+        raw = self._file.read(block.index_at, length)
+        found, at = [], 0
+        while at < length:
+            _, record = HEADER.unpack_from(raw, at)
+            at += HEADER.size
+            if record < 6:
+                return None
+            entries = int.from_bytes(raw[at + 2 : at + 6], "little") // 16
+            if entries * 16 > record - 6:
+                return None
+            found.append(np.frombuffer(raw, "<i8", 2 * entries, at + 6)[1::2])
+            at += record
+        return np.concatenate(found) if found else None
+
+
+def _inflate_none(packed: bytes, into: memoryview) -> int:
+    fits = min(len(packed), len(into))
+    into[:fits] = packed[:fits]
+    return fits
+
+
+def _inflate_zstd(packed: bytes, into: memoryview) -> int:
+    import zstandard
+
+    found = 0
+    with zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+        while found < len(into) and (more := stream.readinto(into[found:])):
+            found += more
+    return found
+
+
+def _inflate_lz4(packed: bytes, into: memoryview) -> int:
+    import lz4.frame
+
+    found, frame = 0, lz4.frame.LZ4FrameDecompressor()
+    while found < len(into) and not frame.eof:
+        more = frame.decompress(packed, max_length=min(len(into) - found, _PIECE))
+        if not more:
+            break
+        into[found : found + len(more)] = more
+        found, packed = found + len(more), b""
+    return found
+
+
+_INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}
+
+
+def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> Records:
+    """Finds the records of a block.
+
+    Args:
+        data: the block's bytes, PADDING more behind them.
+        size: how many bytes it has.
+        hints: where an index says its messages are; used where they and what stands between
+            them fill the block without a gap, which is what walking would find.
+        block: for the words of an error.
+    """
+    starts = array("q")
+    others: list[tuple[int, int, int]] = []
+    unknown = 0
+    view = data.data
+
+    def walk(p: int, stop: int) -> None:
+        nonlocal unknown
+        unpack = HEADER.unpack_from
+        while p < stop:
+            if stop - p < HEADER.size:
+                raise wrong(p, "ends in the middle of a record")
+            opcode, length = unpack(view, p)
+            if length > stop - p - HEADER.size:
+                raise wrong(p, f"a record says it has {length} bytes, more than are left")
+            if opcode == Opcode.MESSAGE:
+                if length < MESSAGE:
+                    raise wrong(p, f"a message record of {length} bytes")
+                starts.append(p)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                others.append((opcode, p + HEADER.size, length))
+            elif opcode <= Opcode.DATA_END:
+                raise wrong(p, f"a record of kind {opcode} where none may be")
+            else:
+                unknown += 1
+            p += HEADER.size + length
+
+    def wrong(p: int, what: str) -> DamageError:
+        if block.chunk:
+            return DamageError(block.at, f"chunk, at its inflated byte {p}: {what}")
+        return DamageError(block.at + p, what)
+
+    start = None
+    if hints is not None and len(hints):
+        start = _tiling(data, size, np.sort(hints))
+    if start is not None:
+        ends = start + HEADER.size + _u64(data, start + 1)
+        stops = np.append(start, size)
+        ends = np.insert(ends, 0, 0)
+        try:
+            for i in np.flatnonzero(ends != stops).tolist():
+                walk(int(ends[i]), int(stops[i]))
+            if starts:
+                start = np.sort(np.append(start, np.frombuffer(starts, np.int64)))
+        except DamageError:
+            start, starts, others, unknown = None, array("q"), [], 0
+    if start is None:
+        walk(0, size)
+        start = np.frombuffer(starts, np.int64) if starts else np.empty(0, np.int64)
+    channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
+    return Records(data, start, channel, others, unknown)
+
+
+def _u64(data: Bytes, offsets: Offsets) -> Offsets:
+    view: Offsets = np.ndarray((len(data) - 7,), "<i8", data, 0, (1,))
+    return view[offsets]
+
+
+def _tiling(data: Bytes, size: int, hints: Offsets) -> Offsets | None:
+    """The hints, if there are message records at all of them that do not overlap."""
+    if hints[0] < 0 or hints[-1] > size - HEADER.size - MESSAGE:
+        return None
+    length = _u64(data, hints + 1)
+    if (data[hints] != Opcode.MESSAGE).any() or ((length < MESSAGE) | (length > size)).any():
+        return None
+    ends = hints + HEADER.size + length
+    if (ends[:-1] > hints[1:]).any() or ends[-1] > size:
+        return None
+    return hints
