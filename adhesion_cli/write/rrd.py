@@ -7,10 +7,12 @@ viewer and can be made again. Everything is sent by columns.
 import hashlib
 import math
 import re
+import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -26,6 +28,7 @@ from . import names
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _OVERVIEW_ROWS = 20_000  # rows of an overview
+_EVENT_WIDTH = 58  # letters of a line of an event: what the column beside the charts holds
 _SCATTER = 20_000  # points of one slip-adhesion scatter
 
 _REFERENCE, _TRUTH = 0xC8C8C8FF, 0x54A24BFF
@@ -227,7 +230,10 @@ class _Page:
             return 0
         events.sort(key=lambda e: e[0])
         times, levels, texts = zip(*events, strict=True)
-        told = [f"{(t - self.zero) / 1e9:+.2f} s  {x}" for t, x in zip(times, texts, strict=True)]
+        told = [
+            textwrap.fill(f"{(t - self.zero) / 1e9:+.2f} s  {text}", _EVENT_WIDTH)
+            for t, text in zip(times, texts, strict=True)
+        ]
         data = rr.TextLog.columns(text=told, level=levels)
         rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
         return len(events)
@@ -242,7 +248,7 @@ class _Page:
             tabs.append(rrb.Tabs(*full, name="Full data"))
         summary = rrb.Horizontal(
             rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings"),
-            rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made"),
+            self._about(),
             name="Summary",
         )
         return rrb.Tabs(*tabs, summary, name=self.title)
@@ -251,16 +257,19 @@ class _Page:
         N = axle.record.axle
         path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
         against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
+        reference, estimates = axle.reference, axle.estimates
+        force = _span([reference.lower, reference.upper], list(estimates.values()))
         rows = [
-            _chart(f"{path}/speed", f"Axle {N}: speed [km/h]"),
+            _chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
             _chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [kN]"),
-            _chart(f"{path}/force", f"Axle {N}: adhesion force [N]"),
+            _chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
         ]
         shares = [3.0, 3.0, 6.0]
-        if axle.estimates:
-            rows.append(
-                _chart(f"{path}/error", f"Axle {N}: estimate minus {against} [N]", legend=False)
-            )
+        if estimates:
+            braking = np.concatenate([np.arange(s.start, s.stop) for s in _applications(axle)])
+            error = _span([], [axle.error(a)[braking] for a in estimates])
+            title = f"Axle {N}: estimate minus {against} [N]"
+            rows.append(_chart(f"{path}/error", title, error, legend=None))
             shares.append(3.0)
         side: list[rrb.View] = []
         shares_beside: list[float] = []
@@ -275,10 +284,16 @@ class _Page:
         side.append(rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"))
         side.append(self._events())
         shares_beside += [2.5, 4.0]
+        if axle.slip is None:
+            side.append(self._about())
+            shares_beside.append(5.0)
         return rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side, row_shares=shares_beside),
             column_shares=[7, 3], name=f"Axle {N}",
         )  # fmt: skip
+
+    def _about(self) -> rrb.View:
+        return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made")
 
     def _events(self) -> rrb.View:
         columns = rrb.TextLogColumns(
@@ -357,11 +372,39 @@ class _Layout(rrb.Blueprint):
         stream.log(f"{_GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
 
 
-def _chart(origin: str, name: str, *, legend: bool = True) -> rrb.View:
+def _chart(
+    origin: str,
+    name: str,
+    span: tuple[float, float] | None = None,
+    *,
+    legend: Literal["LeftTop", "RightTop"] | None = "LeftTop",
+) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
-        plot_legend=rrb.PlotLegend(corner="RightTop", visible=legend),
+        axis_y=None if span is None else rrb.ScalarAxis(range=span),
+        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
     )  # fmt: skip
+
+
+def _applications(axle: AxleResult) -> Sequence[slice]:
+    return axle.applications or (slice(0, len(axle.record)),)
+
+
+def _span(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, float] | None:
+    """Range of a chart: all of some series, and of others all but their rarest spikes.
+
+    The viewer's own range leaves out the bands, and one wild sample flattens everything else.
+    """
+    finite = [v[np.isfinite(v)] for v in [*whole, *most]]
+    ends = [
+        np.quantile(v, [0.0, 1.0] if i < len(whole) else [0.001, 0.999])
+        for i, v in enumerate(finite)
+        if len(v)
+    ]
+    every = np.concatenate([*ends, [0.0]])
+    low, high = float(every.min()), float(every.max())
+    margin = 0.05 * (high - low)
+    return (low - margin, high + margin) if margin > 0.0 else None
 
 
 # ---- slip over adhesion: Rerun has no such chart, so its axes are drawn as lines and labels
