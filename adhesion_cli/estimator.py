@@ -10,7 +10,7 @@ An estimator is one file in `estimators/`, its name is the file's. It holds
   actual interval to this sample [s], `K` its clamping force [N], `y` its wheel speed [rad/s];
 - `ABOUT`, one `About` record.
 
-`init` and `step` are pure and plain Python on floats (`0.0`, never `0`, so that the type of a
+`init` and `step` are pure and plain Python on floats (`0.0`, never `0`: the type of a
 state field does not change), and import the functions they share by name
 (`from ._han import fal_gain`); a file whose name starts with `_` is such a helper, no estimator.
 The same `step` runs sample by sample (`online`) and compiled over whole logs (`compiled.batch`).

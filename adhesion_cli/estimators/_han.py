@@ -1,10 +1,11 @@
-"""Han's two functions.
-
-Source: Han J.: From PID to active disturbance rejection control. IEEE Transactions on Industrial
-Electronics 56 (2009) 900-906.
-"""
+"""Han's two functions."""
 
 import math
+
+HAN = (
+    "Han J.: From PID to active disturbance rejection control, "
+    "IEEE Transactions on Industrial Electronics 56 (2009) 900-906"
+)
 
 
 def fal_gain(x: float, alpha: float, delta: float) -> float:

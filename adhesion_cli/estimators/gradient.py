@@ -19,6 +19,7 @@ from typing import Annotated, NamedTuple
 
 from ..estimator import About, Claim
 from ..model import Quantity, Wheelset
+from . import PAPER
 from ._observer import advance, longest_euler
 
 
@@ -65,9 +66,6 @@ def longest_step(p: Params) -> float:
 
 ABOUT = About(
     title="Negative gradient iteration",
-    source=(
-        "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train "
-        "wheel-track, (11)-(14)"
-    ),
+    source=f"{PAPER}, (11)-(14)",
     claims={"service-brake": Claim(342.0, 0.43), "low-adhesion": Claim(204.0, 0.455)},
 )

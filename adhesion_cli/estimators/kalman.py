@@ -17,6 +17,7 @@ from typing import Annotated, NamedTuple
 
 from ..estimator import About, Claim
 from ..model import Quantity, Wheelset
+from . import PAPER
 
 STEP = 1e-3  # that b and R refer to [s]
 
@@ -63,9 +64,6 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
 
 ABOUT = About(
     title="Kalman filter with forgetting factor",
-    source=(
-        "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train "
-        "wheel-track, (6) (7)"
-    ),
+    source=f"{PAPER}, (6) (7)",
     claims={"service-brake": Claim(28.0, 0.03), "low-adhesion": Claim(45.0, 0.04)},
 )

@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 
 from ..estimator import About, Claim
 from ..model import Quantity, Wheelset
+from . import PAPER
 from ._observer import advance, longest_euler
 
 
@@ -60,9 +61,6 @@ def longest_step(p: Params) -> float:
 
 ABOUT = About(
     title="Linear extended state observer",
-    source=(
-        "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train "
-        "wheel-track, (8) (9) with f = ε"
-    ),
+    source=f"{PAPER}, (8) (9) with f = ε",
     claims={"service-brake": Claim(630.0, 0.88), "low-adhesion": Claim(340.0, 0.96)},
 )

@@ -17,7 +17,8 @@ from typing import Annotated, NamedTuple
 
 from ..estimator import About, Claim
 from ..model import Quantity, Wheelset
-from ._han import fal_gain
+from . import PAPER
+from ._han import HAN, fal_gain
 from ._observer import advance, longest_euler
 
 SUBSTEPS = 4096  # at most; by then the observer has long settled
@@ -84,9 +85,6 @@ def longest_step(p: Params) -> float:
 
 ABOUT = About(
     title="Nonlinear extended state observer",
-    source=(
-        "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train "
-        "wheel-track, (8)-(10); fal: Han J., IEEE Trans. Ind. Electron. 56 (2009) 900-906"
-    ),
+    source=f"{PAPER}, (8)-(10); fal: {HAN}",
     claims={"service-brake": Claim(116.0, 0.15), "low-adhesion": Claim(79.0, 0.155)},
 )

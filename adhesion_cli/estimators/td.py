@@ -14,7 +14,8 @@ from typing import Annotated, NamedTuple
 
 from ..estimator import About, Claim
 from ..model import Quantity, Wheelset
-from ._han import fhan
+from . import PAPER
+from ._han import HAN, fhan
 
 SUBSTEPS = 4096  # at most; beyond, the filter step widens with the interval
 
@@ -68,9 +69,6 @@ def longest_step(p: Params) -> float:
 
 ABOUT = About(
     title="Tracking differentiator",
-    source=(
-        "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train "
-        "wheel-track, (4) (5); fhan: Han J., IEEE Trans. Ind. Electron. 56 (2009) 900-906"
-    ),
+    source=f"{PAPER}, (4) (5); fhan: {HAN}",
     claims={"service-brake": Claim(16.5, 0.0), "low-adhesion": Claim(108.0, 0.03)},
 )
