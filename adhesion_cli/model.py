@@ -75,6 +75,11 @@ class Channel:
     backward: int = 0
     row_of: tuple[str, str] = ("", "")  # topic and device: channels of one row share them
 
+    @property
+    def title(self) -> str:
+        """Name and field, as people are told them."""
+        return f"{self.name} {self.field}".strip()
+
 
 @dataclass(frozen=True, slots=True)
 class Log:

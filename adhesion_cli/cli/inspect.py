@@ -42,9 +42,10 @@ def _text(doc: dict[str, Any]) -> str:
     ]
     rows = [
         [
-            c["name"], c["meaning"] or "-", show.number(c["axle"]), c["unit"] or "-",
-            show.number(c["rate_hz"], 2), str(c["rows"]), str(c["rows"] - c["valid"]),
-            str(c["gaps"]), str(c["duplicates"]), str(c["backward"]), c["reason"],
+            f"{c['name']} {c['field']}".strip(), c["meaning"] or "-", show.number(c["axle"]),
+            c["unit"] or "-", show.number(c["rate_hz"], 2), str(c["rows"]),
+            str(c["rows"] - c["valid"]), str(c["gaps"]), str(c["duplicates"]), str(c["backward"]),
+            c["reason"],
         ]
         for c in doc["channels"]
     ]  # fmt: skip

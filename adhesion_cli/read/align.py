@@ -66,7 +66,7 @@ def records(
         brake = _of(pressures, axle) or _of(forces, axle)
         if not speed or not brake:
             lacking = "wheel speed" if not speed else "pressure or clamping force"
-            name = (speed or brake).name  # type: ignore[union-attr]
+            name = (speed or brake).title  # type: ignore[union-attr]
             text = f"axle {axle} has no {lacking}: not analysed"
             findings.append(Finding("axle-incomplete", "warning", text, name))
             continue
@@ -138,7 +138,7 @@ def _record(
     def tell(code: str, severity: Severity, message: str, where: Bools) -> None:
         if count := int(where.sum()):
             when = float(since[np.argmax(where)])
-            findings.append(Finding(code, severity, message, speed.name, count, when))
+            findings.append(Finding(code, severity, message, speed.title, count, when))
 
     stale = inside & ~at.fresh
     pressed = (t >= brake.data.t.min()) & (t <= brake.data.t.max())
@@ -216,7 +216,7 @@ def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
 
 
 def _missing(log: Log, what: str, example: str) -> UserError:
-    names = ", ".join(repr(c.name) for c in log.channels[:8]) or "none"
+    names = ", ".join(repr(c.title) for c in log.channels[:8]) or "none"
     return UserError(
         f"{log.path}: no channel is a {what} (recognised: {names})",
         "`adhesion inspect` lists the channels; map one in a TOML given with -c: "

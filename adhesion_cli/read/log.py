@@ -9,10 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
-from ..model import Channel, Column, Finding, Floats, Log, Vehicle
+from ..model import Channel, Column, Finding, Floats, Log, Meaning, Vehicle
 from . import timeaxis, units
-from .meaning import Mapping, Meant, title, understood
+from .meaning import Mapping, Meant, name, title, understood
 from .source import ReadOptions, Source
+
+# What an analysis cannot do without, and the meanings that give it.
+_KIND: dict[Meaning | None, str] = {
+    "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
+}  # fmt: skip
+_WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth")  # what it can do without
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
@@ -57,23 +63,44 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
             channel has no usable sample.
     """
     meant, findings = understood(source.fields, mappings)
-    chosen = _without_spare_force([m for m in meant if m.meaning])
+    chosen = [m for m in meant if m.meaning]
+    braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):
-        if not m.unit and m.meaning in ("train_speed", "truth"):
+        spare = m.meaning == "clamping_force" and m.axle in braked  # K comes from p by (15)
+        if not m.unit and (spare or m.meaning in _WITHOUT):
             chosen.remove(m)
             text = f"looks like {m.meaning}, but its unit is not stated: left out"
             findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
         else:
             _unit_of(m, source.path)
     log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
-    for channel in log.channels:
-        if not len(channel.data.t):
+    return _without_empty(log)
+
+
+def _without_empty(log: Log) -> Log:
+    """The log without channels that hold no number, told.
+
+    Raises:
+        UserError: where nothing is left of something that is needed.
+    """
+    full = [c for c in log.channels if len(c.data.t)]
+    there = {_KIND.get(c.meaning) for c in full}
+    findings = []
+    for c in log.channels:
+        if len(c.data.t):
+            continue
+        kind = _KIND.get(c.meaning)
+        if kind and kind not in there:
             raise UserError(
-                f"{source.path}: channel {channel.name!r} has no usable sample "
-                f"({channel.rows} in the log)",
-                f"`adhesion inspect {source.path}` shows why",
+                f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)",
+                f"`adhesion inspect {log.path}` shows why",
             )
-    return log
+        covered = kind is None or any(
+            _KIND.get(f.meaning) == kind and f.axle == c.axle for f in full
+        )
+        text = f"no sample holds a number: the log has no {c.meaning} there"
+        findings.append(Finding("empty-channel", "info" if covered else "warning", text, c.title))
+    return replace(log, channels=tuple(full), findings=(*log.findings, *findings))
 
 
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
@@ -87,10 +114,9 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     meant, findings = understood(source.fields, mappings)
 
     def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
-        name = title(m.field)
-        return Channel(
-            name, m.field.path, m.meaning, m.axle, m.unit, m.reason, column, len(column.t)
-        ), []
+        # No meaning: what has one is SI.
+        place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
+        return Channel(*place, column, len(column.t)), []
 
     return _log(source, meant, findings, as_logged)
 
@@ -112,13 +138,6 @@ def _log(
         str(source.path), source.format, _sha256(source.path), source.absolute, source.rows,
         tuple(channels), (*source.findings, *findings),
     )  # fmt: skip
-
-
-def _without_spare_force(chosen: list[Meant]) -> list[Meant]:
-    """Where a pressure is logged, K comes from it by (15): one way to K, the vehicle's."""
-    pressures = {m.axle for m in chosen if m.meaning == "pressure"}
-    spare = [m for m in chosen if m.meaning == "clamping_force" and {m.axle, None} & pressures]
-    return [m for m in chosen if m not in spare]
 
 
 def _unit_of(m: Meant, path: Path) -> units.Unit:
@@ -152,10 +171,10 @@ def _unit_of(m: Meant, path: Path) -> units.Unit:
 def _channel(
     m: Meant, column: Column, vehicle: Vehicle, start: int, max_gap: int
 ) -> tuple[Channel, list[Finding]]:
-    name = title(m.field)
+    told = title(m.field)
     findings: list[Finding] = []
     step = _step(column.value[column.valid])
-    axis = timeaxis.clean(name, column, start, max_gap)
+    axis = timeaxis.clean(told, column, start, max_gap)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
     if (unit := units.unit(m.unit)) and _measures(unit, m):
         radius = vehicle.radius(min(m.axle or 1, len(vehicle.wheel_radius))).value
@@ -170,15 +189,15 @@ def _channel(
             step = step * turn / (axis.interval_ns / 1e9) if axis.interval_ns else 0.0
             if wrapped:
                 text = "counter wrapped: continued"
-                findings.append(Finding("counter-wrapped", "info", text, name, wrapped))
+                findings.append(Finding("counter-wrapped", "info", text, told, wrapped))
         else:
             data = replace(data, value=factor * data.value + unit.offset)
             step *= factor
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     row_of = (m.field.channel if m.field.encoding else "", m.field.group)
     return Channel(
-        name, m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t), starts,
-        gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
+        name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
+        starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
     ), [*axis.findings, *findings]  # fmt: skip
 
 

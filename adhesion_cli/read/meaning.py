@@ -140,7 +140,7 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     around = _words(base) + _words(label) + _words(field.group)
     words = (own or []) + around
     primary = own or around
-    why = f"unit {text} {reason}" if text else "no unit stated"
+    why = f"unit {text}: {reason}" if text else "no unit stated"
     axle = _axle(field)
 
     def meant(meaning: Meaning, *seen: str) -> tuple[Meaning | None, int | None, str, str]:
@@ -309,10 +309,14 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     return findings
 
 
+def name(field: Field) -> str:
+    """The topic or column header, and the device in a long layout."""
+    return f"{field.channel} ({field.group})" if field.group else field.channel
+
+
 def title(field: Field) -> str:
     """A field's name for people: topic and place, or the column header."""
-    name = f"{field.channel} {field.label or field.path}".strip()
-    return f"{name} ({field.group})" if field.group else name
+    return f"{name(field)} {field.path}".strip()
 
 
 def _find(fields: Sequence[Field], m: Mapping) -> Field:
