@@ -9,6 +9,7 @@ import pytest
 from adhesion_cli.errors import UserError
 from adhesion_cli.read.csv import CsvSource, open_csv
 from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.read.words import time_name
 
 S = 1_000_000_000
 EPOCH = 1_795_266_307 * S  # 2026-11-21 13:05:07 UTC
@@ -59,6 +60,8 @@ SAME = {
     "gzip": gzip.compress(PLAIN.encode()),
     "sep line": "sep=;\n" + GERMAN,
     "quoted": '"t [s]","p","v"\n"0.00","1.5","20"\n"0.01","2.5","19"\n"0.02","3.5","18"\n',
+    "blank before quotes": '"t [s]", "p", "v"\n"0.00", "1.5", "20"\n"0.01", "2.5", "19"\n"0.02", "3.5", "18"\n',
+    "stray quotes": 'Pipe 5" wide\n' + PLAIN.replace("v\n", 'v,6" note\n').replace("0\n", '0,1"\n').replace("9\n", '9,2"\n').replace("8\n", '8,c\n'),
     "quoted decimal comma": 't [s],p,v\n"0,00","1,5",20\n"0,01","2,5",19\n"0,02","3,5",18\n',
     "preamble": "Vehicle: X,Date: 2026-01-01\nOperator: Y\n\n" + PLAIN,
     "preamble of pairs": "Vehicle,ET 423,\nSample rate,100,\n,,\n" + PLAIN,
@@ -223,6 +226,38 @@ def test_second_reading_reports_nothing_twice(log):
     before = list(source.findings)
     source.columns(source.fields[:1])
     assert source.findings == before
+
+
+def test_temperatures_are_no_times(log):
+    text = "T,T1,Datum\n" + "".join(f"{20 - k % 2},{k},2026-11-21 13:05:0{k}\n" for k in range(9))
+    source, columns = read(log, text)
+    assert list(columns) == ["T", "T1"]
+    assert source.absolute
+
+
+def test_time_in_doubt_gives_way_to_one_that_is_not(log):
+    text = "time,timestamp,p\n" + "".join(f"{k},2026-11-21T13:05:0{k}Z,1\n" for k in range(2))
+    source, columns = read(log, text)
+    assert columns["p"].t[0] == EPOCH - 7 * S
+    assert "time-others" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("Time [hh:mm:ss.fff]", None), ("Timestamp (UTC)", None), ("elapsed_seconds", "s"),
+        ("timeMs", "ms"), ("Zeit in ms", "ms"), ("时间（毫秒）", "ms"), ("Time/s", "s"),
+        ("t_us", "us"), ("TIME (µs)", "us"), ("时间戳", None), ("Zeit [min]", "min"),
+    ],
+)  # fmt: skip
+def test_knows_time_by_its_name(header, unit):
+    assert time_name(header)
+    assert time_name(header)[1] == unit
+
+
+@pytest.mark.parametrize("header", ["T1", "T [°C]", "Bremszeit", "response time", "times", "speed"])
+def test_knows_what_is_no_time(header):
+    assert time_name(header) is None
 
 
 def test_time_of_day_is_told_to_start_anew_at_midnight(log):

@@ -4,6 +4,7 @@ Numbers are read as decimals and shifted, never through float64, which loses 256
 epoch. Stamps without a zone count as UTC, times of day from midnight.
 """
 
+import math
 import re
 import statistics
 from collections.abc import Sequence
@@ -91,6 +92,7 @@ class Clock:
         (array,) = arrays
         if self.unit in _SERIALS:
             value, ok = _floats(array, self.decimal)
+            ok &= np.abs(value) < 1e6
             days = np.where(ok, value - _SERIALS[self.unit][2], 0.0)
             whole = np.floor(days)
             # a serial day holds about a microsecond; rounding there keeps even steps even
@@ -100,7 +102,10 @@ class Clock:
             )
             return t, ok
         t, ok = _decimals(array, _SCALE[self.unit], self.decimal)
-        return t * {"min": 60, "h": 3600}.get(self.unit, 1), ok
+        if factor := {"min": 60, "h": 3600}.get(self.unit):
+            ok &= np.abs(t) < 2**62 // factor
+            t = np.where(ok, t, 0) * factor
+        return t, ok
 
 
 def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:
@@ -130,13 +135,22 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             )
         return clock
     named = []
-    for i, name in enumerate(dialect.names):
+    for i in range(len(dialect.names)):
         if dialect.headed and (found := _named(dialect, i)):
-            named.append((found[0], i, name))
-    for _, i, name in sorted(named):
-        if clock := _clock_of(dialect, i, unit, rows, path, f"column named {name!r}"):
-            rest = [k for _, k, _ in named if k not in clock.columns]
+            constant = len(dialect.rows) > 2 and len(set(dialect.column(i))) < 2
+            named.append((constant, found[0], i))
+    doubt: UserError | None = None
+    for _, _, i in sorted(named):
+        try:
+            clock = _clock_of(dialect, i, unit, rows, path, f"column named {dialect.names[i]!r}")
+        except UserError as error:
+            doubt = doubt or error
+            continue
+        if clock:
+            rest = [k for _, _, k in named if k not in clock.columns]
             return replace(clock, findings=(*clock.findings, *_others(dialect, i, rest, path)))
+    if doubt:
+        raise doubt
     if dialect.headed:
         for i, name in enumerate(dialect.names):
             stamps = _date_form(dialect.column(i), unit) or _share(dialect.column(i), _CLOCK) > 0.8
@@ -258,7 +272,12 @@ def _number_clock(
     name = dialect.names[i]
     number = dialect.number()
     cells = [c for c in dialect.column(i) if number.fullmatch(c)]
-    values = [float(c.replace(",", ".")) for c in cells]
+    values = [v for c in cells if math.isfinite(v := float(c.replace(",", ".")))]
+    if not values:
+        return None
+    falls = sum(b < a for a, b in pairwise(values))
+    if why != "stated" and falls > 0.3 * len(values):  # a T that is a temperature
+        return None
     steps = [b - a for a, b in pairwise(values) if b > a]
     step = statistics.median(steps) if steps else 0.0
     span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(rows - 1, 1)

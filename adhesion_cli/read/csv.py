@@ -612,7 +612,9 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> tuple[str, str, int] |
     for i in range(len(dialect.names)):
         cells = [row[i] for row in rows]
         if i not in time and all(number.fullmatch(c) for c in cells):
-            numeric[i] = np.array([float(c.replace(",", ".")) for c in cells])
+            value = np.array([float(c.replace(",", ".")) for c in cells])
+            if np.isfinite(value).all():
+                numeric[i] = value
     for i, name in enumerate(dialect.names):
         cells = [row[i] for row in rows]
         counts = Counter(cells)

@@ -77,7 +77,7 @@ class Lines:
         Raises:
             UserError: where a quote does not close, a line has no end, or gzip inflates too far.
         """
-        delimiter = "\t" if self.dialect.delimiter == " " else self.dialect.delimiter
+        delimiter = self.dialect.delimiter
         rest = b""
         line, skip = 1, self.dialect.first_line - 1
         chunks = self._text()
@@ -100,9 +100,11 @@ class Lines:
             rest = data[cut:]
             if cut:
                 lines = int(np.count_nonzero(np.frombuffer(data, np.uint8, cut) == 10))
-                if self.dialect.delimiter == " ":
-                    spaced = re.sub(rb"[ \t]+", b"\t", data[:cut])
-                    data = re.sub(rb"(?m)^\t|\t$", b"", spaced)
+                if delimiter == " ":
+                    data = _single_blanks(data[:cut])
+                    cut = len(data)
+                elif (spaced := delimiter.encode() + b' "') in data:  # else no quote to the parser
+                    data = data[:cut].replace(spaced, delimiter.encode() + b'"')
                     cut = len(data)
                 yield Block(data, cut, line, lines, delimiter)
                 line += lines
@@ -189,6 +191,14 @@ class Lines:
                 if not more or sum(map(len, parts)) >= _BLOCK:
                     yield b"".join(parts)
                     parts.clear()
+
+
+def _single_blanks(rows: bytes) -> bytes:
+    """The rows with one blank for each run of blanks and tabs, none at either end of a row."""
+    rows = rows.replace(b"\t", b" ")
+    while b"  " in rows:
+        rows = rows.replace(b"  ", b" ")
+    return rows.replace(b"\n ", b"\n").replace(b" \n", b"\n").lstrip(b" ")
 
 
 def _quoted(delimiter: str) -> re.Pattern[bytes]:

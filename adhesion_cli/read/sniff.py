@@ -35,6 +35,7 @@ _CLOCK = (
     r"\s*(?:Z|UTC|GMT|[+-]\d{2}:?\d{0,2})?"
 )
 _STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+{_CLOCK})?|{_CLOCK})")
+_OPEN_QUOTE = re.compile(r'(?:^|[;,\t|] ?)"[^"]*(?:""[^"]*)*$')
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[., '’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")
 _MAGIC = (
     (b"\x89MCAP0\r\n", "an MCAP file", "give it the suffix .mcap"),
@@ -126,8 +127,11 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         stated = directive[1]
     if directive:
         body = body[1:]
-    if stated in ("\\t", "tab"):
-        stated = "\t"
+    stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
+    if stated is not None and len(stated) != 1:
+        raise UserError(
+            f"delimiter {stated!r} is not one character", 'state ";", ",", "|", "tab" or "space"', 2
+        )
     delimiter, width, why["delimiter"] = _delimiter([s for _, s in body], stated, path)
     if directive and options.delimiter is None:
         why["delimiter"] = f"{delimiter!r} (stated in the line {directive[0]!r})"
@@ -195,7 +199,10 @@ def split(line: str, delimiter: str) -> list[str]:
     if delimiter == " ":
         line = re.sub(r"[ \t]+", " ", line.strip())
     try:
-        return [c.strip() for c in next(csv.reader([line], delimiter=delimiter), [])]
+        return [
+            c.strip()
+            for c in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+        ]
     except csv.Error:  # a cell beyond the reader's limit of 128 KiB
         return [line]
 
@@ -226,6 +233,7 @@ def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, 
     if options.encoding:
         try:
             codec = codecs.lookup(options.encoding).name
+            b"".decode(codec)  # refuses codecs that are no text, as base64
         except LookupError:
             raise UserError(
                 f"{path}: unknown encoding {options.encoding!r}",
@@ -289,7 +297,7 @@ def _logical_lines(text: str, complete: bool, path: Path) -> list[tuple[int, str
     i = 0
     while i < len(lines) and len(out) < _HEAD_LINES:
         line, more = lines[i], 0
-        if line.count('"') % 2 and not is_comment(line):
+        if _OPEN_QUOTE.search(line) and not is_comment(line):
             for k in range(1, min(100, len(lines) - i)):
                 if lines[i + k].count('"') % 2:
                     line, more = "\n".join(lines[i : i + k + 1]), k

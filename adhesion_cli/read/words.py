@@ -27,7 +27,7 @@ _UNIT = {_word: unit for unit, words in _UNIT_WORDS.items() for _word in words.s
 
 # Names in the order in which they are preferred; compared without case, spaces, "_", "-", ".".
 _TIME = (
-    "time timestamp t zeit zeitstempel 时间 时间戳 datetime dateandtime datetimestamp datumzeit "
+    "time timestamp zeit zeitstempel 时间 时间戳 datetime dateandtime datetimestamp datumzeit "
     "datumuhrzeit datumundzeit 日期时间 elapsed elapsedtime reltime relativetime timerel "
     "timeelapsed timesincestart logtime logtimestamp recordtime recordingtime systemtime systime "
     "sampletime samplingtime timeutc utctime utc utctimestamp timestamputc localtime timelocal "
@@ -35,7 +35,7 @@ _TIME = (
     "messzeit messzeitpunkt aufzeichnungszeit relativzeit laufzeit uhrzeit zeitpunkt systemzeit "
     "采样时间 测量时间 记录时间 采集时间 相对时间 系统时间 运行时间 时刻 gpstime utcgpstime gpsutc "
     "gpstimestamp timeaxis zeitachse millis micros milliseconds microseconds seconds sekunden "
-    "excel exceltime exceldate matlabtime datenum serialdate"
+    "t excel exceltime exceldate matlabtime datenum serialdate"
 ).split()
 _DATE = "date datum 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
 _CLOCK = "time uhrzeit zeit 时间 timeofday clock localtime utctime utc 时刻".split()
@@ -73,6 +73,8 @@ def time_name(header: str) -> tuple[int, str | None] | None:
     "t [ms]", "time_ms", "Zeit (s)", "时间(s)", "Time/s", "timeMs", "elapsed_seconds".
     """
     text = unicodedata.normalize("NFKC", header).strip()
+    if len(text) > 80:
+        return None
     unit = None
     for pattern in (
         r"^(.*?)\s*[\[(<{]\s*([^\])>}]*)\s*[\])>}]$",
@@ -83,7 +85,12 @@ def time_name(header: str) -> tuple[int, str | None] | None:
         if (found := re.match(pattern, text)) and (stated := time_unit(found[2])):
             text, unit = found[1], stated
             break
-    name = normal(text).rstrip("0123456789") or normal(text)
+    else:  # "Time [hh:mm:ss.fff]", "Timestamp (UTC)"
+        text = re.sub(r"\s*[\[(](?:UTC|GMT|local|ISO ?8601|[a-zA-Z]{1,4}[-/:.]\S+)[\])]$", "", text)
+    name = normal(text)
+    plain = name.rstrip("0123456789")
+    if len(plain) > 2 or unit:  # "time2", "t2 [s]"; T1 and T2 alone are temperatures
+        name = plain or name
     if name not in _TIME:
         return None
     return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
