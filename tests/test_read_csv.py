@@ -60,8 +60,13 @@ SAME = {
     "gzip": gzip.compress(PLAIN.encode()),
     "sep line": "sep=;\n" + GERMAN,
     "quoted": '"t [s]","p","v"\n"0.00","1.5","20"\n"0.01","2.5","19"\n"0.02","3.5","18"\n',
-    "blank before quotes": '"t [s]", "p", "v"\n"0.00", "1.5", "20"\n"0.01", "2.5", "19"\n"0.02", "3.5", "18"\n',
-    "stray quotes": 'Pipe 5" wide\n' + PLAIN.replace("v\n", 'v,6" note\n').replace("0\n", '0,1"\n').replace("9\n", '9,2"\n').replace("8\n", '8,c\n'),
+    "blank before quotes": '"t [s]", "p", "v"\n"0.00", "1.5", "20"\n"0.01", "2.5", "19"\n'
+    '"0.02", "3.5", "18"\n',
+    "stray quotes": 'Pipe 5" wide\n'
+    + PLAIN.replace("v\n", 'v,6" note\n')
+    .replace("0\n", '0,1"\n')
+    .replace("9\n", '9,2"\n')
+    .replace("8\n", "8,c\n"),
     "quoted decimal comma": 't [s],p,v\n"0,00","1,5",20\n"0,01","2,5",19\n"0,02","3,5",18\n',
     "preamble": "Vehicle: X,Date: 2026-01-01\nOperator: Y\n\n" + PLAIN,
     "preamble of pairs": "Vehicle,ET 423,\nSample rate,100,\n,,\n" + PLAIN,
@@ -79,12 +84,23 @@ SAME = {
     "ns": "t [ns],p,v\n0,1.5,20\n10000000,2.5,19\n20000000,3.5,18\n",
     "ms with fraction": "t (ms),p,v\n0.000,1.5,20\n10.000,2.5,19\n20.000,3.5,18\n",
     "Chinese header": "时间(s),p,v\n0,1.5,20\n0.01,2.5,19\n0.02,3.5,18\n".encode("gb18030"),
-    "Latin-1 header": "Zeit in s;p;v;T in °C für Öl\n0,00;1,5;20;1\n0,01;2,5;19;1\n0,02;3,5;18;1\n".encode("cp1252"),
+    "Latin-1 header": (
+        "Zeit in s;p;v;T in °C für Öl\n0,00;1,5;20;1\n0,01;2,5;19;1\n0,02;3,5;18;1\n"
+    ).encode("cp1252"),
     "exponents": "t [s],p,v\n0E0,1.5e0,2e1\n1E-2,25e-1,+1.9E+01\n2.0e-02,3.5,18.\n",
-    "empty column": PLAIN.replace("v\n", "v,w\n").replace("0\n", "0,\n").replace("9\n", "9,\n").replace("8\n", "8,\n"),
-    "text column": PLAIN.replace("v\n", "v,state\n").replace("0\n", "0,on\n").replace("9\n", '9,"o,f"\n').replace("8\n", "8,on\n"),
-    "quoted line ends": PLAIN.replace("v\n", 'v,"no\nte"\n').replace("0\n", '0,"a\nb"\n').replace("9\n", '9,""""\n').replace("8\n", "8,c\n"),
-}  # fmt: skip
+    "empty column": PLAIN.replace("v\n", "v,w\n")
+    .replace("0\n", "0,\n")
+    .replace("9\n", "9,\n")
+    .replace("8\n", "8,\n"),
+    "text column": PLAIN.replace("v\n", "v,state\n")
+    .replace("0\n", "0,on\n")
+    .replace("9\n", '9,"o,f"\n')
+    .replace("8\n", "8,on\n"),
+    "quoted line ends": PLAIN.replace("v\n", 'v,"no\nte"\n')
+    .replace("0\n", '0,"a\nb"\n')
+    .replace("9\n", '9,""""\n')
+    .replace("8\n", "8,c\n"),
+}
 
 
 @pytest.mark.parametrize("name", SAME)
@@ -95,7 +111,8 @@ def test_reads_the_same_log_in_every_form(log, name):
     assert p.t.tolist() == T
     assert p.value.tolist() == P
     assert v.value.tolist() == V
-    assert p.valid.all() and v.valid.all()
+    assert p.valid.all()
+    assert v.valid.all()
     assert p.t is v.t
     assert not codes(source)
     assert source.rows == 3
@@ -126,11 +143,15 @@ STAMPS = {
     "epoch ms": ("t", "1795266307000", "1795266307250"),
     "epoch us": ("t", "1795266307000000", "1795266307250000"),
     "epoch ns": ("t", "1795266307000000000", "1795266307250000000"),
-    "epoch, long fraction": ("t", "1795266307.0000000000000000000", "1795266307.2500000000000000000"),
+    "epoch, long fraction": (
+        "t",
+        "1795266307.0000000000000000000",
+        "1795266307.2500000000000000000",
+    ),
     "epoch with exponent": ("t", "1.795266307e9", "1.79526630725e9"),
     "Excel": ("t", "46347.5452199074", "46347.5452228009"),
     "MATLAB serial": ("t", "740307.545219907", "740307.545222801"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", STAMPS)
@@ -406,32 +427,82 @@ REFUSED = {
     "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),
     "JSON": (b'[{"t": 0, "p": 1}, {"t": 1, "p": 2}]', "JSON", "export"),
     "MCAP": (b"\x89MCAP0\r\n" + bytes(100), "MCAP", "suffix"),
-    "unterminated quote": (b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500, "quote opened in line 3", "quote"),
-    "no header": (b"0,1,2\n1,2,3\n2,3,4\n", "no header", 'time = {channel = "column 1", unit = "s"}'),
-    "header of other width": (b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n", "names 2 columns, the rows have 3", "header = false"),
+    "unterminated quote": (
+        b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500,
+        "quote opened in line 3",
+        "quote",
+    ),
+    "no header": (
+        b"0,1,2\n1,2,3\n2,3,4\n",
+        "no header",
+        'time = {channel = "column 1", unit = "s"}',
+    ),
+    "header of other width": (
+        b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n",
+        "names 2 columns, the rows have 3",
+        "header = false",
+    ),
     "no line end": (b"1" * 50_000_000, "no line end", "one row per line"),
-    "20000 columns": (b"\n".join([b",".join([b"%d" % k for k in range(20_000)])] * 3), "20000 columns", "channels"),
-    "grouped thousands": (b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n', "groups digits", "thousands"),
-    "comma, thousands or decimal": (b"t;p\n1;1,234\n2;2,345\n3;3,456\n", "decimal comma or grouped", "decimal"),
-    "point, thousands or decimal": (b"t [s];p\n1;1.234\n2;987\n3;1.002\n", "grouped thousands or a decimal", "decimal"),
+    "20000 columns": (
+        b"\n".join([b",".join([b"%d" % k for k in range(20_000)])] * 3),
+        "20000 columns",
+        "channels",
+    ),
+    "grouped thousands": (
+        b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n',
+        "groups digits",
+        "thousands",
+    ),
+    "comma, thousands or decimal": (
+        b"t;p\n1;1,234\n2;2,345\n3;3,456\n",
+        "decimal comma or grouped",
+        "decimal",
+    ),
+    "point, thousands or decimal": (
+        b"t [s];p\n1;1.234\n2;987\n3;1.002\n",
+        "grouped thousands or a decimal",
+        "decimal",
+    ),
     "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
-    "day or month": (b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n", "day/month or month/day", 'unit = "dmy"'),
-    "date only": (b"Date;p\n2026-01-01;1\n2026-01-01;2\n", "no column is a time", "time = {channel"),
-    "two different times": (b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n", "both times, and differ", 'channel = "column 1"'),
-    "seconds beyond 2060": (b"t [s];p\n1795266307000;1\n1795266307010;2\n", "beyond the year 2060", "unit"),
-    "numbered times": (b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n", "both times, and differ", 'channel = "column 1"'),
-    "hours or minutes": (b"Time;p\n12:05;1\n12:06;2\n", "hours and minutes or minutes and seconds", "seconds"),
+    "day or month": (
+        b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n",
+        "day/month or month/day",
+        'unit = "dmy"',
+    ),
+    "date only": (
+        b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
+        "no column is a time",
+        "time = {channel",
+    ),
+    "two different times": (
+        b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
+    "seconds beyond 2060": (
+        b"t [s];p\n1795266307000;1\n1795266307010;2\n",
+        "beyond the year 2060",
+        "unit",
+    ),
+    "numbered times": (
+        b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
+    "hours or minutes": (
+        b"Time;p\n12:05;1\n12:06;2\n",
+        "hours and minutes or minutes and seconds",
+        "seconds",
+    ),
     "no delimiter": (b"speed\n1.5\n2.5\n3.5\n", "no delimiter", "time column"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_refuses_in_the_right_words(log, name):
     data, text, hint = REFUSED[name]
-    log.write_bytes(data)
     with pytest.raises(UserError, match=text) as error:
-        source = open_csv(log, ReadOptions())
-        source.columns(source.fields)
+        read(log, data)
     assert str(log) in error.value.text
     assert hint in error.value.hint
     assert "\n" not in error.value.text + error.value.hint

@@ -1,5 +1,6 @@
 """Round trips through every dialect, and the account of every line."""
 
+import contextlib
 import datetime
 
 import numpy as np
@@ -61,12 +62,20 @@ def tables(draw):
 
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(
-    table=tables(), delimiter=DELIMITERS, encoding=ENCODINGS, end=ENDS, form=st.sampled_from([*FORMS]),
-    comma=st.booleans(), quoted=st.booleans(), null=st.sampled_from(["", "NaN", "null", "-", "#N/A"]),
-    preamble=st.booleans(), units=st.booleans(), open_end=st.booleans(),
-)  # fmt: skip
+    table=tables(),
+    delimiter=DELIMITERS,
+    encoding=ENCODINGS,
+    end=ENDS,
+    form=st.sampled_from([*FORMS]),
+    null=st.sampled_from(["", "NaN", "null", "-", "#N/A"]),
+    comma=st.booleans(),
+    quoted=st.booleans(),
+    preamble=st.booleans(),
+    units=st.booleans(),
+    open_end=st.booleans(),
+)
 def test_round_trip(
-    tmp_path_factory, table, delimiter, encoding, end, form, comma, quoted, null, preamble, units,
+    tmp_path_factory, table, delimiter, encoding, end, form, null, comma, quoted, preamble, units,
     open_end,
 ):  # fmt: skip
     header, start, stamp = FORMS[form]
@@ -125,13 +134,12 @@ def test_every_line_is_accounted_for(tmp_path_factory, body, end, last):
     text = "\n".join(lines).replace("\n", end)
     path = tmp_path_factory.mktemp("csv") / "log.csv"
     path.write_bytes((text + (end if last else "")).encode())
-    try:
-        source = open_csv(path, ReadOptions())
-        columns = source.columns(source.fields)
-    except UserError as error:
-        assert "NUL bytes" in error.text  # noqa: PT017
-        assert "\x00" in text
+    if "\x00" in text:
+        with pytest.raises(UserError, match="NUL bytes"):
+            open_csv(path, ReadOptions())
         return
+    source = open_csv(path, ReadOptions())
+    columns = source.columns(source.fields)
     assert source.lines["preamble"] == source.lines["header"] == 1
     assert sum(source.lines.values()) == text.count(end) + 1
     assert source.lines["used"] == source.rows == len(columns[0].t)
@@ -146,11 +154,10 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("csv") / "log.csv"
     for content in (data, b"t [s],p\n0,1\n1,2\n2,3\n" + data + b"\n3,4\n"):
         path.write_bytes(content)
-        try:
+        with contextlib.suppress(UserError):  # any other error fails
             source = open_csv(path, ReadOptions())
-            source.columns(source.fields)
-        except UserError as error:
-            assert error.text and error.hint
+            columns = source.columns(source.fields)
+            assert all(len(c.t) == len(c.value) == source.lines["used"] for c in columns)
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])
@@ -160,8 +167,11 @@ def test_blocks_join_without_a_seam(tmp_path, monkeypatch, quotes):
     path = tmp_path / "log.csv"
     path.write_text(
         "t [s],p,note\n"
-        + "".join(f"{k},{q}{k / 8}{q},{q}{'a' + chr(10) * (k % 3) if q else 'b'}{q}\n" for k in range(3000))
-    )  # fmt: skip
+        + "".join(
+            f"{k},{q}{k / 8}{q},{q}{'a' + chr(10) * (k % 3) if q else 'b'}{q}\n"
+            for k in range(3000)
+        )
+    )
     results = []
     for size in (64 << 20, 997, 64):
         monkeypatch.setattr("adhesion_cli.read.lines._BLOCK", size)
