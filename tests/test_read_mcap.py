@@ -295,7 +295,7 @@ def test_unusual_protobuf_goes_through_the_library(tmp_path: Path) -> None:
     schema = proto_schema(proto_file([double_message()]), "D")
     value = b"\x09" + struct.pack("<d", 3.0)
     unusual = [
-        b"\x09" + struct.pack("<d", 1.0) * 1 + (b"\x10\x01" * 600) + value,
+        b"\x09" + struct.pack("<d", 1.0) * 1 + (b"\x10\x01" * 5000) + value,
         b"\x13\x08\x01\x14" + value,  # an unknown group
         b"\x89\x80\x80\x00" + struct.pack("<d", 3.0),  # a tag with needless bytes
         value,
@@ -394,6 +394,32 @@ def test_a_log_time_that_stands_still(tmp_path: Path) -> None:
     source = opened(tmp_path, log)
     assert source.time_reason == "stamp inside the messages: the log time stands still"
     assert read(source)["/a wheel_speed"].t.tolist() == [START + i for i in range(4)]
+
+
+def test_a_first_message_that_is_broken_costs_only_itself(tmp_path: Path) -> None:
+    schema = proto_schema(proto_file([double_message()]), "D")
+    log = Log([schema], [Channel(1, "/a", "protobuf", {}, 1), Channel(2, "/b", "json", {}, 0)])
+    log.messages = [message(1, START, b"\xff"), message(2, START, b"{")]
+    log.messages += [message(1, START, b""), message(2, START, b'{"x": 1}')]
+    source = opened(tmp_path, log)
+    assert [c.valid.tolist() for c in read(source).values()] == [[False, True]] * 2
+    assert codes(source) == [("mcap-bad-message", 1)] * 2
+
+
+def test_two_numbers_of_one_path_are_told_apart(tmp_path: Path) -> None:
+    source = opened(tmp_path, json_log([(0, {"a.b": 1, "a": {"b": 2}})]))
+    assert read(source)["/0 a.b"].value.tolist() == [1.0]
+    assert codes(source) == [("mcap-not-offered", 1)]
+
+
+def test_definitions_lost_with_a_chunk_are_taken_from_the_summary(tmp_path: Path) -> None:
+    log = scalar_log([1.0, 2.0, 3.0, 4.0], per_chunk=2)
+    raw = bytearray(log.bytes())
+    raw[raw.index(b'{"value": 1.0}') + 3] ^= 1  # in the first chunk, with all definitions
+    path = tmp_path / "log.mcap"
+    path.write_bytes(raw)
+    columns = read(open_mcap(path, ReadOptions()))
+    assert [c.value.tolist() for c in columns.values()] == [[3.0], [4.0]]
 
 
 def test_publish_time_and_a_clock_of_its_own(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
-from itertools import zip_longest
 from operator import itemgetter
 from typing import Any
 
@@ -90,9 +89,8 @@ class JsonDecoder:
             faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
             rows = np.delete(rows, list(bad))
         values = np.full((len(wanted.leaves), len(spans)), np.nan)
-        spread = _Spread(wanted, rows, values, faults)
         if messages:
-            spread.walk(messages, rows, self._known, ())
+            _Spread(wanted, values, faults).walk(messages, rows, self._known, ())
         for steps, named in wanted.labels.items():
             other = np.zeros(len(spans), np.bool_)
             other[rows] = [at(m, steps) != named for m in messages]
@@ -104,10 +102,9 @@ class JsonDecoder:
 class _Spread:
     """Takes a list of trees apart, place by place."""
 
-    def __init__(self, wanted: Wanted, rows: Offsets, values: Floats, faults: list[Fault]) -> None:
+    def __init__(self, wanted: Wanted, values: Floats, faults: list[Fault]) -> None:
         self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
         self._wanted, self._values, self._faults = wanted, values, faults
-        self._rows = rows
 
     def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         """Takes what the messages `rows` have at a place.
@@ -182,13 +179,3 @@ class _Spread:
         self._values[i, rows[number]] = [node for node in nodes if type(node) in _NUMBERS]
         other = ~number & np.array([node is not None for node in nodes], np.bool_)
         self._type_fault(rows[other], steps)
-
-
-def merged(first: Tree, second: Tree) -> Tree:
-    """What either of two messages has; of two values at one place a number, else the first."""
-    if isinstance(first, dict) and isinstance(second, dict):
-        keys = first | second  # in the order of their first sight
-        return {key: merged(first.get(key), second.get(key)) for key in keys}
-    if isinstance(first, list) and isinstance(second, list):
-        return [merged(a, b) for a, b in zip_longest(first, second)]
-    return second if first is None else first

@@ -21,6 +21,7 @@ from .tree import (
     UndecodableError,
     at,
     leaves,
+    merged,
     repeated,
     stamp,
 )
@@ -102,6 +103,8 @@ class McapSource:
         self.rows = self.walk.rows
         self.metadata = self.walk.metadata
         self.findings: list[Finding] = []
+        self._told: set[Finding] = set()
+        self._decoders: dict[int, Decoder] = {}  # by schema id
         self._tell_of_walk()
         self._series = self._group()
         self._discover()
@@ -133,10 +136,10 @@ class McapSource:
             self.findings.append(
                 Finding("mcap-damaged", "error", f"{what}; kept {kept}", count=more + 1)
             )
-        for channel, count in sorted(walk.counts.items()):
-            if channel not in walk.channels:
-                text = f"messages of channel {channel}, which the file does not define"
-                self._tell("mcap-unknown-channel", "error", text, count=count)
+        if lost := {i: n for i, n in walk.counts.items() if i not in walk.channels}:
+            some = ", ".join(map(str, sorted(lost)[:5])) + (", ..." if len(lost) > 5 else "")
+            text = f"messages of channels that the file does not define: {some}"
+            self._tell("mcap-unknown-channel", "error", text, count=sum(lost.values()))
         if walk.unknown:
             text = "records of unknown kinds, skipped"
             self._tell("mcap-unknown-record", "info", text, count=walk.unknown)
@@ -149,7 +152,8 @@ class McapSource:
             where = f" {channel}:" if channel else ""
             raise UserError(f"{self.path}:{where} {message}", "read without --strict to drop these")
         finding = Finding(code, severity, message, channel, count, first_s)
-        if finding not in self.findings:
+        if finding not in self._told:
+            self._told.add(finding)
             self.findings.append(finding)
 
     def _group(self) -> list[_Series]:
@@ -204,32 +208,31 @@ class McapSource:
                     "mcap-encoding", "info", f"encoding {kind!r} is not read", s.topic, s.rows
                 )
                 continue
-            why = "first message is too large" if not s.heads else ""
+            why = "" if s.heads else "first message is too large"
             for head in s.heads:
                 try:
                     tree = s.decoder.tree(head)
                 except UndecodableError as e:
                     why = why or str(e)
                     continue
-                if s.encoding == "json":
-                    from .json_rows import merged
-
-                    s.tree = merged(s.tree, tree)
-                else:
+                if s.encoding != "json":
                     s.tree = tree
+                    break
+                s.tree = merged(s.tree, tree)
             s.heads = []
             if s.tree is None:
-                self._tell("mcap-bad-message", "error", why, s.topic, s.rows)
+                text = f"the first messages do not decode, so none is read: {why}"
+                self._tell("mcap-bad-message", "error", text, s.topic, s.rows)
                 continue
-            if s.encoding == "json":
-                s.decoder.know(s.tree)  # type: ignore[attr-defined]
+            s.decoder.know(s.tree)
             found, left_out = leaves(s.tree, s.decoder.unit, s.metadata)
             for leaf in found:
-                s.leaves.setdefault(leaf.path, leaf)
+                if s.leaves.setdefault(leaf.path, leaf) is not leaf:
+                    left_out.append(f"a second {leaf.path}")
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
-                    f"too long or too deep for single series: {', '.join(left_out[:3])}",
+                    f"not offered as single series: {', '.join(left_out[:3])}",
                     s.topic, len(left_out),
                 )  # fmt: skip
             if (of := stamp(s.tree)) is not None:
@@ -243,15 +246,21 @@ class McapSource:
             from .json_rows import JsonDecoder
 
             return JsonDecoder(schema.data if schema and schema.encoding == "jsonschema" else b"")
-        if s.encoding == "protobuf" and schema and schema.encoding == "protobuf":
-            from .protobuf import ProtobufDecoder
+        if schema is None:
+            return None
+        kind = s.encoding, schema.encoding
+        if kind not in (("protobuf", "protobuf"), ("cdr", "ros2msg")):
+            return None
+        if schema.id not in self._decoders:
+            if kind[0] == "protobuf":
+                from .protobuf import ProtobufDecoder
 
-            return ProtobufDecoder(schema.name, schema.data)
-        if s.encoding == "cdr" and schema and schema.encoding == "ros2msg":
-            from .ros2 import Ros2Decoder
+                self._decoders[schema.id] = ProtobufDecoder(schema.name, schema.data)
+            else:
+                from .ros2 import Ros2Decoder
 
-            return Ros2Decoder(schema.name, schema.data)
-        return None
+                self._decoders[schema.id] = Ros2Decoder(schema.name, schema.data)
+        return self._decoders[schema.id]
 
     # ------------------------------------------------------------------ time
 

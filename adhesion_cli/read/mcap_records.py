@@ -29,10 +29,12 @@ from .tree import PADDING, Bytes, Offsets
 MAGIC = b"\x89MCAP0\r\n"
 HEADER = struct.Struct("<BQ")  # opcode and length of every record
 MESSAGE = 22  # bytes of a Message record before its data: channel, sequence, two times
+_AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _PIECE = 1 << 20  # bytes read from the file at once
 _RUN = 4 << 20  # bytes of unchunked records taken together
 _HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
-_JSON_HEADS = 100  # messages of a JSON channel that are kept to search them for keys
+_JSON_HEADS = 100  # first messages of a JSON channel that are kept to search them for keys
+_OTHER_HEADS = 4  # of other channels, should the first not decode
 _RAISE_LIMIT = "raise the limit if the log is trusted, or cut it with `adhesion recover`"
 
 
@@ -181,8 +183,7 @@ class Walk:
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
+        self._defined: dict[tuple[int, int], Schema | Channel] = {}  # by opcode and id
         self.counts: Counter[int] = Counter()  # messages by channel
         self.heads: dict[int, tuple[int, list[bytes]]] = {}  # first messages, log time of the first
         self.blocks: list[_Block] = []
@@ -202,15 +203,14 @@ class Walk:
         with self._opened() as self._file:
             self._check_magic()
             try:
-                for opcode, at, length in self._outer():
-                    try:
-                        self._record(opcode, at, length)
-                    except DamageError as damage:
-                        self._note(damage)  # the record's own; the walk goes on behind it
+                self._walk()
             except DamageError as damage:
                 self._flush()
                 self._note(damage)
             self._compare()
+        defined = self._defined.values()
+        self.schemas = {one.id: one for one in defined if isinstance(one, Schema)}
+        self.channels = {one.id: one for one in defined if isinstance(one, Channel)}
         if self.damage and not self.rows:
             raise self._error(self.damage[0])
 
@@ -304,42 +304,62 @@ class Walk:
         hint = damage.hint or "`adhesion recover` writes what is whole as a new file"
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
 
-    def _outer(self) -> Iterator[tuple[int, int, int]]:
-        """Opcode, offset and content length of the records outside chunks, up to the footer."""
-        at, size = len(MAGIC), self._file.size
-        while True:
-            if size - at < HEADER.size:
-                raise DamageError(at, "file ends without a footer")
-            opcode, length = self._file.head(at)
-            if opcode == 0:
-                raise DamageError(at, "a record of kind 0, which does not exist")
-            if length > size - at - HEADER.size:
-                left = size - at - HEADER.size
-                raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
-            if length > self._options.max_record and opcode != Opcode.ATTACHMENT:
-                limit = self._options.max_record
-                raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
-            yield opcode, at, length
-            at += HEADER.size + length
-            if opcode == Opcode.FOOTER:
-                return
+    def _walk(self) -> None:
+        """Walks the file up to its footer; damage of one whole record does not end the walk."""
+        at, opcode = len(MAGIC), 0
+        while opcode != Opcode.FOOTER:
+            opcode, length = self._head(at)
+            after = at + HEADER.size + length
+            if at == len(MAGIC) and opcode != Opcode.HEADER:
+                self._note(DamageError(at, "first record is no header"))
+            try:
+                if opcode in _AMONG_MESSAGES and not self._data_end:
+                    after = self._run(at, length)
+                else:
+                    self._record(opcode, at, length)
+            except DamageError as damage:
+                self._note(damage)
+            at = after
+
+    def _head(self, at: int) -> tuple[int, int]:
+        """Opcode and length of the record at an offset, after which the file goes on."""
+        left = self._file.size - at - HEADER.size
+        if left < 0:
+            raise DamageError(at, "file ends without a footer")
+        opcode, length = self._file.head(at)
+        if opcode == 0:
+            raise DamageError(at, "a record of kind 0, which does not exist")
+        if length > left:
+            raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
+        limit = self._options.max_record
+        if length > limit and opcode != Opcode.ATTACHMENT:  # those are read in pieces
+            raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
+        return opcode, length
+
+    def _run(self, at: int, length: int) -> int:
+        """Takes messages and definitions outside chunks together; returns the offset behind."""
+        self._flush()
+        size = max(min(_RUN, self._file.size - at), HEADER.size + length)
+        data = self._padded(at, size)
+        found = _Found()
+        end = found.walk(data.data, 0, size)
+        if not end:
+            raise DamageError(at, _why(data.data, 0, size))
+        self._block(_Block(at, at + end, False), found.records(data))
+        return at + end
+
+    def _padded(self, at: int, size: int) -> Bytes:
+        data = np.zeros(size + PADDING, np.uint8)
+        data[:size] = np.frombuffer(self._file.read(at, size), np.uint8)
+        return data
 
     def _content(self, at: int, length: int) -> _Content:
         return _Content(self._file.read(at + HEADER.size, length), at)
 
     def _record(self, opcode: int, at: int, length: int) -> None:
         end = at + HEADER.size + length
-        if not self._kinds and opcode != Opcode.HEADER:
-            self._note(DamageError(at, "first record is no header"))
         self._kinds[opcode] += 1
         in_data = not self._data_end
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) and in_data:
-            run = self._pending
-            if run is None or run.chunk or end - run.at > _RUN:
-                self._flush()
-                run = self._pending = _Block(at, end, False)
-            run.end = end
-            return
         if opcode == Opcode.MESSAGE_INDEX and in_data:
             if (chunk := self._pending) and chunk.chunk:
                 chunk.index_at = chunk.index_at or at
@@ -365,7 +385,7 @@ class Walk:
             self.metadata[name] = self.metadata.get(name, {}) | content.pairs()
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             content = self._content(at, length)
-            self._define(opcode, content, at, self.schemas, self.channels)
+            self._define(opcode, content, at, self._defined)
         elif opcode == Opcode.STATISTICS:
             self._read_statistics(at, length)
         elif opcode == Opcode.CHUNK_INDEX:
@@ -452,23 +472,21 @@ class Walk:
 
     # ------------------------------------------------------------------ records inside a block
 
-    def _block(self, block: _Block) -> None:
+    def _block(self, block: _Block, records: Records | None = None) -> None:
         """Takes up the definitions in a block and counts its messages."""
+        fresh: dict[tuple[int, int], Schema | Channel] = {}
         try:
-            records = self._records(block)
-            schemas, channels = self.schemas, self.channels
-            if records.others:  # a block that turns out to be wrong must define nothing
-                schemas, channels = dict(schemas), dict(channels)
+            records = records or self._records(block)
             for opcode, at, length in records.others:
                 content = _Content(records.data[at : at + length].tobytes(), block.at)
-                self._define(opcode, content, block.at, schemas, channels)
+                self._define(opcode, content, block.at, fresh)
             log = records.log_time
             if len(log) and log.min() < 0:
                 raise DamageError(block.at, "a log time beyond the year 2262")
         except DamageError as damage:
-            self._note(damage)
+            self._note(damage)  # a block that is wrong somewhere defines nothing
             return
-        self.schemas, self.channels = schemas, channels
+        self._defined |= fresh
         self.blocks.append(block)
         self.unknown += records.unknown
         counts = np.bincount(records.channel)
@@ -481,9 +499,10 @@ class Walk:
             self.times = min(self.times[0], first), max(self.times[1], last)
 
     def _keep_heads(self, channel: int, records: Records, log: Times) -> None:
-        """Keeps the first message of a channel, of a JSON channel the first of its first block."""
-        known = self.channels.get(channel)
-        most = 1 if known and known.message_encoding != "json" else _JSON_HEADS
+        """Keeps the first messages of a channel, all out of its first block."""
+        known = self._defined.get((Opcode.CHANNEL, channel))
+        other = isinstance(known, Channel) and known.message_encoding != "json"
+        most = _OTHER_HEADS if other else _JSON_HEADS
         rows = np.flatnonzero(records.channel == channel)[:most]
         heads = []
         for start, end in zip(records.start[rows], records.end[rows], strict=True):
@@ -498,23 +517,23 @@ class Walk:
         opcode: int,
         content: _Content,
         at: int,
-        schemas: dict[int, Schema],
-        channels: dict[int, Channel],
+        into: dict[tuple[int, int], Schema | Channel],
     ) -> None:
         """Takes up a Schema or Channel record; a second one must equal the first."""
+        one: Schema | Channel
         if opcode == Opcode.SCHEMA:
             number, name, encoding = content.number(2), content.text(), content.text()
-            schema = Schema(number, content.raw(content.number(4)), encoding, name)
+            one = Schema(number, content.raw(content.number(4)), encoding, name)
             if number == 0:
                 raise DamageError(at, "a schema with the reserved id 0")
-            if schemas.setdefault(number, schema) != schema:
-                raise DamageError(at, f"schema {number} is defined a second time, differently")
         else:
-            number, schema_id = content.number(2), content.number(2)
+            number, schema = content.number(2), content.number(2)
             topic, encoding = content.text(), content.text()
-            channel = Channel(number, topic, encoding, content.pairs(), schema_id)
-            if channels.setdefault(number, channel) != channel:
-                raise DamageError(at, f"channel {number} is defined a second time, differently")
+            one = Channel(number, topic, encoding, content.pairs(), schema)
+        key = opcode, number
+        if self._defined.get(key, one) != one or into.setdefault(key, one) != one:
+            kind = type(one).__name__.lower()
+            raise DamageError(at, f"{kind} {number} is defined a second time, differently")
 
     def _records(self, block: _Block) -> Records:
         """The records of a block, inflated, checked, and its messages found."""
@@ -522,10 +541,8 @@ class Walk:
             data, size = self._inflate(block)
             hints = self._hints(block, size)
         else:
-            size = block.end - block.at
-            data = np.zeros(size + PADDING, np.uint8)
-            data[:size] = np.frombuffer(self._file.read(block.at, size), np.uint8)
-            hints = None
+            size, hints = block.end - block.at, None
+            data = self._padded(block.at, size)
         return _find(data, size, hints, block)
 
     def _inflate(self, block: _Block) -> tuple[Bytes, int]:
@@ -607,6 +624,62 @@ def _inflate_lz4(packed: bytes, into: memoryview) -> int:
 _INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}
 
 
+class _Found:
+    """Records found in a buffer so far."""
+
+    def __init__(self) -> None:
+        self._starts = array("q")
+        self._others: list[tuple[int, int, int]] = []
+        self._unknown = 0
+
+    def walk(self, view: memoryview, p: int, stop: int) -> int:
+        """Walks records one by one; returns where it ends.
+
+        That is `stop`, or the first record that is not whole, or that may not stand among
+        messages; `_why` tells which.
+        """
+        unpack, add = HEADER.unpack_from, self._starts.append
+        message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+        last = stop - HEADER.size
+        while p <= last:
+            opcode, length = unpack(view, p)
+            after = p + 9 + length
+            if after > stop:
+                break
+            if opcode == message:
+                if length < MESSAGE:
+                    break
+                add(p)
+            elif opcode in definitions:
+                self._others.append((opcode, p + HEADER.size, length))
+            elif opcode <= Opcode.DATA_END:
+                break
+            else:
+                self._unknown += 1
+            p = after
+        return p
+
+    def records(self, data: Bytes, indexed: Offsets | None = None) -> Records:
+        """What was found, and messages that an index had found before."""
+        start = np.array(self._starts, np.int64)
+        if indexed is not None:
+            start = np.sort(np.append(indexed, start)) if len(start) else indexed
+        channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
+        return Records(data, start, channel, self._others, self._unknown)
+
+
+def _why(view: memoryview, p: int, stop: int) -> str:
+    """Why a walk ended at a record."""
+    if p > stop - HEADER.size:
+        return "ends in the middle of a record"
+    opcode, length = HEADER.unpack_from(view, p)
+    if length > stop - p - HEADER.size:
+        return f"a record says it has {length} bytes, more than are left"
+    if opcode == Opcode.MESSAGE:
+        return f"a message record of {length} bytes"
+    return f"a record of kind {opcode} where none may be"
+
+
 def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> Records:
     """Finds the records of a block.
 
@@ -617,56 +690,22 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> Recor
             them fill the block without a gap, which is what walking would find.
         block: for the words of an error.
     """
-    starts = array("q")
-    others: list[tuple[int, int, int]] = []
-    unknown = 0
-    view = data.data
-
-    def walk(p: int, stop: int) -> None:
-        nonlocal unknown
-        unpack = HEADER.unpack_from
-        while p < stop:
-            if stop - p < HEADER.size:
-                raise wrong(p, "ends in the middle of a record")
-            opcode, length = unpack(view, p)
-            if length > stop - p - HEADER.size:
-                raise wrong(p, f"a record says it has {length} bytes, more than are left")
-            if opcode == Opcode.MESSAGE:
-                if length < MESSAGE:
-                    raise wrong(p, f"a message record of {length} bytes")
-                starts.append(p)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                others.append((opcode, p + HEADER.size, length))
-            elif opcode <= Opcode.DATA_END:
-                raise wrong(p, f"a record of kind {opcode} where none may be")
-            else:
-                unknown += 1
-            p += HEADER.size + length
-
-    def wrong(p: int, what: str) -> DamageError:
-        if block.chunk:
-            return DamageError(block.at, f"chunk, at its inflated byte {p}: {what}")
-        return DamageError(block.at + p, what)
-
-    start = None
     if hints is not None and len(hints):
         start = _tiling(data, size, np.sort(hints))
-    if start is not None:
-        ends = start + HEADER.size + _u64(data, start + 1)
-        stops = np.append(start, size)
-        ends = np.insert(ends, 0, 0)
-        try:
-            for i in np.flatnonzero(ends != stops).tolist():
-                walk(int(ends[i]), int(stops[i]))
-            if starts:
-                start = np.sort(np.append(start, np.frombuffer(starts, np.int64)))
-        except DamageError:
-            start, starts, others, unknown = None, array("q"), [], 0
-    if start is None:
-        walk(0, size)
-        start = np.frombuffer(starts, np.int64) if starts else np.empty(0, np.int64)
-    channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
-    return Records(data, start, channel, others, unknown)
+        if start is not None:
+            found = _Found()
+            ends = np.append(0, start + HEADER.size + _u64(data, start + 1))
+            stops = np.append(start, size)
+            gaps = np.flatnonzero(ends != stops)
+            between = zip(ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
+            if all(found.walk(data.data, p, stop) == stop for p, stop in between):
+                return found.records(data, start)
+    found = _Found()
+    end = found.walk(data.data, 0, size)
+    if end < size:
+        where = f"chunk, at its inflated byte {end}: " if block.chunk else ""
+        raise DamageError(block.at, where + _why(data.data, end, size))
+    return found.records(data)
 
 
 def _u64(data: Bytes, offsets: Offsets) -> Offsets:

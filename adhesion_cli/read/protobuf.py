@@ -45,7 +45,7 @@ _DTYPE = {
 }  # fmt: skip
 _MESSAGES = (F.TYPE_MESSAGE, F.TYPE_GROUP)
 _TEXTS = (F.TYPE_STRING, F.TYPE_BYTES)
-_MOST_ROUNDS = 512  # rounds of the lock-step beyond which a message counts as unusual
+_MOST_ROUNDS = 4096  # of the lock-step, beyond which what is left counts as unusual
 _NOWHERE = 1 << 62  # the end of a varint that has no end
 
 Words = NDArray[np.uint64]
@@ -90,6 +90,9 @@ class ProtobufDecoder:
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
         return _tree(self._parse(message), (self._type,))
+
+    def know(self, tree: Tree) -> None:
+        """Nothing: the schema says what messages hold."""
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit a custom field option named `unit` states."""
@@ -236,6 +239,7 @@ class _LockStep:
         n = len(start)
         self._values = np.full((len(wanted.leaves), n), np.nan)
         self._odd = np.zeros(n, np.bool_)  # unusual: the library decides
+        self._rounds = 0
         self._slots: list[_Slot] = []
         self._relabelled = {steps: np.zeros(n, np.bool_) for steps in wanted.labels}
         self._terminators: Offsets | None = None
@@ -360,11 +364,15 @@ class _LockStep:
         for i in node.zeros:
             self._values[i, fresh] = 0.0
         node.seen[rows] = True
-        for _ in range(_MOST_ROUNDS):
+        while True:
             live = p < end
             if not live.all():
                 rows, p, end = rows[live], p[live], end[live]
             if not len(rows):
+                return
+            self._rounds += 1
+            if self._rounds > _MOST_ROUNDS:
+                self._odd[rows] = True
                 return
             tag, q = self._varint(p)
             lowest = tag.min()
@@ -377,7 +385,6 @@ class _LockStep:
             if len(strange := np.flatnonzero((p > end) | self._odd[rows])):
                 self._odd[rows[strange]] = True
                 p = np.where(self._odd[rows], end, p)
-        self._odd[rows[p < end]] = True
 
     def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, end: Offsets) -> Offsets:
         """Reads one field of the messages that have it next; returns the offsets behind it."""

@@ -129,6 +129,9 @@ class Ros2Decoder:
             raise UndecodableError(walk.why)
         return root
 
+    def know(self, tree: Tree) -> None:
+        """Nothing: the schema says what messages hold."""
+
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit in square brackets in the comment behind a field, as rosidl reads it."""
         kind, unit = self._root, ""

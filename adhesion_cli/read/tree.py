@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any, Protocol
 
 import numpy as np
@@ -84,6 +85,10 @@ class Decoder(Protocol):
         Raises:
             UndecodableError: where the message breaks its encoding.
         """
+        ...
+
+    def know(self, tree: Tree) -> None:
+        """States what the channel's first messages hold, all taken together."""
         ...
 
     def unit(self, steps: Steps) -> tuple[str, str]:
@@ -232,6 +237,16 @@ def names(parent: Tree, length: int) -> list[str] | None:
         ):
             return found
     return None
+
+
+def merged(first: Tree, second: Tree) -> Tree:
+    """What either of two messages has; of two values at one place a number, else the first."""
+    if isinstance(first, dict) and isinstance(second, dict):
+        keys = first | second  # in the order of their first sight
+        return {key: merged(first.get(key), second.get(key)) for key in keys}
+    if isinstance(first, list) and isinstance(second, list):
+        return [merged(a, b) for a, b in zip_longest(first, second)]
+    return second if first is None else first
 
 
 def repeated(tree: Tree, wanted: Sequence[Steps]) -> Wanted:
