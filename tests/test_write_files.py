@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.write import files
+from adhesion_cli.write import files, mcap
 
 # What a killed run may leave: a file between its two last names, gone after the next run.
 PART = ".a.adhesion.mcap.part"
@@ -331,3 +332,66 @@ except UserError as error:
     assert process.returncode == 1, process.stderr
     assert re.search("cannot write the results", process.stdout)
     assert names(tmp_path) == set()
+
+
+FAULTS = [
+    f"{call}:{what}"
+    for call, faults in {
+        "write": ["error=ENOSPC", "error=EIO", "signal=KILL"],
+        "fsync": ["error=EIO", "signal=KILL"],
+        "linkat": ["error=EIO", "signal=KILL"],
+        "rename": ["error=EIO", "signal=KILL"],
+        "unlink": ["error=EIO", "signal=KILL"],
+    }.items()
+    for what in faults
+]
+RESULT = """
+from tests.results import result
+from adhesion_cli.write import mcap
+if force:
+    try:
+        with files.outputs(paths, force) as (record, picture):
+            mcap.write_result(record, result(1, 400), "{}")
+            picture.write_text(text)
+    except UserError as error:
+        sys.exit(error.code)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
+@pytest.mark.parametrize("fault", FAULTS)
+def test_fault_at_every_system_call(tmp_path: Path, fault: str) -> None:
+    """The kernel refuses, or the run is killed, at the nth write, fsync, link, rename, unlink."""
+    call = fault.split(":")[0]
+    python = [sys.executable, "-B", "-c", CHILD + RESULT, str(tmp_path), "new" * 9]
+    root = Path(__file__).parents[1]
+    write(pair(tmp_path), "old" * 9)
+    clean = 0
+    for nth in range(1, 60):
+        inject = f"-einject={fault}:when={nth}"
+        command = ["strace", "-f", "-qq", "-o/dev/null", f"-etrace={call}", inject, *python]
+        process = subprocess.run(
+            [*command, "force"], cwd=root, capture_output=True, text=True, timeout=60
+        )
+        found = names(tmp_path)
+        assert found - {PART} <= {"a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"}
+        record = pair(tmp_path)[0].read_bytes()
+        new = record != b"old" * 9
+        if new:
+            mcap.verify(pair(tmp_path)[0])
+        if pair(tmp_path)[1].exists():
+            assert pair(tmp_path)[1].read_text() == ("new" if new else "old") * 9
+        if "a.adhesion.sha256" in found:
+            assert manifest_holds(tmp_path)
+        if process.returncode == 0:
+            assert new
+            clean += 1
+            if clean == 3:
+                break
+        elif "error" in fault:
+            assert process.returncode == 1, process.stderr
+            assert PART not in found
+        write(pair(tmp_path), "old" * 9, force=True)
+    assert clean == 3
+    assert nth > 3, "the fault never struck"

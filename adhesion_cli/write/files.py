@@ -165,7 +165,11 @@ class _Unnamed:
             beside = target.with_name(f".{target.name}.part")
             beside.unlink(missing_ok=True)  # of a run killed right here
             self._link(beside)
-            beside.replace(target)
+            try:
+                beside.replace(target)
+            except BaseException:
+                beside.unlink()
+                raise
         else:
             self._link(target)
 

@@ -152,7 +152,10 @@ class _Page:
             if axle.slip is not None:
                 _send_scatter(rec, f"{self.root}/{path}/slip", axle, self.result)
         rows += self._send_events(rec)
-        for name, text in (("summary", _summary(self.result)), ("about", _about(self.result))):
+        for name, text in (
+            ("summary", _summary(self.result)),
+            ("about", _about(self.result, self.large)),
+        ):
             rec.log(f"{self.root}/{name}", rr.TextDocument(text, media_type=_MARKDOWN), static=True)
         return rows
 
@@ -287,9 +290,10 @@ class _Page:
         if axle.slip is None:
             side.append(self._about())
             shares_beside.append(5.0)
+        title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
         return rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side, row_shares=shares_beside),
-            column_shares=[7, 3], name=f"Axle {N}",
+            column_shares=[7, 3], name=title,
         )  # fmt: skip
 
     def _about(self) -> rrb.View:
@@ -476,7 +480,7 @@ def _summary(result: Result) -> str:
     return "\n".join(lines)
 
 
-def _about(result: Result) -> str:
+def _about(result: Result, large: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
     lines = [
         "## What the lines mean",
@@ -490,6 +494,7 @@ def _about(result: Result) -> str:
         "",
         f"Reference: {', '.join(map(_plain, methods))}.",
         "",
+        *([_OVERVIEW, ""] if large else []),
         "## Settings",
         "",
         "| setting | value |",
@@ -503,6 +508,12 @@ def _about(result: Result) -> str:
         f"SHA-256 of the log: `{result.log.sha256}`",
     ]
     return "\n".join(lines)
+
+
+_OVERVIEW = (
+    f"The log is long: the overviews show the lowest and the highest value of each of "
+    f"{_OVERVIEW_ROWS // 2} spans of time, the tab Full data every sample."
+)
 
 
 def _scores(scores: Sequence[Score]) -> list[str]:
