@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from .model import AxleRecord, Floats, Reference, Score
-from .physics import moving, true_runs
+from .physics import moving, true_runs, white_noise
 
 _SLIGHT, _LEAST = 200.0, 60.0  # clamping force that is braking, and that still belongs to it [N]
 _DUMP = 3.0  # longest release inside one application: wheel slide protection vents [s]
@@ -45,7 +45,7 @@ def applications(record: AxleRecord) -> tuple[slice, ...]:
         return ()
     low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
     base = low if low < 0.5 * top else 0.0
-    noise = math.sqrt(_white([record.clamping_force[s] for s in runs]))
+    noise = math.sqrt(white_noise([record.clamping_force[s] for s in runs]))
     on = base + max(0.05 * (top - base), 8.0 * noise, _SLIGHT)
     off = base + max(0.02 * (top - base), 4.0 * noise, _LEAST)
     return tuple(a for s in runs for a in _applied(record, K, s, on, off))
@@ -76,15 +76,6 @@ def _median5(x: Floats) -> Floats:
     return median
 
 
-def _white(columns: list[Floats]) -> float:
-    """Variance of white noise: mean square bend over three neighbours, median over blocks."""
-    blocks = []
-    for x in columns:
-        square = np.diff(x, 2) ** 2 / 6.0
-        blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
-    return float(np.median(blocks)) if blocks else 0.0
-
-
 @dataclass(frozen=True)
 class Comparison:
     """An estimate beside its target, one column per brake application; at least one sample each.
@@ -113,16 +104,16 @@ class Comparison:
             return None
         longest = max(float(t[-1] - t[0]) for t in self.t)
         reach = min(_LAG, longest / 2.0)
-        every = max(len(target) // 20_000, 1)  # thinned while the neighbourhood is looked for
+        coarse, fine = (max(len(target) // n, 1) for n in (5_000, 50_000))  # take every so many
         lags = np.linspace(-reach, reach, 201)
-        left = [_unexplained(self, float(lag), every)[0] for lag in lags]
+        left = [_unexplained(self, float(lag), coarse)[0] for lag in lags]
         best = int(np.argmin(left))
         if best in (0, len(lags) - 1):
             return None
         lag = _golden(
-            lambda x: _unexplained(self, x, 1)[0], float(lags[best - 1]), float(lags[best + 1])
+            lambda x: _unexplained(self, x, fine)[0], float(lags[best - 1]), float(lags[best + 1])
         )
-        unexplained, gain = _unexplained(self, lag, 1)
+        unexplained, gain = _unexplained(self, lag, fine)
         return (lag, gain) if unexplained < 0.5 and gain > 0.0 else None
 
 
@@ -140,11 +131,11 @@ def _unexplained(c: Comparison, lag: float, every: int) -> tuple[float, float]:
 
 
 def _golden(f: Callable[[float], float], low: float, high: float) -> float:
-    """Where f is least between `low` and `high`, golden section, to 1e-5 of the interval."""
+    """Where f is least between `low` and `high`, golden section, to 1e-4 of the interval."""
     ratio = (math.sqrt(5.0) - 1.0) / 2.0
     a, b = high - ratio * (high - low), low + ratio * (high - low)
     fa, fb = f(a), f(b)
-    for _ in range(24):
+    for _ in range(19):
         if fa < fb:
             high, b, fb = b, a, fa
             a = high - ratio * (high - low)
@@ -283,7 +274,7 @@ def compared(
     ]
     if not used:
         return None
-    white = _white([record.wheel_speed[s] for s, _ in used])
+    white = white_noise([record.wheel_speed[s] for s, _ in used])
     return Comparison(
         tuple((record.t[s] - record.t[s.start])[known] * 1e-9 for s, known in used),
         tuple(estimate[s][known] for s, known in used),

@@ -74,3 +74,16 @@ def true_runs(mask: Bools) -> list[tuple[int, int]]:
     """First and past-the-last index of each run of True in a mask of shape (n,)."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def white_noise(columns: list[Floats]) -> float:
+    """Variance of the white noise on smooth signals, each of shape (n,); 0 where too short.
+
+    Mean square bend over three neighbours, in blocks of 50; the median block, so that edges in
+    less than half of them do not count.
+    """
+    blocks = []
+    for x in columns:
+        square = np.diff(x, 2) ** 2 / 6.0
+        blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
+    return float(np.median(blocks)) if blocks else 0.0

@@ -15,9 +15,9 @@ import numpy as np
 from . import smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from .physics import moving, true_runs, wheelset
+from .physics import moving, true_runs, wheelset, white_noise
 
-_FIT = 30_000  # samples that the noise levels are fitted to
+_FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
@@ -121,8 +121,8 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     What is smooth depends on the wheel. While it rolls, the train's mass holds ω̇ and F follows
     φK at once: ω̇ = −aφK(1 − rolling) + δ with a slow δ. While it slides, the rail's adhesion is
     slow and ω̇ follows φK: δ takes up every change of aφK·rolling. In between (adhesion found or
-    lost) F jumps. Nothing is assumed about where: the data decide. A wrong φ, I or m only makes δ
-    rougher; F is φK + ω̇/a of the estimated ω̇ in every regime.
+    lost) F changes within milliseconds. Nothing is assumed about where: the data decide. A wrong
+    φ, I or m only makes δ rougher; F is φK + ω̇/a of the estimated ω̇ in every regime.
     """
     if not runs:
         return []
@@ -130,7 +130,7 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
     wheel = [_rolling(r, k, w) for r, k in zip(runs, clamping, strict=True)]
     floor = runs[0].wheel_speed_step ** 2 / 12.0 + 1e-12
-    rolling = smoother.Noise(_white([r.y for r in wheel]), 1e-3, scale**2 * np.array([1e-5]))
+    rolling = smoother.Noise(white_noise([r.y for r in wheel]), 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
     fitted, regimes = _fit_either(wheel, floor, scale, rolling, changing)
     return [
@@ -168,14 +168,12 @@ def _fit_either(
     A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
     """
     some = _sample(runs)
-    one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), scale + 1.0)
+    one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
     only, likely = smoother.fit(some, one, floor, rolling, [2.0, 2.0, 2.0])
     if _step(runs) > _SLOWEST:
         return only, one
-    three = smoother.Regimes(
-        np.array([0.0, 1.0, 1.0]), _LEAVE, 0.3 * scale * (1.0 - np.eye(3)), _START, scale + 1.0
-    )
-    both, likelier = smoother.fit(some, three, floor, changing, [2.0] * 5)
+    three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
+    both, likelier = smoother.fit(some, three, floor, changing, [2.0, 2.0, 2.0, 1.5, 0.7])
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
 
 
@@ -193,10 +191,8 @@ def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     step = _step(every)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
     rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
-    guess = smoother.Noise(max(_white([r.y for r in every]), floor), 0.0, rough)
-    regimes = smoother.Regimes(
-        np.zeros(3), _LEAVE, 3.0 * scale * (1.0 - np.eye(3)), _START, 3.0 * scale
-    )
+    guess = smoother.Noise(max(white_noise([r.y for r in every]), floor), 0.0, rough)
+    regimes = smoother.Regimes(np.zeros(3), _LEAVE, _START, 3.0 * scale)
     noise, _ = smoother.fit(_sample(every), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
     found = []
     for r, some in zip(runs, pieces, strict=True):
@@ -255,12 +251,6 @@ def _step(runs: list[smoother.Run]) -> float:
     return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
 
 
-def _white(columns: list[Floats]) -> float:
-    """Variance of white noise, from the median bend over three neighbours."""
-    bends = np.concatenate([np.abs(np.diff(y, 2)) for y in columns])
-    return float(np.median(bends) / 0.6745) ** 2 / 6.0 if len(bends) else 0.0
-
-
 def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
     """The runs, or blocks of them spread evenly, for the fit."""
     if sum(len(r.t) for r in runs) <= _FIT:
@@ -309,7 +299,7 @@ def _butterworth(
         removed = float(np.std(run.wheel_speed - np.interp(t, even, smooth)))
         noise = max(removed, run.wheel_speed_step / math.sqrt(12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
-        pressed_sigma = math.sqrt(_white([run.clamping_force_smooth]))
+        pressed_sigma = math.sqrt(white_noise([run.clamping_force_smooth]))
         found.append(
             Parts(
                 run.clamping_force_smooth,

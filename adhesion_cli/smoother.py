@@ -39,7 +39,6 @@ class Regimes(NamedTuple):
 
     follow: Floats  # (M,) share of −Δs that δ takes up: 1 where the whole rate minus s is smooth
     leave: Floats  # (M, M) rate of switching from row to column [1/s]
-    jump: Floats  # (M, M) standard deviation of the jump in δ at a switch
     start: Floats  # (M,) probability at the first sample
     spread: float  # standard deviation of δ at the first sample
 
@@ -124,7 +123,7 @@ def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[
 def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:
     return (
         run.t, run.u, run.s, run.lost, noise.rough, noise.coupling,
-        regimes.follow, regimes.leave, regimes.jump**2,
+        regimes.follow, regimes.leave,
     )  # fmt: skip
 
 
@@ -156,10 +155,9 @@ def _switching(leave: Floats, h: float, T: Floats) -> None:
 
 def _predict(
     m0: float, m1: float, P00: float, P01: float, P11: float,
-    h: float, gain: float, ds: float, c: float, q: float, jump: float,
+    h: float, gain: float, ds: float, c: float, q: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """One step of ẋ = u + δ from one regime into another; a jump comes at its beginning."""
-    P11 += jump
+    """One step of ẋ = u + δ in the regime with follow c and roughness q."""
     return (
         m0 + h * m1 + gain - 0.5 * h * c * ds,
         m1 - c * ds,
@@ -171,7 +169,7 @@ def _predict(
 
 def _filter(
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
-    follow: Floats, leave: Floats, jump: Floats,
+    follow: Floats, leave: Floats,
     y: Floats, r: float, start: Floats, spread: float, kept: Floats,
 ) -> float:  # fmt: skip
     """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
@@ -196,7 +194,7 @@ def _filter(
                 q = rough[j] + (coupling * ds * ds / h if j == 0 else 0.0)
                 m0, m1, P00, P01, P11 = _predict(
                     now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4],
-                    h, gain, ds, follow[j], q, jump[i, j],
+                    h, gain, ds, follow[j], q,
                 )  # fmt: skip
                 P00 += lost[k]
                 e, S = y[k] - m0, P00 + r
@@ -242,7 +240,7 @@ def _merge(parts: Floats, w: Floats, into: Floats) -> None:
 
 def _backward(
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
-    follow: Floats, leave: Floats, jump: Floats, kept: Floats, out: Floats,
+    follow: Floats, leave: Floats, kept: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Backward pass over what `_filter` kept; fills out (n, 4): level, its sigma, δ, its sigma."""
     n, M = len(t), len(follow)
@@ -264,7 +262,7 @@ def _backward(
                         kept[k, i, 0], kept[k, i, 1], kept[k, i, 2], kept[k, i, 3], kept[k, i, 4],
                     )  # fmt: skip
                     m0, m1, P00, P01, P11 = _predict(
-                        f0, f1, F00, F01, F11, h, gain, ds, follow[j], q, jump[i, j]
+                        f0, f1, F00, F01, F11, h, gain, ds, follow[j], q
                     )
                     P00 += lost[k + 1]
                     det = P00 * P11 - P01 * P01
