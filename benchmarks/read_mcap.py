@@ -88,7 +88,9 @@ def float64(t: int, value: float) -> bytes:
 
 def joint_state(t: int, value: float) -> bytes:
     body = struct.pack("<II", t // 10**9, t % 10**9) + struct.pack("<I5s3x", 5, b"base\0")
-    body += struct.pack("<I", 2) + struct.pack("<I3sx", 3, b"a1\0") + struct.pack("<I3sx", 3, b"a2\0")
+    body += (
+        struct.pack("<I", 2) + struct.pack("<I3sx", 3, b"a1\0") + struct.pack("<I3sx", 3, b"a2\0")
+    )
     body += struct.pack("<I", 2) + bytes(-(len(body) + 4) % 8) + struct.pack("<2d", value, value)
     body += struct.pack("<I4x2d", 2, value, -value) + struct.pack("<I", 0)
     return b"\0\1\0\0" + body
@@ -145,7 +147,7 @@ def by_mcap(path: Path, case: str, messages: int) -> float:
 
 def by_rerun(path: Path, messages: int) -> float:
     """Seconds per message of Rerun's own importer to Arrow batches."""
-    from rerun.experimental import McapReader
+    from rerun.chunk import McapReader
 
     begin = time.perf_counter()
     for chunk in McapReader(str(path)).stream():

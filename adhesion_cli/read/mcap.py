@@ -232,7 +232,7 @@ class McapSource:
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
-                    f"not offered as single series: {', '.join(left_out[:3])}",
+                    f"not offered as single series: {', '.join(p[:80] for p in left_out[:3])}",
                     s.topic, len(left_out),
                 )  # fmt: skip
             if (of := stamp(s.tree)) is not None:
@@ -381,7 +381,8 @@ class _Taker:
         log = records.log_time[mine]
         decoder = self.series.decoder
         assert decoder is not None
-        values, faults = decoder.columns(records.data, begin, records.end[mine], self._wanted)
+        with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
+            values, faults = decoder.columns(records.data, begin, records.end[mine], self._wanted)
         here = slice(self.rows, self.rows + n)
         self.rows += n
         k = len(self.paths)
