@@ -224,6 +224,7 @@ def test_bad_and_missing_cells_are_counted_apart_and_located(log):
     )
     assert (bad.count, bad.channel, bad.severity) == (5, "p", "warning")
     assert "line 3: 'abc'" in bad.message
+    assert bad.first_s == 1.0
     assert (missing.count, missing.severity) == (4, "info")
     assert "line 4: ''" in missing.message
 
@@ -364,6 +365,18 @@ def test_long_layout_one_device_after_the_other(log):
     head, *body = LONG.splitlines(keepends=True)
     _, columns = read(log, head + "".join(body[0::2] + body[1::2]))
     assert columns["p", "2"].value.tolist() == [20, 21, 22]
+
+
+def test_row_number_called_id_is_no_device(log):
+    _, columns = read(log, "id,t [s],p\n" + "".join(f"{k},{k / 8},1\n" for k in range(20_000)))
+    assert list(columns) == ["id", "p"]
+    assert len(columns["p"].t) == 20_000
+
+
+def test_group_of_very_many_values_is_refused(log):
+    log.write_text("t [s],x,p\n" + "".join(f"{k},{k},1\n" for k in range(5000)))
+    with pytest.raises(UserError, match="too many to be devices"):
+        open_csv(log, ReadOptions(group_channel="x"))
 
 
 def test_group_keeps_only_the_rows_asked_for(log):

@@ -23,7 +23,7 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model import Bools, Column, Finding, Floats, Times
+from ..model import Bools, Column, Finding, Floats, Severity, Times
 from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
 from .lines import Block, Lines, read_head, read_tail
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
@@ -31,7 +31,7 @@ from .source import Field, ReadOptions
 from .words import is_group_name
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
-_MAX_MET = 10_000
+_MAX_MET = 1_000  # values of a group column, beyond which no more are collected
 _HALF_DAY = 43_200 * 1_000_000_000
 _MAX_GROUPS = 64
 _SKIPPED = {
@@ -41,6 +41,12 @@ _SKIPPED = {
     "time unreadable": "have a time stamp that cannot be read",
     "group missing": "do not say which device or axle they belong to",
     "cut off": "are cut off where the compressed data end",
+}
+
+
+_CELLS: dict[int, tuple[str, Severity, str]] = {
+    1: ("csv-missing-cells", "info", "are empty or say there is no value"),
+    2: ("csv-bad-cells", "warning", "hold no number"),
 }
 
 
@@ -143,7 +149,7 @@ class CsvSource:
         self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
         self.rows = scan.lines["used"] + scan.lines["other group"]
         self._report_rows(scan)
-        self._report_cells(scan)
+        self._report_cells(scan, int(t.min()))
         of_day = self._clock.pattern and not self.absolute
         if of_day and (back := int((np.diff(t) < -_HALF_DAY).sum())):
             self._report(
@@ -198,6 +204,8 @@ class CsvSource:
         else:
             candidates = [column_index(self._dialect, stated, self.path)]
         for i in candidates:
+            if stated is None and len(set(self._dialect.column(i))) > _MAX_GROUPS:
+                continue  # a row number, not a device
             scan = self._scan([], i, None)
             t, codes, _ = scan.read()
             groups = scan.met
@@ -250,31 +258,31 @@ class CsvSource:
                 "incomplete", "", 1,
             )  # fmt: skip
 
-    def _report_cells(self, scan: "_Scan") -> None:
+    def _report_cells(self, scan: "_Scan", start: int) -> None:
         for i in scan.indices:
             name = self._dialect.names[i]
-            for state, code, severity, text in (
-                (1, "csv-missing-cells", "info", "are empty or say there is no value"),
-                (2, "csv-bad-cells", "warning", "hold no number"),
-            ):
+            for state, (code, severity, text) in _CELLS.items():
                 if n := scan.cells[i, state]:
-                    line, shown = scan.first_cell[i, state]
-                    self._report(
-                        code,
-                        severity,
-                        f"{n} cells {text} (first in line {line}: {_shown(shown)})",
-                        name,
-                        n,
-                    )
+                    line, shown, at = scan.first_cell[i, state]
+                    message = f"{n} cells {text} (first in line {line}: {_shown(shown)})"
+                    self._report(code, severity, message, name, n, (at - start) / 1e9)
 
-    def _report(self, code: str, severity: Any, message: str, channel: str, count: int) -> None:
+    def _report(
+        self,
+        code: str,
+        severity: Severity,
+        message: str,
+        channel: str,
+        count: int,
+        first_s: float | None = None,
+    ) -> None:
         """Adds a finding, in place of an earlier one of the same code and channel."""
         if self._options.strict and severity != "info" and code != "interleaved":
             raise UserError(
                 f"{self.path}: {channel + ': ' if channel else ''}{message}",
                 "mend the log, or read it without --strict",
             )
-        found = Finding(code, severity, message, channel, count)
+        found = Finding(code, severity, message, channel, count, first_s)
         for k, old in enumerate(self.findings):
             if (old.code, old.channel) == (code, channel):
                 self.findings[k] = found
@@ -329,7 +337,7 @@ class _Scan:
     lines: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, str]] = field(default_factory=dict)
     cells: Counter[tuple[int, int]] = field(default_factory=Counter)
-    first_cell: dict[tuple[int, int], tuple[int, str]] = field(default_factory=dict)
+    first_cell: dict[tuple[int, int], tuple[int, str, int]] = field(default_factory=dict)
     met: list[str] = field(default_factory=list)
     damage: str = ""
     open_end: bool = False
@@ -500,16 +508,14 @@ class _Scan:
         array = pc.cast(part.arrays[self.group], pa.string())
         encoded = pc.utf8_trim_whitespace(pc.fill_null(array, "")).dictionary_encode()
         texts = encoded.dictionary.to_pylist()
-        if self.groups is None:
-            self.met += [v for v in texts if not is_null(v) and v not in self.met]
-            if len(self.met) > _MAX_MET:
-                raise UserError(
-                    f"{self.path}: group column {self.dialect.names[self.group]!r} has more than "
-                    f"{_MAX_MET} values",
-                    "name a column of few values as the group",
-                )
+        at = {v: k for k, v in enumerate(self.met)}
+        if self.groups is None and len(at) <= _MAX_MET:
+            for v in texts:
+                if not is_null(v):
+                    at.setdefault(v, len(at))
+            self.met = list(at)
         index = np.asarray(encoded.indices)
-        codes = np.array([self.met.index(v) if v in self.met else -1 for v in texts], np.int64)
+        codes = np.array([at.get(v, -1) for v in texts], np.int64)
         said = np.array([not is_null(v) for v in texts], bool)
         self._drop(part, keep & ~said[index], "group missing")
         other = keep & said[index] & (codes[index] < 0)
@@ -531,9 +537,11 @@ class _Scan:
             if n := int(which.sum()):
                 self.cells[i, k] += n
                 if (i, k) not in self.first_cell:
-                    line, text = part.line(int(which.argmax()))
+                    row = int(which.argmax())
+                    line, text = part.line(row)
                     cells = split(text, part.block.delimiter)
-                    self.first_cell[i, k] = line, cells[i] if i < len(cells) else ""
+                    shown = cells[i] if i < len(cells) else ""
+                    self.first_cell[i, k] = line, shown, int(part.t[row])
 
 
 class _Grown:
