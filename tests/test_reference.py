@@ -1,0 +1,457 @@
+"""The reference against known truth: simulated brakes, real sensors' faults, exact solutions."""
+
+import math
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from adhesion_cli import physics, reference, scenario, simulate, smoother
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import AxleRecord, Bools, Floats, Parameter, Vehicle
+
+VEHICLE = Vehicle()
+
+
+@cache
+def simulation(name: str) -> simulate.Simulation:
+    return simulate.run(scenario.load(name))
+
+
+def logged(
+    name: str, rate: float, *, axle: int = 1, seed: int = 1, noise: float = 1e-5, kmh: float = 0.0,
+    teeth: int = 0, pressure_noise: float = 0.0, pressure_step: float = 0.0,
+    pressure_rate: float = 0.0, jitter: float = 0.0, vehicle: Vehicle = VEHICLE,
+) -> tuple[AxleRecord, Bools]:  # fmt: skip
+    """One axle of a simulation as sensors see it, and where it slides.
+
+    The record's truth is φK + ω̇/a of the noiseless signals and the given vehicle: what a
+    reference can know.
+    """
+    true = simulation(name)
+    random = np.random.default_rng(seed)
+    dense, j = true.t * 1e-9, axle - 1
+    R = vehicle.radius(axle).value
+    t = np.arange(0.0, dense[-1], 1.0 / rate)
+    t[1:-1] += random.uniform(-jitter, jitter, len(t) - 2) / rate
+    speed = np.interp(t, dense, true.wheel_speed[:, j])
+    step = 0.0
+    if teeth:
+        turned = np.cumsum(true.wheel_speed[:, j]) * dense[1]
+        pulses = np.floor(np.interp(t, dense, turned) * teeth / (2.0 * math.pi))
+        y = np.diff(pulses, prepend=np.nan) * 2.0 * math.pi / teeth * rate
+        y[0] = y[1]
+        step = 2.0 * math.pi / teeth * rate
+    else:
+        y = speed + random.normal(0.0, math.sqrt(noise), len(t)) * (speed > 0.0)
+    if kmh:
+        step = kmh / 3.6 / R
+        y = np.round(y / step) * step
+    own = t if not pressure_rate else np.arange(0.0, dense[-1], 1.0 / pressure_rate)
+    p = np.interp(own, dense, true.pressure[:, j]) + random.normal(0, 1, len(own)) * pressure_noise
+    if pressure_step:
+        p = np.round(p / pressure_step) * pressure_step
+    K = physics.clamping_force(p, vehicle)
+    last = np.searchsorted(own, t + 1e-9) - 1
+    phi = physics.wheelset(vehicle, axle).phi
+    I = vehicle.wheelset_inertia.value  # noqa: E741
+    acceleration = (true.adhesion_force - true.friction_force)[:, j] * physics.wheelset(
+        true.scenario.vehicle, axle
+    ).a
+    F = phi * physics.clamping_force(true.pressure[:, j], vehicle) + I / R * acceleration
+    record = AxleRecord(
+        axle, np.round(t * 1e9).astype(np.int64), K[last], np.interp(t, own, K), y,
+        (slice(0, len(t)),), step, pressure=p[last], truth=np.interp(t, dense, F),
+        clamping_force_step=pressure_step * 0.0256,
+    )  # fmt: skip
+    v = np.interp(t, dense, true.train_speed)
+    return record, np.abs(v - speed * true.scenario.vehicle.radius(axle).value) > 0.012 * v
+
+
+def rms(x: Floats) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def best_butterworth(record: AxleRecord, used: Bools) -> float:
+    """RMSE of the best zero-phase Butterworth there is, chosen knowing the truth.
+
+    It may filter ω̇ alone and leave φK as it is, or F as a whole.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    assert record.truth is not None
+    w = physics.wheelset(VEHICLE, record.axle)
+    t = record.t * 1e-9
+    even = np.linspace(t[0], t[-1], len(t))
+    rate = (len(t) - 1) / (t[-1] - t[0])
+    speed, pressed = (
+        np.interp(even, t, x) for x in (record.wheel_speed, w.phi * record.clamping_force_smooth)
+    )
+    best = math.inf
+    for cutoff in np.geomspace(0.05, 0.45 * rate, 30):
+        pad = min(len(t) - 1, int(3.0 * rate / cutoff))
+        for order in (1, 2, 4):
+            sos = butter(order, cutoff, fs=rate, output="sos")
+            slow = np.gradient(sosfiltfilt(sos, speed, padlen=pad), 1.0 / rate)
+            whole = pressed + np.gradient(speed, 1.0 / rate) / w.a
+            for F in (pressed + slow / w.a, sosfiltfilt(sos, whole, padlen=pad)):
+                best = min(best, rms((np.interp(t, even, F) - record.truth)[used]))
+    return best
+
+
+ROLLING = {
+    "1 Hz": {"rate": 1.0},
+    "10 Hz": {"rate": 10.0},
+    "50 Hz": {"rate": 50.0},
+    "100 Hz": {"rate": 100.0},
+    "200 Hz": {"rate": 200.0},
+    "irregular": {"rate": 100.0, "jitter": 0.4},
+    "0.1 km/h steps": {"rate": 50.0, "kmh": 0.1},
+    "pulse counter": {"rate": 20.0, "teeth": 200},
+    "noisy pressure": {"rate": 100.0, "pressure_noise": 1000.0, "pressure_step": 1000.0},
+    "coarse pressure": {"rate": 100.0, "pressure_noise": 300.0, "pressure_step": 5000.0},
+    "slow pressure": {"rate": 100.0, "pressure_noise": 500.0, "pressure_rate": 10.0},
+}
+
+
+@pytest.mark.parametrize("case", ROLLING)
+def test_service_brake_is_better_than_the_best_filter(case: str) -> None:
+    record, _ = logged("service-brake", **ROLLING[case])
+    F = reference.compute(record, VEHICLE)
+    assert rms(F.force - record.truth) < 0.9 * best_butterworth(record, np.isfinite(F.force))
+
+
+SLIDING = {
+    "20 Hz": {"rate": 20.0, "pressure_noise": 500.0},
+    "100 Hz": {"rate": 100.0, "pressure_noise": 500.0},
+    "200 Hz": {"rate": 200.0},
+    "0.1 km/h steps": {"rate": 50.0, "kmh": 0.1, "pressure_noise": 1000.0},
+    "slow pressure": {
+        "rate": 50.0, "pressure_rate": 25.0, "pressure_noise": 1000.0, "pressure_step": 1000.0,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SLIDING)
+@pytest.mark.parametrize("name", ["low-adhesion", "leaf-film"])
+def test_slides_are_as_good_as_the_best_filter(case: str, name: str) -> None:
+    record, _ = logged(name, **SLIDING[case])
+    F = reference.compute(record, VEHICLE)
+    used = np.isfinite(F.force)
+    assert rms((F.force - record.truth)[used]) < 1.1 * best_butterworth(record, used)
+
+
+@pytest.mark.parametrize("kmh", [0.0, 0.1])
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "leaf-film", "four-axles"])
+def test_sigma_is_right_while_rolling_and_while_sliding(name: str, kmh: float) -> None:
+    """Share of errors within 1.96 sigma near 95 %, in each on its own, and sigma no mere bound."""
+    inside, outside = [], []
+    for seed in (1, 2, 3):
+        record, slides = logged(name, 50.0, seed=seed, kmh=kmh, pressure_noise=1000.0)
+        F = reference.compute(record, VEHICLE)
+        error = np.abs(F.force - record.truth)
+        for slide, found in ((False, inside), (True, outside)):
+            used = np.isfinite(error) & (slides == slide)
+            if used.sum() > 20:
+                found += [(np.mean(error[used] < 1.96 * F.sigma[used]), *np.median(
+                    [error[used], F.sigma[used]], axis=1))]  # fmt: skip
+    for found in (inside, outside):
+        if found:
+            share, error, sigma = np.mean(found, axis=0)
+            assert share >= 0.85
+            assert sigma < 12.0 * max(error, 0.5)
+    assert bool(outside) == (name in ("low-adhesion", "leaf-film"))
+
+
+def test_wrong_mass_and_friction_change_the_model_not_the_noise() -> None:
+    other = replace(VEHICLE, friction=Parameter(0.36, 0.03), axle_mass=Parameter(6500.0, 1.0))
+    record, _ = logged("service-brake", 100.0, vehicle=other, pressure_noise=500.0)
+    F = reference.compute(record, other)
+    error = F.force - record.truth
+    assert rms(error) < 4.0
+    assert np.mean(np.abs(error) < 1.96 * F.sigma) > 0.85
+
+
+def test_a_step_of_clamping_force_is_not_blurred() -> None:
+    t = np.arange(0.0, 8.0, 0.01)
+    K = np.where(t >= 3.0, 21000.0, 0.0)
+    w = physics.wheelset(VEHICLE, 1)
+    truth = w.rolling * w.phi * K
+    rate = w.a * (truth - w.phi * K)
+    y = 50.0 + np.concatenate([[0.0], np.cumsum(rate[1:] * 0.01)])
+    random = np.random.default_rng(1)
+    y += random.normal(0.0, 3e-3, len(t))
+    K = np.where(K > 0.0, K + random.normal(0.0, 25.0, len(t)), 0.0)
+    record = AxleRecord(1, (t * 1e9).astype(np.int64), K, K, y, (slice(0, len(t)),))
+    error = np.abs(reference.compute(record, VEHICLE).force - truth)
+    assert np.max(error[np.abs(t - 2.995) > 0.011]) < 25.0
+
+
+@pytest.mark.parametrize("method", reference.METHODS)
+def test_every_method_says_what_it_is_and_is_deterministic(method: str) -> None:
+    record, _ = logged("service-brake", 50.0, pressure_noise=500.0)
+    first, second = (reference.compute(record, VEHICLE, method) for _ in range(2))
+    assert first.method == method
+    assert first.source
+    for name in ("force", "sigma", "lower", "upper"):
+        assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+        assert np.isfinite(getattr(first, name)).all()
+    assert np.all(first.sigma > 0.0)
+    assert np.all(first.lower < first.force)
+    assert rms(first.force - record.truth) < 20.0
+
+
+@pytest.mark.parametrize("method", reference.METHODS)
+def test_butterworth_and_smoother_agree_on_clock_and_epoch(method: str) -> None:
+    record, _ = logged("service-brake", 20.0, jitter=0.3)
+    later = replace(record, t=record.t + 1_700_000_000_000_000_000)
+    assert np.array_equal(
+        reference.compute(record, VEHICLE, method).force,
+        reference.compute(later, VEHICLE, method).force,
+    )
+
+
+def test_butterworth_sigma_is_what_noise_it_lets_through() -> None:
+    random = np.random.default_rng(3)
+    t = (np.arange(2000) * 10_000_000).astype(np.int64)
+    K = np.zeros(2000)
+    y = 60.0 + random.normal(0.0, 3e-3, 2000)
+    F = reference.compute(AxleRecord(1, t, K, K, y, (slice(0, 2000),)), VEHICLE, "butterworth")
+    assert np.std(F.force[100:-100]) == pytest.approx(float(np.median(F.sigma)), rel=0.25)
+
+
+def test_segments_stand_alone() -> None:
+    """Another segment changes the fitted noise a little, and nothing else."""
+    record, _ = logged("service-brake", 50.0, pressure_noise=500.0)
+    n = len(record)
+    both = replace(record, segments=(slice(0, 500), slice(500, n)))
+    moved = replace(both, wheel_speed=record.wheel_speed + np.where(np.arange(n) >= 500, 20.0, 0.0))
+    a, b = (reference.compute(r, VEHICLE) for r in (both, moved))
+    assert np.allclose(a.force, b.force, atol=0.5)
+    assert rms(b.force - record.truth) < 4.0
+
+
+@pytest.mark.parametrize("method", reference.METHODS)
+def test_no_reference_in_a_short_segment_or_at_standstill(method: str) -> None:
+    record, _ = logged("service-brake", 50.0, pressure_noise=500.0)
+    n = len(record)
+    y = np.where(np.arange(n) < 100, 0.0, record.wheel_speed)
+    parted = replace(
+        record, wheel_speed=y, segments=(slice(0, 700), slice(700, 702), slice(702, n))
+    )
+    F = reference.compute(parted, VEHICLE, method)
+    missing = np.isnan(F.force)
+    assert missing.nonzero()[0].tolist() == [*range(100), 700, 701]
+    for column in (F.sigma, F.lower, F.upper):
+        assert np.array_equal(np.isnan(column), missing)
+    assert np.array_equal(physics.standing(parted), np.arange(n) < 100)
+
+
+def test_a_pass_through_zero_is_no_standstill() -> None:
+    t = np.arange(0, 4_000_000_000, 10_000_000)
+    y = 2.0 - t * 1e-9
+    record = AxleRecord(1, t, 0.0 * t, 0.0 * t, np.abs(y), (slice(0, len(t)),))
+    assert not physics.standing(replace(record, wheel_speed=np.abs(5.0 * y))).any()
+    assert physics.standing(record).sum() == pytest.approx(41, abs=1)
+
+
+@pytest.mark.parametrize("rate", [1.0, 30.0, 1000.0, 10_000.0])
+@pytest.mark.parametrize("K", [0.0, 15000.0])
+def test_constant_signals_without_noise_give_finite_numbers(rate: float, K: float) -> None:
+    t = (np.arange(400) / rate * 1e9).astype(np.int64)
+    record = AxleRecord(1, t, *np.full((2, 400), K), np.full(400, 50.0), (slice(0, 400),))
+    F = reference.compute(record, VEHICLE)
+    assert np.allclose(F.force, 0.3 * K, atol=1.0)
+    assert np.isfinite(F.sigma).all()
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 9])
+def test_the_shortest_segments_give_finite_numbers(n: int) -> None:
+    t = (np.arange(n) * 10_000_000).astype(np.int64)
+    K = np.linspace(0.0, 5000.0, n)
+    record = AxleRecord(1, t, K, K, 50.0 - 0.01 * np.arange(n), (slice(0, n),))
+    F = reference.compute(record, VEHICLE)
+    assert np.isfinite([F.force, F.sigma, F.lower, F.upper]).all()
+
+
+def test_unknown_method() -> None:
+    record, _ = logged("service-brake", 10.0)
+    with pytest.raises(UserError, match="smother") as caught:
+        reference.compute(record, VEHICLE, "smother")
+    assert "smoother" in caught.value.hint
+    assert caught.value.code == 2
+
+
+# --- band ---------------------------------------------------------------------------------------
+
+
+def exact(**tolerance: float) -> Vehicle:
+    """The vehicle with these tolerances and no others."""
+    values = {
+        f.name: Parameter(getattr(VEHICLE, f.name).value, tolerance.get(f.name, 0.0))
+        for f in fields(Vehicle)
+        if f.name != "wheel_radius"
+    }
+    R = Parameter(VEHICLE.wheel_radius[0].value, tolerance.get("wheel_radius", 0.0))
+    return Vehicle(wheel_radius=(R,), **values)
+
+
+def test_without_tolerances_the_band_is_noise() -> None:
+    record, _ = logged("service-brake", 20.0, pressure_noise=500.0)
+    F = reference.compute(record, exact())
+    assert np.allclose(F.upper - F.force, 1.96 * F.sigma)
+    assert np.allclose(F.force - F.lower, 1.96 * F.sigma)
+
+
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [
+        ("friction", 0.1), ("efficiency", 0.03), ("discs", 0.02), ("lever_ratio", 0.05),
+        ("radius_ratio", 0.05), ("spring_force", 0.1), ("cylinder_diameter", 0.01),
+        ("wheelset_inertia", 0.05), ("wheel_radius", 0.02),
+    ],
+)  # fmt: skip
+def test_each_tolerance_moves_the_band_as_it_moves_the_force(name: str, share: float) -> None:
+    """The band's width against F with the parameter shifted by a tenth of its tolerance."""
+    record, _ = logged("low-adhesion", 20.0, noise=1e-12)
+    assert record.pressure is not None
+    F = reference.compute(record, VEHICLE)
+    value = (VEHICLE.wheel_radius[0] if name == "wheel_radius" else getattr(VEHICLE, name)).value
+    tolerance = share * value
+    band = reference.compute(record, exact(**{name: tolerance}))
+    half = np.sqrt(((band.upper - band.lower) / 2.0) ** 2 - (1.96 * band.sigma) ** 2)
+    shifted = Parameter(value + 0.1 * tolerance, 0.0)
+    other = replace(VEHICLE, **{name: (shifted,) if name == "wheel_radius" else shifted})
+    w, was = physics.wheelset(other, 1), physics.wheelset(VEHICLE, 1)
+    K, K_was = (physics.clamping_force(record.pressure, v) for v in (other, VEHICLE))
+    acceleration = was.a * (F.force - was.phi * K_was)
+    moved = np.abs(w.phi * K + acceleration / w.a - F.force)
+    used = np.isfinite(F.force) & ((K_was == 0.0) == (K == 0.0))
+    assert half[used] / 1.96 == pytest.approx(10.0 * moved[used], rel=0.05, abs=3.0)
+
+
+def test_the_cylinder_does_not_matter_where_the_log_has_the_clamping_force() -> None:
+    record, _ = logged("service-brake", 20.0)
+    given_K = replace(record, pressure=None)
+    cylinder = exact(cylinder_diameter=0.01, spring_force=500.0, efficiency=0.1, discs=0.1)
+    F = reference.compute(given_K, cylinder)
+    assert np.allclose(F.upper - F.force, 1.96 * F.sigma)
+    F = reference.compute(given_K, exact(friction=0.03))
+    assert np.max(F.upper - F.force) == pytest.approx(
+        1.96 * 0.03 * np.max(record.clamping_force), rel=0.02
+    )
+
+
+# --- smoother -----------------------------------------------------------------------------------
+
+
+def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.Run, Floats]:
+    """A level whose rate is u plus a random walk, on irregular steps; and its true rate."""
+    random = np.random.default_rng(seed)
+    t = np.cumsum(random.uniform(0.2, 1.8, n)) * 0.05
+    u, s = np.sin(t), np.zeros(n)
+    h = np.diff(t)
+    delta = np.concatenate([[0.3], 0.3 + np.cumsum(random.normal(0.0, np.sqrt(q * h)))])
+    step = h * (u[1:] + u[:-1] + delta[1:] + delta[:-1]) / 2.0
+    step += random.normal(0.0, np.sqrt(q * h**3 / 12.0))
+    level = np.concatenate([[5.0], 5.0 + np.cumsum(step)])
+    return smoother.Run(t, level + random.normal(0.0, math.sqrt(r), n), u, s, s), u + delta
+
+
+ONE = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), 10.0)
+
+
+def test_one_regime_is_the_exact_gaussian_posterior() -> None:
+    """Against dense linear algebra: all samples at once, no recursion."""
+    n, r, q = 40, 0.01, 0.5
+    run, _ = random_run(1, n, r, q)
+    cov = np.zeros((2 * n, 2 * n))  # level and δ, sample by sample
+    mean = np.zeros(2 * n)
+    cov[0, 0], cov[1, 1] = r, ONE.spread**2
+    mean[0] = run.y[0]
+    for k in range(1, n):
+        h = run.t[k] - run.t[k - 1]
+        A = np.array([[1.0, h], [0.0, 1.0]])
+        now, old = slice(2 * k, 2 * k + 2), slice(2 * k - 2, 2 * k)
+        mean[now] = A @ mean[old] + [h * (run.u[k] + run.u[k - 1]) / 2.0, 0.0]
+        cov[now, : 2 * k] = A @ cov[old, : 2 * k]
+        cov[: 2 * k, now] = cov[now, : 2 * k].T
+        Q = q * np.array([[h**3 / 3.0, h**2 / 2.0], [h**2 / 2.0, h]])
+        cov[now, now] = A @ cov[old, old] @ A.T + Q
+    C = cov[2::2]  # the first sample is in the prior already
+    gain = C.T @ np.linalg.inv(C[:, 2::2] + r * np.eye(n - 1))
+    mean = mean + gain @ (run.y[1:] - mean[2::2])
+    sigma = np.sqrt(np.diag(cov - gain @ C))
+    found = smoother.smooth(run, ONE, smoother.Noise(r, 0.0, np.array([q])))
+    assert found.level == pytest.approx(mean[::2], abs=1e-8)
+    assert found.rate == pytest.approx(run.u + mean[1::2], abs=1e-8)
+    assert found.level_sigma == pytest.approx(sigma[::2], rel=1e-5)
+    assert found.rate_sigma == pytest.approx(sigma[1::2], rel=1e-5)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 1000), st.integers(2, 4))
+def test_regimes_that_do_not_differ_are_one(seed: int, M: int) -> None:
+    run, _ = random_run(seed, 60, 0.01, 0.5)
+    leave = np.random.default_rng(seed).uniform(0.1, 5.0, (M, M))
+    np.fill_diagonal(leave, 0.0)
+    many = smoother.Regimes(np.zeros(M), leave, np.full(M, 1.0 / M), 10.0)
+    one = smoother.smooth(run, ONE, smoother.Noise(0.01, 0.0, np.array([0.5])))
+    same = smoother.smooth(run, many, smoother.Noise(0.01, 0.0, np.full(M, 0.5)))
+    for a, b in zip(one, same, strict=True):
+        assert a == pytest.approx(b, rel=0.02, abs=1e-7)  # sigma: bisected to 1 %
+    assert one.rate == pytest.approx(same.rate, abs=1e-8)
+
+
+def test_the_fit_finds_the_noise_levels() -> None:
+    runs = [random_run(seed, 1500, 0.004, 0.2)[0] for seed in (1, 2)]
+    guess = smoother.Noise(1.0, 1e-3, np.array([10.0]))
+    noise, _ = smoother.fit(runs, ONE, 1e-6, guess, [2.0, 0.0, 2.0])
+    assert noise.measurement == pytest.approx(0.004, rel=0.1)
+    assert noise.rough[0] == pytest.approx(0.2, rel=0.25)
+
+
+def test_the_fit_never_goes_below_the_quantisation() -> None:
+    run, _ = random_run(1, 300, 1e-8, 0.2)
+    guess = smoother.Noise(1e-8, 1e-3, np.array([0.1]))
+    noise, _ = smoother.fit([run], ONE, 0.003, guess, [2.0, 0.0, 2.0])
+    assert noise.measurement >= 0.003
+
+
+def test_sigma_tells_calm_from_rough() -> None:
+    """δ is rough for a while: errors are larger there, and sigma knows where."""
+    random = np.random.default_rng(4)
+    n, h, r = 3000, 0.01, 1e-4
+    t = np.arange(n) * h
+    rough = (t > 10.0) & (t < 15.0)
+    delta = np.cumsum(random.normal(0.0, 1.0, n) * np.sqrt(np.where(rough, 20.0, 1e-4) * h))
+    level = np.concatenate([[0.0], np.cumsum(h * (delta[1:] + delta[:-1]) / 2.0)])
+    zero = np.zeros(n)
+    run = smoother.Run(t, level + random.normal(0.0, math.sqrt(r), n), zero, zero, zero)
+    leave = np.array([[0.0, 0.1], [0.1, 0.0]])
+    two = smoother.Regimes(np.zeros(2), leave, np.array([0.5, 0.5]), 10.0)
+    guess = smoother.Noise(1e-3, 0.0, np.array([1e-3, 1.0]))
+    noise, _ = smoother.fit([run], two, 1e-9, guess, [2.0, 0.0, 2.0, 2.0])
+    found = smoother.smooth(run, two, noise)
+    inside = np.abs(found.rate - delta) < 1.96 * found.rate_sigma
+    assert np.mean(inside[rough]) == pytest.approx(0.95, abs=0.05)
+    assert np.mean(inside[~rough]) >= 0.85
+    assert np.median(found.rate_sigma[rough]) > 5.0 * np.median(found.rate_sigma[~rough])
+
+
+def test_compiled_and_plain_loops_agree() -> None:
+    run, _ = random_run(5, 30, 0.01, 0.5)
+    leave = np.array([[0.0, 0.3], [1.0, 0.0]])
+    two = smoother.Regimes(np.array([0.0, 1.0]), leave, np.array([0.5, 0.5]), 10.0)
+    run = run._replace(s=np.cos(run.t), lost=np.full(30, 1e-5))
+    noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
+    plain_kept, plain = np.empty((30, 2, 6)), np.empty((30, 4))
+    arguments = smoother._arguments(run, two, noise)
+    smoother._filter(*arguments, run.y, 0.01, two.start, 100.0, plain_kept)
+    smoother._backward(*arguments, plain_kept, plain)
+    found = smoother.smooth(run, two, noise)
+    assert found.level == pytest.approx(plain[:, 0], rel=1e-12)
+    assert found.rate - run.u == pytest.approx(plain[:, 2], rel=1e-9)
