@@ -373,21 +373,22 @@ class _Taker:
         """Adds the messages of the block at an offset of the file."""
         ids = self._ids
         mine = records.channel == ids[0] if len(ids) == 1 else np.isin(records.channel, ids)
-        begin = records.start[mine] + HEADER.size + MESSAGE
-        n = len(begin)
+        records = records.some(mine)
+        n = len(records.start)
         if not n or self.rows + n > self.series.rows:
             self.rows += n  # of too many rows the caller tells
             return
-        log = records.log_time[mine]
+        log = records.log_time
         decoder = self.series.decoder
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-            values, faults = decoder.columns(records.data, begin, records.end[mine], self._wanted)
+            begin = records.start + HEADER.size + MESSAGE
+            values, faults = decoder.columns(records.data, begin, records.end, self._wanted)
         here = slice(self.rows, self.rows + n)
         self.rows += n
         k = len(self.paths)
         self._values[:, here] = values[:k]
-        t = records.publish_time[mine] if self._source == "publish" else log
+        t = records.publish_time if self._source == "publish" else log
         if self._stamped:
             seconds, nanos = values[k], values[k + 1]
             known = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits

@@ -11,7 +11,7 @@ import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,7 +22,7 @@ from mcap.records import Schema as Schema  # for those who ask a Walk
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model import Times
+from ..model import Bools, Times
 from .source import ReadOptions
 from .tree import PADDING, Bytes, Offsets
 
@@ -151,6 +151,10 @@ class Records:
         view = np.ndarray((len(self.data) - size + 1,), dtype, self.data, 0, (1,))
         found: NDArray[Any] = view[self.start + offset]
         return found
+
+    def some(self, mine: Bools) -> "Records":
+        """Some of the messages."""
+        return replace(self, start=self.start[mine], channel=self.channel[mine])
 
     @property
     def end(self) -> Offsets:
@@ -493,24 +497,25 @@ class Walk:
         for channel in np.flatnonzero(counts).tolist():
             self.counts[channel] += int(counts[channel])
             if channel not in self.heads:
-                self._keep_heads(channel, records, log)
+                self._keep_heads(channel, records)
         if len(log):
             first, last = int(log.min()), int(log.max())
             self.times = min(self.times[0], first), max(self.times[1], last)
 
-    def _keep_heads(self, channel: int, records: Records, log: Times) -> None:
+    def _keep_heads(self, channel: int, records: Records) -> None:
         """Keeps the first messages of a channel, all out of its first block."""
         known = self._defined.get((Opcode.CHANNEL, channel))
         other = isinstance(known, Channel) and known.message_encoding != "json"
         most = _OTHER_HEADS if other else _JSON_HEADS
-        rows = np.flatnonzero(records.channel == channel)[:most]
+        mine = records.channel == channel
+        first = records.some(mine & (np.cumsum(mine) <= most))
         heads = []
-        for start, end in zip(records.start[rows], records.end[rows], strict=True):
+        for start, end in zip(first.start, first.end, strict=True):
             self._head_bytes += int(end - start)
             if self._head_bytes > _HEADS:
                 break
             heads.append(records.data[start + HEADER.size + MESSAGE : end].tobytes())
-        self.heads[channel] = int(log[rows[0]]), heads
+        self.heads[channel] = int(first.log_time[0]), heads
 
     def _define(
         self,
