@@ -9,7 +9,7 @@ import pytest
 from adhesion_cli.errors import UserError
 from adhesion_cli.read.csv import CsvSource, open_csv
 from adhesion_cli.read.source import ReadOptions
-from adhesion_cli.read.words import time_name
+from adhesion_cli.read.words import is_units_row, time_name
 
 S = 1_000_000_000
 EPOCH = 1_795_266_307 * S  # 2026-11-21 13:05:07 UTC
@@ -323,6 +323,22 @@ def test_units_row_gives_units_and_header_text_stays(log):
         ("BC pressure [kPa]", "bar", "units row"),
         ("v", "km/h", "units row"),
     ]
+
+
+def test_units_row_may_hold_a_unit_we_do_not_know(log):
+    text = "Zeit;Druck;v;Luft;Rate\nhh:mm:ss.fff;bar;km/h;Nl/min;Hz\n"
+    log.write_text(text + "13:05:07,0;1;2;3;4\n13:05:07,5;1;2;3;4\n")
+    fields = open_csv(log, ReadOptions()).fields
+    assert [(f.channel, f.unit) for f in fields] == [
+        ("Druck", "bar"), ("v", "km/h"), ("Luft", "Nl/min"), ("Rate", "Hz"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "row", [["t", "p", "v"], ["a", "x"], ["time", "bar", "pressure"], ["-", ""]]
+)
+def test_short_names_are_no_units_row(row):
+    assert not is_units_row(row)
 
 
 def test_header_rows_are_joined(log):

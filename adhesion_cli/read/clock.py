@@ -543,7 +543,8 @@ def _decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
     ok = np.asarray(array.is_valid()) & (high == low >> 63)
     t = np.where(ok, low, 0)
     if extra is not None:
-        value = extra.to_numpy(zero_copy_only=False) * 10.0**scale
+        with np.errstate(over="ignore"):
+            value = extra.to_numpy(zero_copy_only=False) * 10.0**scale
         use = np.abs(value) < 2.0**62
         t = np.where(use, np.rint(np.where(use, value, 0)).astype(np.int64), t)
         ok = ok | use

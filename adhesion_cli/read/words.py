@@ -117,8 +117,18 @@ def is_counter_name(header: str) -> bool:
 
 
 def is_units_row(cells: list[str]) -> bool:
-    """Whether every cell of a row is a unit, in brackets or known, and at least one is."""
+    """Whether the cells of a row are units: all of them, or most and the others short.
+
+    Letters that are names as well (t, v, p, a) count only where every cell is a unit.
+    """
     said = [unicodedata.normalize("NFKC", c).casefold().replace(" ", "") for c in cells if c]
-    return any(c not in ("-", "--") for c in said) and all(
-        c in _UNITS_ROW or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]", c) for c in said
-    )
+    known = [
+        c in _UNITS_ROW
+        or re.fullmatch(r"[\[({<][^\])}>]{0,16}[\])}>]|[hmsdyf.:/-]{4,}", c) is not None
+        for c in said
+    ]
+    if not any(c not in ("-", "--") for c in said):
+        return False
+    sure = sum(k and (len(c) > 1 or c in "s%°-") for k, c in zip(known, said, strict=True))
+    short = all(k or len(c) <= 10 for k, c in zip(known, said, strict=True))
+    return all(known) or (short and sure >= 2 / 3 * len(said))
