@@ -113,6 +113,20 @@ def test_existing_results_need_force(folder: Path) -> None:
     assert manifest_holds(folder)
 
 
+def test_manifest_left_alone_is_no_result(folder: Path) -> None:
+    write(pair(folder), "old")
+    for path in pair(folder):
+        path.unlink()
+    write(pair(folder), "new")
+    assert manifest_holds(folder)
+    for path in pair(folder):
+        path.unlink()
+    (folder / "a.adhesion.sha256").write_text("somebody's own")
+    with pytest.raises(UserError, match="sha256: exists"):
+        write(pair(folder), "newer")
+    assert names(folder) == {"a.adhesion.sha256"}
+
+
 def test_result_that_appeared_meanwhile_is_kept(folder: Path) -> None:
     def late() -> None:
         with files.outputs(pair(folder), False) as temporary:
@@ -297,6 +311,7 @@ def test_eight_runs_to_one_output(tmp_path: Path) -> None:
     for run in runs:
         run.communicate()
     assert codes == [0] + [1] * 7  # one wins, the others are told
+    assert manifest_holds(tmp_path)
     runs = [child(WRITE, tmp_path, text * 9, "force") for text in ["old", "new"] * 4]
     assert [run.wait(30) for run in runs] == [0] * 8
     for run in runs:

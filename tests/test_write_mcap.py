@@ -281,6 +281,13 @@ def test_hostile_findings(tmp_path: Path) -> None:
     assert message == "ch\\u202e: two\\nlines \\x1b]0;pwned\\x07"
 
 
+def test_findings_larger_than_a_chunk(tmp_path: Path) -> None:
+    findings = tuple(Finding("x", "info", "a" * 2 * mcap.CHUNK, "", 1, 0.0) for _ in range(3))
+    mcap.write_result(tmp_path / "a.mcap", replace(result(1, 5), findings=findings), "{}")
+    events = decoded(tmp_path / "a.mcap")["/events"]
+    assert sum(len(m.message) == 2 * mcap.CHUNK for _, m in events) == 3
+
+
 def test_comparison_keeps_logs_apart(tmp_path: Path) -> None:
     logs = [
         result(1, 20, name="a.csv"),

@@ -115,9 +115,11 @@ def outputs(
             for file in files:
                 os.fsync(file.descriptor)
             with _locked(folder):
+                if not force:
+                    _refuse_existing(paths)  # another run was faster
                 _remove_manifest(paths[0])
                 if not force:
-                    _refuse_existing(targets)  # another run was faster
+                    _refuse_existing(targets)  # somebody else's manifest
                 for path in targets[:0:-1]:
                     path.unlink(missing_ok=True)
                 for path, file in zip(targets, files, strict=True):

@@ -81,7 +81,7 @@ def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
-    shift = _shift(path, [result.log])
+    shift = _shift([result.log])
     _write(
         path,
         _result_streams(result, ""),
@@ -106,7 +106,7 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
-    shift = _shift(path, [r.log for r in results])
+    shift = _shift([r.log for r in results])
     streams: list[_Stream] = []
     settings: dict[str, str] = {}
     provenance: dict[str, str] = {}
@@ -144,7 +144,7 @@ def write_log(path: Path, log: Log) -> None:
         tail = scalar(unit=unit).SerializeToString()
         columns = {"value": (unit, values)}
         streams.append(_Stream(name, "Scalar", channel.data.t, columns, (tail,), unit=unit))
-    shift = _shift(path, [log])
+    shift = _shift([log])
     _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
 
 
@@ -160,19 +160,19 @@ def verify(path: Path) -> None:
         try:
             opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
         except struct.error:
-            raise _damaged(path, "it is too short") from None
+            raise _damaged("it is too short") from None
         if (opcode, magic) != (Opcode.FOOTER, MCAP0_MAGIC):
-            raise _damaged(path, "it has no end")
+            raise _damaged("it has no end")
         data_end = summary_start - 4  # the CRC of all before its record closes the data section
         if not 13 <= data_end <= size:
-            raise _damaged(path, "its footer points nowhere")
+            raise _damaged("its footer points nowhere")
         file.seek(0)
         crc = _crc(file, data_end - 9)
         file.seek(data_end)
         if struct.unpack("<I", file.read(4)) != (crc,):
-            raise _damaged(path, "CRC of the data")
+            raise _damaged("CRC of the data")
         if _crc(file, size - summary_start - 12) != summary_crc:
-            raise _damaged(path, "CRC of the summary")
+            raise _damaged("CRC of the summary")
 
 
 def _crc(file: BinaryIO, length: int) -> int:
@@ -183,9 +183,9 @@ def _crc(file: BinaryIO, length: int) -> int:
     return crc
 
 
-def _damaged(path: Path, what: str) -> UserError:
+def _damaged(what: str) -> UserError:
     return UserError(
-        f"{path.name}: does not read back as written ({what})", "check the disk, then run again"
+        f"the result does not read back as written ({what})", "check the disk, then run again"
     )
 
 
@@ -279,17 +279,20 @@ def _text(document: str | bytes) -> str:
     return document if isinstance(document, str) else document.decode()
 
 
-def _shift(path: Path, logs: Sequence[Log]) -> int:
+def _shift(logs: Sequence[Log]) -> int:
     """What to add to every time stamp [ns]: MCAP has no time before zero.
 
     A log without a calendar may start at −5 s; whole seconds are added, and provenance says so.
     """
-    first = min((int(c.data.t.min()) for g in logs for c in g.channels if len(c.data.t)), default=0)
-    if first < 0 and any(g.absolute for g in logs):
-        raise UserError(
-            f"{path.name}: the log has time stamps before 1970, which MCAP cannot hold",
-            "check the time channel and its unit",
-        )
+    first = 0
+    for log in logs:
+        begin = min((int(c.data.t.min()) for c in log.channels if len(c.data.t)), default=0)
+        if begin < 0 and log.absolute:
+            raise UserError(
+                f"{printable(log.path)}: has time stamps before 1970, which MCAP cannot hold",
+                "check the time channel and its unit",
+            )
+        first = min(first, begin)
     return max(0, -(first // _SECOND) * _SECOND)
 
 
@@ -323,7 +326,7 @@ def _write(
 ) -> None:
     if len(streams) > _MOST_CHANNELS:
         raise UserError(
-            f"{path.name}: {len(streams)} channels, MCAP holds {_MOST_CHANNELS}",
+            f"{len(streams)} channels to write, an MCAP file holds {_MOST_CHANNELS}",
             "choose channels in [channels] of the TOML",
         )
     messages = sorted({s.message for s in streams})
@@ -410,7 +413,9 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
         share = (middle - first) * (above - below) // (last - first)
         cuts[axis] = np.concatenate([[0], below + share, [len(clock)]])
     for k in range(pieces):
-        yield [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
+        parts = [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
+        if any(p.stop > p.start for p in parts):
+            yield parts
 
 
 def _write_chunk(

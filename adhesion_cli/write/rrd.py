@@ -87,7 +87,7 @@ def _write(path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str]
         rows = sum(page.send(rec) for page in pages)
         rec.flush()
     except RuntimeError as error:  # the binding's word for a file that cannot be written
-        raise OSError(f"{path.name}: {error}") from error
+        raise OSError(str(error)) from error
     finally:
         rec.disconnect()
     _verify(path, rows)
@@ -101,9 +101,9 @@ def _verify(path: Path, rows: int) -> None:
             chunks = RrdReader(path).stream().filter(is_static=False)
             found = sum(chunk.num_rows for chunk in chunks)
     except (RuntimeError, RerunWarning) as error:
-        raise OSError(f"{path.name}: does not read back as written ({error})") from error
+        raise OSError(f"the recording does not read back as written ({error})") from error
     if found != rows:
-        raise OSError(f"{path.name}: does not read back as written ({found} of {rows} rows)")
+        raise OSError(f"the recording does not read back as written ({found} of {rows} rows)")
 
 
 # ---- what is drawn
