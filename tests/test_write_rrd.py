@@ -1,5 +1,8 @@
 """Recordings read back with Rerun's own reader."""
 
+import socket
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -225,3 +228,39 @@ def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:
         path.write_bytes(content[:cut])
         with pytest.raises(OSError, match="read back"):
             rrd._verify(path, rows)
+
+
+@pytest.mark.slow
+def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real viewer, without a window, on a software renderer (mesa-vulkan-drivers)."""
+    drivers = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))
+    if not drivers:
+        pytest.skip("needs a software Vulkan driver")
+    monkeypatch.setenv("VK_ICD_FILENAMES", str(drivers[0]))
+    monkeypatch.setenv("WGPU_BACKEND", "vulkan")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    from rerun.experimental import ViewerClient
+
+    recording = tmp_path / "a.rrd"
+    rrd.write_result(recording, result(2, 2000), ALGORITHMS)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    executable = str(Path(sys.executable).with_name("rerun"))
+    with ViewerClient.spawn(
+        headless=True, port=port, hide_welcome_screen=True, executable_path=executable
+    ) as viewer:
+        viewer.open([str(recording)])
+        for _ in range(300):
+            state = viewer.get_state()
+            viewer.take_screenshot(max_size=200)  # draws a frame
+            if state.recordings and state.views and not state.loading:
+                break
+            time.sleep(0.2)
+        for _ in range(5):
+            viewer.take_screenshot(max_size=200)
+        state = viewer.get_state()
+    assert len(state.views) == 2 * 7 + 2
+    assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
+    (shown,) = state.recordings
+    assert {t.name for t in shown.timelines} == {"time", "clock"}
