@@ -1,0 +1,72 @@
+"""Accuracy of the reference against the best zero-phase Butterworth chosen knowing the truth.
+
+    python benchmarks/reference.py
+
+Simulated logs with known force: RMSE of the smoother over that of the best filter (cut-off and
+order searched with the truth at hand; φK left alone or filtered along), the share of errors within
+1.96 sigma while rolling and while sliding, and the time for one hour at 100 Hz. Several noise
+seeds; the worst ratio and share count.
+"""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from adhesion_cli import reference
+from adhesion_cli.model import AxleRecord
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from test_reference import ROLLING, SLIDING, VEHICLE, best_butterworth, logged, rms
+
+SEEDS = range(1, 6)
+
+
+def hour(name: str) -> AxleRecord:
+    """A record repeated to one hour at 100 Hz, each repetition a segment."""
+    one, _ = logged(name, 100.0, pressure_noise=1000.0)
+    n = len(one)
+    times = 360_000 // n
+    every = one.t[-1] + one.t[1]
+    columns = ("clamping_force", "clamping_force_smooth", "wheel_speed", "pressure", "truth")
+    return replace(
+        one,
+        t=np.concatenate([one.t + i * every for i in range(times)]),
+        segments=tuple(slice(i * n, (i + 1) * n) for i in range(times)),
+        **{name: np.tile(getattr(one, name), times) for name in columns},
+    )
+
+
+def main() -> None:
+    print(f"{'':32} {'RMSE':>7} {'best':>7} {'ratio':>6}   within 1.96 sigma: rolling, sliding")
+    for name in ("service-brake", "four-axles", "low-adhesion", "leaf-film"):
+        cases = SLIDING if name in ("low-adhesion", "leaf-film") else ROLLING
+        for case, settings in cases.items():
+            errors, best, inside = [], [], []
+            for seed in SEEDS:
+                record, slides = logged(name, seed=seed, **settings)
+                F = reference.compute(record, VEHICLE)
+                error = F.force - record.truth
+                used = np.isfinite(error)
+                errors.append(rms(error[used]))
+                best.append(best_butterworth(record, used))
+                good = np.abs(error) < 1.96 * F.sigma
+                inside.append([good[used & part].mean() if part.any() else np.nan
+                               for part in (~slides, slides)])  # fmt: skip
+            ratio = max(e / b for e, b in zip(errors, best, strict=True))
+            share = " ".join(f"{100.0 * x:6.0f} %" for x in np.min(inside, axis=0))
+            print(
+                f"{name + ', ' + case:32} {np.mean(errors):7.2f} {np.mean(best):7.2f} "
+                f"{ratio:6.2f} {share}"
+            )
+    record = hour("low-adhesion")
+    reference.compute(record, VEHICLE)
+    start = time.perf_counter()
+    reference.compute(record, VEHICLE)
+    print(f"one hour at 100 Hz: {time.perf_counter() - start:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
