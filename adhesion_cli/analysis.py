@@ -9,7 +9,16 @@ from . import compiled, estimator, metrics, physics, reference
 from . import settings as settings_module
 from .errors import unknown
 from .estimator import Estimator
-from .model import AxleRecord, AxleResult, Finding, Floats, Result, Vehicle
+from .model import (
+    AxleRecord,
+    AxleResult,
+    Bools,
+    Finding,
+    Floats,
+    Result,
+    Severity,
+    Vehicle,
+)  # fmt: skip
 from .read import align
 from .read.log import open_source, read
 from .settings import Settings
@@ -64,7 +73,7 @@ def analyze(
     done = []
     for record in records:
         tell(f"{path.name}: axle {record.axle}")
-        result, told = _axle(record, settings, estimators)
+        result, told = _axle(record, settings, estimators, log.start_ns())
         done.append(result)
         findings += told
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
@@ -79,7 +88,7 @@ def analyze(
 
 
 def _axle(
-    record: AxleRecord, settings: Settings, estimators: Sequence[Estimator]
+    record: AxleRecord, settings: Settings, estimators: Sequence[Estimator], start_ns: int
 ) -> tuple[AxleResult, list[Finding]]:
     vehicle = settings.vehicle
     w = physics.wheelset(vehicle, record.axle)
@@ -92,7 +101,7 @@ def _axle(
         for e in estimators
     }
     applications = metrics.applications(record)
-    findings = _told(record, vehicle, ref.force, applications)
+    findings = _told(record, vehicle, ref.force, applications, start_ns)
     scores = metrics.scores(record, ref, estimates, applications)
     slip = None
     if record.train_speed is not None:
@@ -104,25 +113,31 @@ def _axle(
 
 
 def _told(
-    record: AxleRecord, vehicle: Vehicle, force: Floats, applications: Sequence[slice]
+    record: AxleRecord,
+    vehicle: Vehicle,
+    force: Floats,
+    applications: Sequence[slice],
+    start_ns: int,
 ) -> list[Finding]:
     """What must be said about one axle's result."""
-    findings = []
-    name = f"axle {record.axle}"
+    findings: list[Finding] = []
+
+    def tell(code: str, severity: Severity, message: str, where: Bools) -> None:
+        if count := int(where.sum()):
+            first = (int(record.t[np.argmax(where)]) - start_ns) / 1e9
+            findings.append(Finding(code, severity, message, f"axle {record.axle}", count, first))
+
     turning = np.zeros(len(record), dtype=np.bool_)
     for run in physics.moving(record):
         turning[run] = True
-    if standing := int((~turning).sum()):
-        text = "the wheel stands: no reference there, friction is anything up to φK"
-        findings.append(Finding("standstill", "info", text, name, standing))
-    if short := int((turning & ~np.isfinite(force)).sum()):
-        text = "segments too short for the reference: no value there"
-        findings.append(Finding("no-reference", "warning", text, name, short))
+    text = "the wheel stands: no reference there, friction is anything up to φK"
+    tell("standstill", "info", text, ~turning)
+    text = "segments too short for the reference: no value there"
+    tell("no-reference", "warning", text, turning & ~np.isfinite(force))
     if not applications:
         text = "no brake application found: estimators are not scored"
-        findings.append(Finding("no-application", "warning", text, name))
-    peak = float(np.nanmax(np.abs(force), initial=0.0)) / (vehicle.axle_mass.value * physics.G)
-    if peak > 1.0:
-        text = f"adhesion coefficient up to {peak:.1f}: units or vehicle parameters are wrong"
-        findings.append(Finding("implausible", "warning", text, name))
+        findings.append(Finding("no-application", "warning", text, f"axle {record.axle}"))
+    mu = np.abs(np.nan_to_num(physics.coefficient(force, vehicle)))
+    text = f"adhesion coefficient up to {mu.max():.1f}: units or vehicle parameters are wrong"
+    tell("implausible", "warning", text, mu > 1.0)
     return findings
