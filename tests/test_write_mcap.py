@@ -325,10 +325,12 @@ def refused(path: Path) -> bool:
 
 def test_verify_finds_flipped_bits_and_truncation(tmp_path: Path, small: Path) -> None:
     content, path = small.read_bytes(), tmp_path / "a.mcap"
+    (summary,) = struct.unpack("<Q", content[-28:-20])
     random = np.random.default_rng(1)
     bits = {
         *random.integers(0, len(content) * 8, 300).tolist(),
-        *range(len(content) * 8 - 37 * 8, len(content) * 8),
+        *range(len(content) * 8 - 37 * 8, len(content) * 8),  # footer and magic
+        *range((summary - 13) * 8, summary * 8),  # DataEnd
     }
     assert [bit for bit in bits if not flip(path, content, bit)] == []
     cuts = [0, 1, 36, 37, 40, *random.integers(0, len(content), 100).tolist(), len(content) - 1]

@@ -42,6 +42,7 @@ from . import descriptors, names
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
+_DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
 _END = struct.Struct("<BQQQI8s")  # footer record and closing magic
 _SECOND = 1_000_000_000
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
@@ -163,13 +164,12 @@ def verify(path: Path) -> None:
             raise _damaged("it is too short") from None
         if (opcode, magic) != (Opcode.FOOTER, MCAP0_MAGIC):
             raise _damaged("it has no end")
-        data_end = summary_start - 4  # the CRC of all before its record closes the data section
-        if not 13 <= data_end <= size:
+        data = summary_start - _DATA_END.size  # bytes of the data section before its last record
+        if not 0 <= data <= size:
             raise _damaged("its footer points nowhere")
         file.seek(0)
-        crc = _crc(file, data_end - 9)
-        file.seek(data_end)
-        if struct.unpack("<I", file.read(4)) != (crc,):
+        crc = _crc(file, data)
+        if file.read(_DATA_END.size) != _DATA_END.pack(Opcode.DATA_END, 4, crc):
             raise _damaged("CRC of the data")
         if _crc(file, size - summary_start - 12) != summary_crc:
             raise _damaged("CRC of the summary")
