@@ -252,7 +252,10 @@ def _step(runs: list[smoother.Run]) -> float:
 
 
 def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
-    """The runs, or blocks of them spread evenly, for the fit."""
+    """The runs, or of a long log blocks for the fit: half of them spread evenly, half the roughest.
+
+    Slides and dumps are rare; noise levels found without them would be wrong for them.
+    """
     if sum(len(r.t) for r in runs) <= _FIT:
         return runs
     blocks = [
@@ -260,8 +263,10 @@ def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
         for r in runs
         for i in range(0, len(r.t), _BLOCK)
     ]
-    every = np.linspace(0, len(blocks) - 1, min(_FIT // _BLOCK, len(blocks)))
-    return [blocks[i] for i in every.astype(int)]
+    half = min(_FIT // _BLOCK // 2, len(blocks))
+    rough = np.argsort([-np.sum(np.diff(b.y, 2) ** 2) for b in blocks], kind="stable")[:half]
+    even = np.linspace(0, len(blocks) - 1, half).astype(int)
+    return [blocks[i] for i in sorted({*rough, *even})]
 
 
 # Butterworth: the paper's way

@@ -101,10 +101,10 @@ def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
 
 
 def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[Floats, float]:
-    """Maximum of f by search along the axes, steps halved from half a width down to 0.1."""
+    """Maximum of f by search along the axes, steps halved from half a width down to 0.2."""
     x, best = start.copy(), f(start)
     steps = width / 2.0
-    while steps.max() > 0.1:
+    while steps.max() > 0.2:
         moved = False
         for i in np.flatnonzero(steps):
             for sign in (1.0, -1.0):
@@ -175,7 +175,7 @@ def _filter(
     """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
     n, M = len(t), len(follow)
     now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
-    T = np.empty((M, M))
+    T, off = np.empty((M, M)), np.empty((M, M))
     for j in range(M):
         now[j, 0], now[j, 1] = y[0], 0.0
         now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r, 0.0, spread, start[j]
@@ -188,7 +188,7 @@ def _filter(
         if h != last_h:
             _switching(leave, h, T)
             last_h = h
-        top = -math.inf
+        least = math.inf
         for i in range(M):
             for j in range(M):
                 q = rough[j] + (coupling * ds * ds / h if j == 0 else 0.0)
@@ -199,19 +199,17 @@ def _filter(
                 P00 += lost[k]
                 e, S = y[k] - m0, P00 + r
                 g0, g1 = P00 / S, P01 / S
-                m0, m1 = m0 + g0 * e, m1 + g1 * e
-                P00, P01, P11 = g0 * r, g1 * r, P11 - g1 * P01
-                W[i, j] = math.log(now[i, 5] * T[i, j] + 1e-300)
-                W[i, j] -= 0.5 * (math.log(2.0 * math.pi * S) + e * e / S)
-                pair[i, j, 0], pair[i, j, 1] = m0, m1
-                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = P00, P01, P11
-                top = max(top, W[i, j])
-        mass = 0.0
+                pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
+                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * r, g1 * r, P11 - g1 * P01
+                off[i, j] = 0.5 * e * e / S
+                W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
+                least = min(least, off[i, j])
+        mass = 1e-300
         for i in range(M):
             for j in range(M):
-                W[i, j] = math.exp(W[i, j] - top)
+                W[i, j] *= math.exp(least - off[i, j])
                 mass += W[i, j]
-        total += top + math.log(mass)
+        total += math.log(mass) - least
         for j in range(M):
             _merge(pair[:, j], W[:, j], new[j])
             new[j, 5] /= mass
