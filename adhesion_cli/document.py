@@ -12,15 +12,18 @@ import numpy as np
 from .model import Finding, Floats, Result
 
 
-def document(results: Sequence[Result], outputs: Sequence[dict[str, str]]) -> dict[str, Any]:
-    """The `adhesion.result/1` document; numbers that do not exist are null."""
-    return {
-        "schema": "adhesion.result/1",
-        "results": [_one(r, o) for r, o in zip(results, outputs, strict=True)],
-    }
+def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The `adhesion.result/1` document of the entries that `entry` made."""
+    return {"schema": "adhesion.result/1", "results": list(entries)}
 
 
-def _one(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
+def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
+    """One log's entry; numbers that do not exist are None.
+
+    Args:
+        result: the analysed log.
+        outputs: the files written, by kind.
+    """
     log = result.log
     used = [c for c in log.channels if c.meaning]
     start = log.start_ns()

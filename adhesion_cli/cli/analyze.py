@@ -1,7 +1,7 @@
 """`adhesion analyze`: the main job."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .options import Logs, Shared, loader, shared
 
@@ -16,45 +16,32 @@ def command(logs: Logs, shared: Shared) -> int:
     Example: adhesion analyze log.mcap -c vehicle.toml
     """
     from ..analysis import analyze
-    from ..document import document, dumps, rows_used
+    from ..document import document, dumps, entry
     from ..write import files
     from . import show
 
     folder = shared.out or Path()
     paths = [outputs(folder, log, "adhesion") for log in logs]
-    files.check_distinct([p for pair in paths for p in pair])
-    for log, pair in zip(logs, paths, strict=True):
-        files.check(pair, shared.force, inputs=[log])
-    results = []
+    files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
+    entries = []
     for log, pair in zip(logs, paths, strict=True):
         result = analyze(
             log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to),
             show.progress(shared.quiet),
         )  # fmt: skip
         write(result, pair, shared.force)
-        results.append(result)
+        entries.append(entry(result, named(pair)))
         if not shared.json:
-            scores = [(str(a.record.axle), s) for a in result.axles for s in a.scores]
-            one = document([result], [named(pair)])["results"][0]
-            print(show.headline(result, one["log"]["duration_s"], rows_used(result)))
-            for axle in one["axles"]:
-                r = axle["reference"]
-                print(
-                    f"axle {axle['axle']}: reference {r['method']}, "
-                    f"noise ±{show.number(r['sigma_n'])} N (1 sigma), "
-                    f"95 % band with vehicle tolerances ±{show.number(r['band_n'])} N"
-                )
-            print(show.scores(scores, "axle"))
-            if result.findings:
-                show.message(show.findings(result.findings), shared.quiet)
-            print(f"wrote {pair[0]}\nwrote {pair[1]}")
+            print(show.summary(result, entries[-1]))
+            show.message(show.findings(result.findings), shared.quiet or not result.findings)
     if shared.json:
-        print(dumps(document(results, [named(p) for p in paths])))
+        print(dumps(document(entries)))
     if shared.view:
         from .view import show_recording
 
         show_recording(paths[-1][1])
-    return 3 if any(show.lossy(r.findings) for r in results) else 0
+    lossy = any(f["severity"] != "info" for e in entries for f in e["findings"])
+    return 3 if lossy else 0
 
 
 def outputs(folder: Path, log: Path, kind: str) -> tuple[Path, Path]:
@@ -83,10 +70,10 @@ def write(result: "Result", pair: tuple[Path, Path], force: bool) -> None:
 
 def embedded(results: "list[Result]") -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..document import document, dumps
+    from ..document import document, dumps, entry
 
-    whole: dict[str, Any] = document(results, [{} for _ in results])
-    for one in whole["results"]:
+    entries = [entry(result, {}) for result in results]
+    for one in entries:
         one["log"]["path"] = Path(one["log"]["path"]).name
         del one["outputs"]
-    return dumps(whole)
+    return dumps(document(entries))

@@ -22,7 +22,7 @@ def command(
     Example: adhesion compare a.mcap b.csv --algo neso --algo leso
     """
     from ..analysis import analyze
-    from ..document import document, dumps
+    from ..document import document, dumps, entry
     from ..estimator import registry
     from ..metrics import ranked
     from ..write import files, mcap, rrd
@@ -46,7 +46,7 @@ def command(
         rrd.write_comparison(picture, results, list(registry()))
     found = [f for r in results for f in r.findings]
     if shared.json:
-        print(dumps(document(results, [named(pair)] * len(results))))
+        print(dumps(document([entry(r, named(pair)) for r in results])))
     else:
         rows = [
             (f"{Path(r.log.path).name} axle {a.record.axle}", s)

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from ..model import Finding, Result, Score
 from ..text import printable
@@ -65,15 +66,24 @@ def lossy(found: Sequence[Finding]) -> bool:
     return any(f.severity != "info" for f in found)
 
 
-def headline(result: Result, seconds: float, rows_used: int) -> str:
-    """What was analysed, in one line."""
-    log = result.log
-    axles = ", ".join(str(a.record.axle) for a in result.axles)
-    many = "axles" if len(result.axles) > 1 else "axle"
-    return (
-        f"{printable(log.path)}: {log.format}, {seconds:.1f} s, "
-        f"{rows_used} of {log.rows_read} rows used, {many} {axles}"
-    )
+def summary(result: Result, entry: dict[str, Any]) -> str:
+    """What `analyze` says of one log: the log, the reference's errors, scores, files."""
+    log = entry["log"]
+    axles = ", ".join(str(a["axle"]) for a in entry["axles"])
+    many = "axles" if len(entry["axles"]) > 1 else "axle"
+    lines = [
+        f"{printable(log['path'])}: {log['format']}, {log['duration_s']:.1f} s, "
+        f"{log['rows_used']} of {log['rows_read']} rows used, {many} {axles}"
+    ]
+    for axle in entry["axles"]:
+        reference = axle["reference"]
+        lines.append(
+            f"axle {axle['axle']}: reference {reference['method']}, "
+            f"noise ±{number(reference['sigma_n'])} N (1 sigma), "
+            f"95 % band with vehicle tolerances ±{number(reference['band_n'])} N"
+        )
+    lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores], "axle"))
+    return "\n".join([*lines, *(f"wrote {path}" for path in entry["outputs"].values())])
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
