@@ -386,7 +386,9 @@ finite = st.floats(-1e9, 1e9, allow_nan=False)
 
 @every
 @given(
-    samples=st.lists(st.tuples(st.integers(1, 2 * 10**17), finite, finite), min_size=1, max_size=40),
+    samples=st.lists(
+        st.tuples(st.integers(1, 2 * 10**17), finite, finite), min_size=1, max_size=40
+    ),
     data=st.data(),
 )
 @settings(max_examples=60)

@@ -1,1 +1,1 @@
-"""Reading logs: a format gives named fields, `meaning` says what they are, `align` makes records."""
+"""Reading logs: formats give named fields, `meaning` says what they are, `align` makes records."""
