@@ -22,6 +22,7 @@ from . import compiled
 from .model import Floats
 
 _Z95 = 1.959963984540054  # half-width of the 95 % interval in standard deviations
+_SLACK = 0.5  # nats below the maximum: one standard deviation of the likelihood
 
 
 class Run(NamedTuple):
@@ -87,7 +88,7 @@ def fit(
         return prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
     best, value = _climb(posterior, centre, width)
-    return noise(best), value
+    return noise(_loosened(posterior, best, value, width)), value
 
 
 def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
@@ -118,6 +119,24 @@ def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[
         if not moved:
             steps = steps / 2.0
     return x, best
+
+
+def _loosened(f: Callable[[Floats], float], x: Floats, best: float, width: Floats) -> Floats:
+    """The point x with what binds δ in the calm regime loosened as far as `_SLACK` allows.
+
+    Where hardly anything varies, likelihood is flat towards no roughness at all, and its maximum
+    there would be certain of what it merely has not seen.
+    """
+    x = x.copy()
+    for i in (1, 2):  # coupling, rough[0]
+        step = width[i] / 16.0
+        while step > 0.0:
+            x[i] += step
+            if f(x) < best - _SLACK:
+                x[i] -= step
+                break
+        best = f(x) if step > 0.0 else best
+    return x
 
 
 def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:

@@ -322,7 +322,8 @@ def test_each_tolerance_moves_the_band_as_it_moves_the_force(name: str, share: f
     value = (VEHICLE.wheel_radius[0] if name == "wheel_radius" else getattr(VEHICLE, name)).value
     tolerance = share * value
     band = reference.compute(record, exact(**{name: tolerance}))
-    half = np.sqrt(((band.upper - band.lower) / 2.0) ** 2 - (1.96 * band.sigma) ** 2)
+    squared = ((band.upper - band.lower) / 2.0) ** 2 - (1.96 * band.sigma) ** 2
+    half = np.sqrt(np.maximum(squared, 0.0))  # rounding
     shifted = Parameter(value + 0.1 * tolerance, 0.0)
     other = replace(VEHICLE, **{name: (shifted,) if name == "wheel_radius" else shifted})
     w, was = physics.wheelset(other, 1), physics.wheelset(VEHICLE, 1)
