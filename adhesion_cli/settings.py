@@ -191,7 +191,11 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
         **stated,
-        **_fields("csv", tree.get("csv", {}), ("header", "delimiter", "decimal", "encoding")),
+        **_fields(
+            "csv",
+            tree.get("csv", {}),
+            ("header", "delimiter", "decimal", "encoding", "max_unpacked"),
+        ),
         **_fields("mcap", tree.get("mcap", {}), ("max_inflated", "max_record")),
         **{k: v for k, v in read.items() if v is not None},
     }

@@ -546,7 +546,7 @@ def test_refuses_a_missing_file_and_a_folder(tmp_path):
 
 def test_refuses_to_inflate_beyond_the_cap(log):
     log.write_bytes(gzip.compress(b"t [s],p\n" + b"1,2\n" * 1_000_000))
-    source = open_csv(log, ReadOptions(max_inflated=1 << 20))
+    source = open_csv(log, ReadOptions(max_unpacked=1 << 20))
     with pytest.raises(UserError, match="inflates to more than 1 MiB"):
         source.columns(source.fields)
 

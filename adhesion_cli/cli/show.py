@@ -8,6 +8,7 @@ from ..model import Finding, Result, Score
 from ..text import printable
 
 _SEVERE = {"error": 0, "warning": 1, "info": 2}
+_ALIKE = 3  # findings of one code that are shown one by one
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
@@ -47,17 +48,25 @@ def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
     return table(header, lines, left=3)
 
 
-def findings(found: Sequence[Finding], limit: int = 20) -> str:
-    """Findings, the severest first, one line each."""
-    ordered = sorted(found, key=lambda f: _SEVERE[f.severity])
+def findings(found: Sequence[Finding]) -> str:
+    """Findings, the severest first: a line each, one for all where many channels share a code."""
+    by_code: dict[str, list[Finding]] = {}
+    for f in sorted(found, key=lambda f: _SEVERE[f.severity]):
+        by_code.setdefault(f.code, []).append(f)
     lines = []
-    for f in ordered[:limit]:
-        where = f" at {f.first_s:.3f} s" if f.first_s is not None else ""
-        count = f" ({f.count}×{where})" if f.count > 1 else f" ({where.strip()})" if where else ""
-        channel = f" {printable(f.channel)}:" if f.channel else ""
-        lines.append(f"{f.severity:7s} {f.code}:{channel} {printable(f.message)}{count}")
-    if len(ordered) > limit:
-        lines.append(f"        and {len(ordered) - limit} more; --json lists all")
+    for same in by_code.values():
+        shown = same if len(same) <= _ALIKE else same[:1]
+        for f in shown:
+            where = f" at {f.first_s:.3f} s" if f.first_s is not None else ""
+            count = (
+                f" ({f.count}×{where})" if f.count > 1 else f" ({where.strip()})" if where else ""
+            )
+            channel = f" {printable(f.channel)}:" if f.channel else ""
+            lines.append(f"{f.severity:7s} {f.code}:{channel} {printable(f.message)}{count}")
+        if len(shown) < len(same):
+            others = ", ".join(printable(f.channel) for f in same[1:6])
+            more = f" and {len(same) - 6} more" if len(same) > 6 else ""
+            lines.append(f"{'':7s} {same[0].code}: the same for {others}{more}")
     return "\n".join(lines)
 
 

@@ -348,7 +348,7 @@ class _Scan:
         self.met = list(self.groups or [])
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
-        source = Lines(self.path, self.dialect, self.options.max_inflated)
+        source = Lines(self.path, self.dialect, self.options.max_unpacked)
         room = self.expected + self.expected // 16
         times, codes = _Grown(np.int64, room), _Grown(np.int64, room)
         values = {i: _Grown(np.float64, room) for i in self.indices}

@@ -39,6 +39,7 @@ class ReadOptions:
     decimal: str | None = None
     encoding: str | None = None
     strict: bool = False  # damage is an error, not a finding
+    max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to
     max_record: int = 1 << 27  # bytes one MCAP record may declare
 
