@@ -18,8 +18,15 @@ from .errors import UserError, unknown
 from .estimator import Estimator
 from .model import Parameter, Quantity, Vehicle
 from .read.meaning import Mapping
-from .read.source import ReadOptions
+from .read.source import ReadOptions, TimeSource
 
+_CSV = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
+_MCAP = {"max_inflated": int, "max_record": int}
+_TIME = {"channel": str, "unit": str, "source": str}
+_GROUP = {"channel": str, "equals": str}
+_MAPPING = {
+    "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
+}  # fmt: skip
 _MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -191,19 +198,16 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
         **stated,
-        **_fields(
-            "csv",
-            tree.get("csv", {}),
-            ("header", "delimiter", "decimal", "encoding", "max_unpacked"),
-        ),
-        **_fields("mcap", tree.get("mcap", {}), ("max_inflated", "max_record")),
+        **_fields("csv", tree.get("csv", {}), _CSV),
+        **_fields("mcap", tree.get("mcap", {}), _MCAP),
         **{k: v for k, v in read.items() if v is not None},
     }
-    analysis = _fields("analysis", tree.get("analysis", {}), tuple(_hints(Analysis)))
-    for name in ("slowest", "max_gap"):
-        if name in analysis:
-            analysis[name] = _number(f"analysis.{name}", analysis[name])
-            _in_range(f"analysis.{name}", analysis[name], _hints(Analysis)[name])
+    hints = _hints(Analysis)
+    kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
+    analysis = _fields("analysis", tree.get("analysis", {}), kinds)
+    for name, value in analysis.items():
+        if isinstance(value, float):
+            _in_range(f"analysis.{name}", value, hints[name])
     return Settings(
         _vehicle(vehicle), tuple(mappings), ReadOptions(**options), Analysis(**analysis), overrides
     )
@@ -270,30 +274,26 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
     options: dict[str, Any] = {}
     for key, value in stated.items():
         if key == "time":
-            table = _table(key, value)
-            known = {"channel": "time_channel", "unit": "time_unit", "source": "time_source"}
-            options |= {
-                known[k]: str(v) for k, v in _fields("channels.time", table, tuple(known)).items()
-            }
+            table = _fields("channels.time", _table(value), _TIME)
+            options |= {f"time_{k}": v for k, v in table.items()}
         elif key == "group":
-            table = _fields("channels.group", _table(key, value), ("channel", "equals"))
-            options |= {f"group_{k}": str(v) for k, v in table.items()}
+            table = _fields("channels.group", _table(value), _GROUP)
+            options |= {f"group_{k}": v for k, v in table.items()}
         elif key in _MEANINGS:
             for axle, entry in _by_axle(key, value):
-                names = tuple(f.name for f in dataclasses.fields(Mapping))[2:]
-                table = _fields(f"channels.{key}", _table(key, entry), names)
+                table = _fields(f"channels.{key}", _table(entry), _MAPPING)
                 if "channel" not in table:
                     hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
                     raise UserError(f"channels.{key} names no channel", hint, code=2)
-                for text in ("channel", "field", "unit", "group"):
-                    if text in table:
-                        table[text] = str(table[text])
                 mappings.append(Mapping(_MEANINGS[key], axle, **table))  # type: ignore[arg-type]
         else:
             raise unknown("meaning in [channels]", key, ["time", "group", *_MEANINGS])
     for name in ("time_channel", "group_channel"):
         if options.get(name, "").isdigit():
             options[name] = f"column {options[name]}"
+    source = options.get("time_source", "log")
+    if source not in get_args(TimeSource):
+        raise unknown("time source", source, list(get_args(TimeSource)))
     return mappings, options
 
 
@@ -311,7 +311,7 @@ def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
     return out
 
 
-def _table(key: str, value: Any) -> dict[str, Any]:
+def _table(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {"channel": value}
 
 
@@ -323,11 +323,23 @@ def _table_of(section: str, value: Any) -> dict[str, Any]:
     return value
 
 
-def _fields(section: str, stated: Any, known: tuple[str, ...]) -> dict[str, Any]:
-    for key in _table_of(section, stated):
+def _fields(section: str, stated: Any, known: Tree[str, type]) -> dict[str, Any]:
+    """A table's entries, each of its type; a column's number may stand for a text."""
+    out: dict[str, Any] = {}
+    for key, value in _table_of(section, stated).items():
+        name = f"{section}.{key}"
         if key not in known:
             raise unknown(f"key of [{section}]", key, list(known))
-    return dict(stated)
+        if known[key] is str and isinstance(value, (int, float)) and not isinstance(value, bool):
+            out[key] = str(value)
+        elif known[key] is float:
+            out[key] = _number(name, value)
+        elif type(value) is known[key]:
+            out[key] = value
+        else:
+            kind = {bool: "true or false", str: "a text in quotes", int: "a whole number"}
+            raise UserError(f"{name} = {value!r} is wrong", f"write {kind[known[key]]}", code=2)
+    return out
 
 
 def _number(name: str, value: Any) -> float:

@@ -86,6 +86,9 @@ def test_channels() -> None:
         ("channels.presure='x'", "pressure"),
         ("channels.pressure.left='x'", "axle 1"),
         ("analysis.slowest=-1", "slip"),
+        ("csv.header='no'", "true or false"),
+        ("channels.time={source='sensor'}", "publish"),
+        ("channels.speed={channel='x', teeth='many'}", "whole number"),
     ],
 )
 def test_a_mistake_is_an_error_that_names_the_remedy(assignment: str, says: str) -> None:

@@ -7,6 +7,8 @@ from typing import Any, Literal, Protocol
 
 from ..model import Column, Finding
 
+TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
+
 
 @dataclass(frozen=True, slots=True)
 class Field:
@@ -31,7 +33,7 @@ class ReadOptions:
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
     time_unit: str | None = None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, told
-    time_source: Literal["log", "publish", "header"] | None = None  # MCAP; None: decided, told
+    time_source: TimeSource | None = None  # MCAP; None: decided, told
     group_channel: str | None = None  # CSV column that tells devices or axles apart (long layout)
     group_equals: str | None = None  # keep only these rows of it
     header: bool | None = None  # CSV: whether there is a header row; None: decided, told
