@@ -1,0 +1,68 @@
+"""Start-up: help against a bare interpreter, `analyze` on the sample against its imports.
+
+    python benchmarks/startup.py
+
+Median of whole processes, caches warm. The rival of `analyze` is a process that only loads what it
+must: numpy, pyarrow.csv, rerun, numba and its cached loops, each called on three samples.
+"""
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLE = ROOT / "sample_logs" / "service-brake.csv"
+RUNS = 7
+LOADING = """
+import numpy as np, pyarrow.csv, rerun
+from adhesion_cli import compiled, estimator, physics, reference
+from adhesion_cli.model import AxleRecord, Vehicle
+t, x = np.arange(3) * 10**7, np.array([9.0, 8.9, 8.8])
+for est in estimator.registry().values():
+    compiled.batch(est, est.Params(), physics.wheelset(Vehicle(), 1), t, x, x, np.array([0]))
+reference.compute(AxleRecord(1, t, x, x, x, (slice(0, 3),)), Vehicle())
+"""
+
+
+def seconds(*arguments: str) -> float:
+    """Median wall time of a Python process."""
+    times = []
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(RUNS + 1):
+            start = time.perf_counter()
+            subprocess.run(
+                [sys.executable, *arguments], cwd=folder, check=True, capture_output=True
+            )
+            times.append(time.perf_counter() - start)
+    return statistics.median(times[1:])
+
+
+def main() -> None:
+    adhesion = ("-m", "adhesion_cli")
+    bare = seconds("-c", "pass")
+    loading = seconds("-c", LOADING)
+    rows = [
+        ("adhesion --help", seconds(*adhesion, "--help"), bare, "python -c pass"),
+        (
+            "adhesion analyze --help",
+            seconds(*adhesion, "analyze", "--help"),
+            bare,
+            "python -c pass",
+        ),
+        ("adhesion estimators", seconds(*adhesion, "estimators"), bare, "python -c pass"),
+        (
+            "adhesion analyze SAMPLE --force",
+            seconds(*adhesion, "analyze", str(SAMPLE), "--force"),
+            loading,
+            "loading numpy, pyarrow.csv, rerun, numba's cache",
+        ),
+    ]
+    for name, own, rival, against in rows:
+        print(f"{name:32s} {own:6.3f} s   {own / rival:5.2f} x  {against} ({rival:.3f} s)")
+
+
+if __name__ == "__main__":
+    main()
