@@ -1,6 +1,7 @@
 """Channels of different rates to one record per axle, on the wheel speed's own time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..model import (
     AxleRecord,
     Bools,
     Channel,
+    Column,
     Finding,
     Floats,
     Log,
@@ -19,7 +21,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force
-from . import timeaxis
+from . import checks, timeaxis
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -70,15 +72,63 @@ def records(
             text = f"axle {axle} has no {lacking}: not analysed"
             findings.append(Finding("axle-incomplete", "warning", text, name))
             continue
+        train = _of(trains, axle)
+        moving = [c for c in (*speeds.values(), *trains.values()) if c is not speed]
+        pressed = pressures if brake.meaning == "pressure" else forces
+        beside = [c for c in pressed.values() if c is not brake]
+        since = (brake.data.t - log.start_ns()) / 1e9
+        stuck = checks.stuck_pressure(brake, beside)
+        findings += _told_of_pressure(brake, stuck, _inside(since, window), since)
         record, told = _record(
-            log, vehicle, axle, window, speed, brake, _of(trains, axle), _of(truths, axle)
-        )
+            log, vehicle, axle, window,
+            speed, _without(brake, stuck), train, _of(truths, axle), moving,
+        )  # fmt: skip
         findings += told
         if record:
             found.append(record)
     if not found:
         raise _nothing(log, speeds, pressures or forces, window)
     return found, findings
+
+
+def _inside(since: Floats, window: Window) -> Bools:
+    """Where a time lies in the window, seconds after the log's start; shape (n,)."""
+    first, last = window
+    inside: Bools = (since >= (-np.inf if first is None else first)) & (
+        since <= (np.inf if last is None else last)
+    )
+    return inside
+
+
+def _told_of_pressure(brake: Channel, stuck: Bools, inside: Bools, since: Floats) -> list[Finding]:
+    """What the pressure's own samples show."""
+    findings = []
+    for code, message, where in (
+        ("pressure-frozen",
+         f"the {brake.meaning} repeats one value while its noise or the other axles say it must "
+         "change: left out; check the sensor, or name another channel in [channels]",
+         stuck & inside),
+        ("pressure-saturated",
+         f"the {brake.meaning} stands at its highest value without its noise: the sensor's range "
+         "ends there, the true one is higher and so is the force; leave it out with --from and "
+         "--to",
+         checks.saturated(brake) & inside),
+    ):  # fmt: skip
+        if count := int(where.sum()):
+            when = float(since[np.argmax(where)])
+            findings.append(Finding(code, "warning", message, brake.title, count, when))
+    return findings
+
+
+def _without(channel: Channel, left_out: Bools) -> Channel:
+    """A channel without some of its samples: a gap stays where they were."""
+    if not left_out.any():
+        return channel
+    kept = np.cumsum(~left_out)
+    d = channel.data
+    data = Column(d.t[~left_out], d.value[~left_out], d.valid[~left_out])
+    starts = (int(kept[s] - (not left_out[s])) for s in channel.starts)
+    return replace(channel, data=data, starts=tuple(sorted({s for s in starts if s < kept[-1]})))
 
 
 def _by_axle(log: Log, meaning: Meaning) -> dict[int | None, Channel]:
@@ -118,15 +168,13 @@ def _aligned(
 def _record(
     log: Log, vehicle: Vehicle, axle: int, window: Window,
     speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None,
+    others: Sequence[Channel],
 ) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
     at = _aligned(speed, brake, train, truth)
     since = (t - log.start_ns()) / 1e9
-    first, last = window
-    inside = (since >= (-np.inf if first is None else first)) & (
-        since <= (np.inf if last is None else last)
-    )
-    frozen = _frozen(t, y, at.held, speed)
+    inside = _inside(since, window)
+    frozen = checks.stuck_speed(speed, at.held, others)
     keep = inside & at.fresh & ~frozen
     jump = np.diff(t, prepend=t[0]) > speed.gap_ns
     jump[1:] |= frozen[:-1] & ~frozen[1:]
@@ -149,7 +197,8 @@ def _record(
     )  # fmt: skip
     tell(
         "speed-frozen", "warning",
-        "the speed stands still while the brake is applied and the wheel turns: left out",
+        "the speed repeats one value while the train or the brake says it must change: left out; "
+        "check the sensor, or name another channel in [channels]",
         frozen & inside & at.fresh,
     )  # fmt: skip
     tell("too-short", "warning", f"pieces of fewer than {SHORTEST} samples: left out", keep & ~kept)
@@ -186,33 +235,6 @@ def _segments(t: Times, keep: Bools, jump: Bools, gap_ns: int) -> tuple[tuple[sl
     return tuple(
         slice(int(stop - n), int(stop)) for stop, n in zip(stops, length[long], strict=True)
     ), kept
-
-
-def _frozen(t: Times, y: Floats, brake: Floats, speed: Channel) -> Bools:
-    """Samples at which a stuck sensor repeats its last value.
-
-    A run of equal values is stuck where the wheel turns, the brake is applied (above a fifth of
-    its highest value) and, at the rate the speed usually changes with the brake applied, it would
-    have moved by more than six quantisation steps; and where the speed then jumps by a good part
-    of that, or never changes again. A wheel that turns from sliding to recovering stands at one
-    value too, but leaves it gently.
-    """
-    frozen = np.zeros(len(t), dtype=np.bool_)
-    top = float(np.nanmax(brake, initial=0.0))
-    applied = (brake > 0.2 * top) & (y > 0.0) if top > 0.0 else frozen
-    dt = np.diff(t) / 1e9
-    regular = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
-    if not regular.any():
-        return frozen
-    rate = float(np.abs(np.diff(y))[regular].sum() / dt[regular].sum())
-    change = np.flatnonzero(np.diff(y, prepend=np.nan) != 0)
-    for a, b in zip(change, [*change[1:], len(y)], strict=True):
-        if b - a >= 3 and applied[a:b].all():
-            expected = rate * (int(t[b - 1]) - int(t[a])) / 1e9
-            jumps = b == len(y) or abs(float(y[b] - y[a])) > 0.3 * expected
-            if jumps and expected > max(6.0 * speed.step, 0.02 * float(y[a])):
-                frozen[a + 1 : b] = True
-    return frozen
 
 
 def _missing(log: Log, what: str, example: str) -> UserError:

@@ -1,0 +1,180 @@
+"""Sensors that stand still: which samples a stuck or saturated sensor only repeats.
+
+Every check answers with a mask over the channel's own samples. A sensor is accused only where
+repeating the last value is impossible for one that works: on the noise it otherwise has, or on
+what the rest of the train does meanwhile.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..model import Bools, Channel, Floats
+from . import timeaxis
+
+_SLOW = 0.5  # a wheel slower than this is about to stand [rad/s]
+_APPLIED = 0.2  # of the highest pressure: the brake is applied
+_NEVER = 1e-3  # runs this long that a log of its length would show by chance
+_LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
+
+
+class _Runs(NamedTuple):
+    """Stretches of equal values without a gap: first and last index; shape (k,)."""
+
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+    @property
+    def length(self) -> NDArray[np.int64]:
+        return self.last - self.first + 1
+
+
+def _runs(c: Channel) -> _Runs:
+    t, x = c.data.t, c.data.value
+    new = np.ones(len(t), dtype=np.bool_)
+    dt = np.diff(t)
+    new[1:] = (np.diff(x) != 0.0) | (dt <= 0) | (dt > c.gap_ns)
+    first = np.flatnonzero(new)
+    return _Runs(first, np.append(first[1:], len(t)) - 1)
+
+
+def _leap(x: Floats, runs: _Runs) -> Floats:
+    """By how much each run is left, infinite for the last one: it is never left; shape (k,)."""
+    after = np.append(x[runs.first[1:]], np.inf)
+    return np.abs(after - x[runs.last])
+
+
+def _repeats(n: int, runs: _Runs, stuck: Bools) -> Bools:
+    """Mask of all but the first sample of the stuck runs: that one is a measurement."""
+    edges = np.zeros(n + 1, dtype=np.int64)
+    edges[runs.first[stuck] + 1] += 1
+    edges[runs.last[stuck] + 1] -= 1
+    inside: Bools = np.cumsum(edges[:-1]) > 0
+    return inside
+
+
+def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -> Bools:
+    """Samples at which a stuck wheel-speed sensor repeats its last value, shape (n,).
+
+    It would have moved meanwhile: by as much as the other axles and the train do, or, where the
+    log has none, as this speed usually does with the brake applied. More than six quantisation
+    steps and 2 % of it, that is; for much longer than the speed's usual steps last; and then the
+    speed leaps by a good part of it, or never changes again. A wheel that turns from sliding to
+    recovering stands at one value too, but leaves it gently.
+
+    Args:
+        speed: wheel speed [rad/s].
+        brake: pressure or K at the speed's times, in any unit, shape (n,).
+        others: speeds of other axles and the train, in any unit.
+    """
+    t, y = speed.data.t, speed.data.value
+    runs = _runs(speed)
+    value = y[runs.first]
+    expected = _expected(speed, brake, runs)
+    if others:
+        moved = np.full((len(others), len(value)), np.nan)
+        for row, other in zip(moved, others, strict=True):
+            before, after = (timeaxis.interpolated(t[i], other) for i in runs)
+            np.divide(np.abs(after - before) * value, before, out=row, where=before > 0.0)
+        known = np.isfinite(moved).any(axis=0)
+        expected[known] = np.nanmedian(moved[:, known], axis=0)
+    stuck = (
+        (runs.length >= np.maximum(3.0, 4.0 * np.median(runs.length)))
+        & (value > _SLOW)
+        & (expected > np.maximum(6.0 * speed.step, 0.02 * value))
+        & (_leap(y, runs) > 0.3 * expected)
+    )
+    return _repeats(len(y), runs, stuck)
+
+
+def _expected(speed: Channel, brake: Floats, runs: _Runs) -> Floats:
+    """By how much the speed would have changed within each run, judged by itself; shape (k,)."""
+    t, y = speed.data.t, speed.data.value
+    applied = (brake > _APPLIED * np.max(brake, initial=0.0)) & (y > 0.0)
+    dt = np.diff(t) / 1e9
+    both = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
+    usual = float(np.median(dt)) if len(dt) else 0.0
+    m = max(1, min(len(dt), round(1.0 / max(usual, 1e-9))))  # over a second: above the noise
+    far = (t[m:] - t[:-m]) / 1e9
+    pair = applied[m:] & applied[:-m] & (far > 0.0) & (far < 2.0 * m * usual)
+    if not pair.any():
+        return np.zeros(len(runs.first))
+    rate = float(np.abs(y[m:] - y[:-m])[pair].sum() / far[pair].sum())
+    braked = np.concatenate([[0.0], np.cumsum(np.where(both, dt, 0.0))])
+    expected: Floats = rate * (braked[runs.last] - braked[runs.first])
+    return expected
+
+
+def stuck_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Bools:
+    """Samples at which a stuck pressure sensor repeats its last value, shape (n,).
+
+    Seen by its noise, which ends; or by the other axles' pressures, which go on, if it then leaps
+    or never changes again. Where it reads its lowest value it may be cut off there.
+
+    Args:
+        pressure: of one axle [Pa], or its K [N].
+        others: the other axles'.
+    """
+    x = pressure.data.value
+    runs = _runs(pressure)
+    value = x[runs.first]
+    silent = _silent(pressure, runs) & (value > x.min()) & ~_flat_top(pressure, runs)
+    return _repeats(len(x), runs, silent | _left_alone(pressure, runs, others))
+
+
+def saturated(pressure: Channel) -> Bools:
+    """Samples at which a pressure sensor reads its highest value and has no noise, shape (n,)."""
+    runs = _runs(pressure)
+    return _repeats(len(pressure.data.t), runs, _flat_top(pressure, runs))
+
+
+def _flat_top(pressure: Channel, runs: _Runs) -> Bools:
+    """Silent runs at the highest value, reached steeply or more than once; shape (k,)."""
+    x = pressure.data.value
+    value, top = x[runs.first], float(x.max())
+    before = np.maximum(runs.first - max(2, round((pressure.rate_hz or 1.0) / 2.0)), 0)
+    steep = value - x[before] > 0.05 * top
+    flat = _silent(pressure, runs) & (value == top)
+    found: Bools = flat & (steep | (flat.sum() > 1))
+    return found
+
+
+def _silent(pressure: Channel, runs: _Runs) -> Bools:
+    """Runs longer than the noise of the channel allows, none where it shows no noise; shape (k,).
+
+    Noise is small changes back and forth; where there are steps, by two of them at least: less
+    may come and go as a quiet signal crosses from one step to the next.
+    """
+    x = pressure.data.value
+    top, step = float(x.max()), pressure.step
+    changes = np.diff(x[runs.first])
+    small = np.abs(changes) <= max(0.02 * top, 4.0 * step)
+    turns = (changes[1:] * changes[:-1] < 0.0) & small[1:] & small[:-1]
+    turns &= np.maximum(np.abs(changes[1:]), np.abs(changes[:-1])) > 1.5 * step
+    short = runs.length < 30
+    free = short & (x[runs.first] > x.min())
+    samples = int(runs.length[free].sum())
+    if samples < 20 or turns.sum() < 0.03 * samples:
+        return np.zeros(len(runs.first), dtype=np.bool_)
+    # How often it repeats by chance; more often half way between two steps.
+    chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.3, 0.7)
+    long: Bools = runs.length > np.log(_NEVER / len(x)) / np.log(chance)
+    return long
+
+
+def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bools:
+    """Runs during which the other axles' pressures change by much; shape (k,)."""
+    t, x = pressure.data.t, pressure.data.value
+    top = max((float(c.data.value.max()) for c in others), default=0.0)
+    found = np.zeros(len(runs.first), dtype=np.bool_)
+    long = (runs.length >= 5) & ((t[runs.last] - t[runs.first]) / 1e9 >= _LASTS)
+    long &= (x[runs.first] > 0.05 * top) | (len(found) == 1)  # let go while others brake, or dead
+    long &= _leap(x, runs) > 0.2 * top
+    for i in np.flatnonzero(long):
+        a, b = t[runs.first[i]], t[runs.last[i]]
+        inside = [c.data.value[(c.data.t >= a) & (c.data.t <= b)] for c in others]
+        ranges = [float(np.ptp(v)) for v in inside if len(v)]
+        found[i] = bool(ranges) and float(np.median(ranges)) > 0.3 * top
+    return found
