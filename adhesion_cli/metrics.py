@@ -318,3 +318,27 @@ def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
         replace(s, relative=s.rmse_n / best if best and s.rmse_n is not None else None)
         for s in order
     )
+
+
+def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
+    """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
+
+    Only axles on which it was scored count. What has no sound mean over axles is None.
+    """
+    by_algo: dict[str, list[Score]] = {}
+    for group in groups:
+        for score in group:
+            if score.rmse_n is not None:
+                by_algo.setdefault(score.algo, []).append(score)
+    found = []
+    for algo, scored in by_algo.items():
+        square = np.mean([s.rmse_n**2 for s in scored if s.rmse_n is not None])
+        mean = np.mean([s.bias_n for s in scored if s.bias_n is not None])
+        worst = max((s.max_error_n for s in scored if s.max_error_n is not None), key=abs)
+        found.append(
+            Score(
+                algo, scored[0].against, math.sqrt(float(square)), float(mean), worst,
+                lag_s=None, gain=None, response_s=None, noise_gain=None,
+            )
+        )  # fmt: skip
+    return ranked(found)

@@ -236,3 +236,20 @@ def test_samples_without_target_are_left_out() -> None:
 def test_every_metric_is_a_column_of_the_score() -> None:
     given = {"algo", "against", "relative"}
     assert set(Score.__dataclass_fields__) - given == set(metrics.METRICS)
+
+
+def test_overall_pools_axles_and_passes_over_those_without_a_score() -> None:
+    def score(algo: str, rmse: float | None, worst: float | None = None) -> Score:
+        bias = None if rmse is None else rmse / 2.0
+        return Score(algo, "truth", rmse, bias, worst, None, None, None, None)
+
+    groups = [
+        [score("a", 30.0, -90.0), score("b", 10.0, 20.0)],
+        [score("a", 40.0, 80.0), score("b", 50.0, 60.0)],
+        [score("a", None), score("b", None)],
+    ]
+    best, second = metrics.overall(groups)
+    assert (best.algo, second.algo) == ("a", "b")
+    assert best.rmse_n == pytest.approx(np.sqrt(1250.0))
+    assert (best.bias_n, best.max_error_n, best.relative) == (17.5, -90.0, 1.0)
+    assert second.relative == pytest.approx(np.sqrt(1300.0 / 1250.0))

@@ -24,7 +24,7 @@ def command(
     from ..analysis import analyze
     from ..document import document, dumps, entry
     from ..estimator import registry
-    from ..metrics import ranked
+    from ..metrics import overall
     from ..write import files, mcap, rrd
     from . import show
     from .analyze import embedded, named, outputs
@@ -52,8 +52,11 @@ def command(
             (f"{Path(r.log.path).name} axle {a.record.axle}", s)
             for r in results
             for a in r.axles
-            for s in ranked(a.scores)
+            for s in a.scores
         ]
+        groups = [a.scores for r in results for a in r.axles]
+        if len(groups) > 1:
+            rows += [("all", s) for s in overall(groups)]
         print(show.scores(rows, "log"))
         if found:
             show.message(show.findings(found), shared.quiet)

@@ -18,24 +18,19 @@ def command(
 
     Example: adhesion convert log.csv log.mcap
     """
-    from ..errors import UserError
     from ..read.log import open_source, unchanged
-    from ..write import csv, files, mcap
+    from ..write import files
+    from ..write.log import writer
     from . import show
 
-    writers = {".csv": csv.write_log, ".mcap": mcap.write_log}
-    if target.suffix.lower() not in writers:
-        known = " or ".join(writers)
-        raise UserError(
-            f"{target}: unknown format {target.suffix!r}", f"end it with {known}", code=2
-        )
+    write = writer(target)
     if shared.out:
         target = shared.out / target
     files.check([target], shared.force, inputs=[log])
     settings = loader(shared)()
     result = unchanged(open_source(log, settings.read), settings.mappings)
     with files.outputs([target], shared.force, inputs=[log]) as (temporary,):
-        writers[target.suffix.lower()](temporary, result)
+        write(temporary, result)
     if shared.json:
         from ..document import dumps, findings_document
 
