@@ -17,6 +17,7 @@ import math
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
+from hashlib import sha256
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +25,12 @@ from numpy.typing import NDArray
 
 from . import physics
 from .errors import UserError
-from .model import Floats, Times, Vehicle
+from .model import Channel, Column, Floats, Log, Times, Vehicle
 from .rail import SLOWEST, Condition, Patch, condition, creep_force
 from .read.units import UNITS
 from .scenario import INF, Rail, Scenario, Sensor, Signal, Wave, Wsp, load, scenarios
 
-__all__ = ["Recording", "Scenario", "Simulation", "load", "log", "run", "scenarios"]
+__all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2
 STANDSTILL = 1e-3  # a braked train slower than this stands [m/s]
@@ -37,6 +38,7 @@ APPLY, HOLD, VENT = 0, 1, 2  # valves of the wheel slide protection
 SOON = 1e-10  # events closer than this count as one [s]
 CONVERGED = 1e-11  # last Newton correction [m/s]
 PATIENCE = 60  # Newton iterations
+MOST = 20_000_000  # samples of one run, axles times steps: about 2 GB; an hour at 1 kHz has 3.6e6
 
 _NAMES: dict[Signal, str] = {
     "pressure": "bc_pressure",
@@ -369,13 +371,20 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
         dt: step of integration and output [s], in place of the scenario's.
 
     Raises:
-        UserError: where the step is too long for the scenario.
+        UserError: where the step is too long for the scenario, or the run too large for memory.
     """
     from . import compiled
 
     dt = scenario.dt if dt is None else dt
     n = round(scenario.duration / dt) + 1
     shape = (n, scenario.train.axles)
+    fastest = max((x.rate for x in scenario.sensor), default=0.0)
+    most = max(n, scenario.duration * fastest) * scenario.train.axles
+    if most > MOST:
+        raise UserError(
+            f"{scenario.name}: {most:.3g} samples, at most {MOST:.3g} fit into one run",
+            "simulate less time, or with a longer dt and slower sensors",
+        )
     pressure, wheel_speed, force = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     speed, distance = np.zeros(n), np.zeros(n)
     seconds = np.arange(n, dtype=np.float64) * np.float64(dt)
@@ -447,6 +456,25 @@ def log(simulation: Simulation) -> list[Recording]:
             random = np.random.Generator(np.random.PCG64(key))
             recordings.append(_recorded(simulation, sensor, axle, random))
     return recordings
+
+
+def as_log(simulation: Simulation) -> Log:
+    """The same as a log to be written: every channel as logged, in its own unit, without meaning.
+
+    Its hash is that of everything it was made from.
+    """
+    made_from = repr((simulation.scenario, simulation.seed, len(simulation.t)))
+    channels = [
+        Channel(
+            r.name, "", None, r.axle, r.unit, "simulated",
+            Column(r.t, r.value, np.isfinite(r.value)), len(r.t),
+        )
+        for r in log(simulation)
+    ]  # fmt: skip
+    return Log(
+        simulation.scenario.name, "simulation", sha256(made_from.encode()).hexdigest(), False,
+        sum(c.rows for c in channels), tuple(channels), (),
+    )  # fmt: skip
 
 
 def _recorded(

@@ -1,0 +1,62 @@
+"""`adhesion simulate`: a log of a brake that never was, with the truth in it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def command(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.")
+    ] = "",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Log: .csv or .mcap.")
+    ] = None,
+    list_: Annotated[bool, typer.Option("--list", help="Show the bundled scenarios.")] = False,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the noise, for the scenario's.")
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option("--dt", metavar="S", min=1e-6, max=0.02, help="Step, for the scenario's."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> int:
+    """Simulate a scenario and write what its sensors log, with the true force beside it.
+
+    Example: adhesion simulate leaf-film -o leaf-film.mcap
+    """
+    from .. import simulate
+    from ..document import dumps
+    from ..errors import UserError
+    from ..write import files
+    from ..write.log import writer
+    from . import show
+
+    if list_:
+        known = simulate.scenarios()
+        if json:
+            print(dumps({"schema": "adhesion.scenarios/1", "scenarios": known}))
+        else:
+            print(show.table(["scenario", "what"], list(known.items()), left=2))
+        return 0
+    if not scenario or out is None:
+        hint = "for example: adhesion simulate service-brake -o brake.csv; --list shows scenarios"
+        raise UserError("simulate needs a SCENARIO and -o FILE", hint, code=2)
+    write = writer(out)
+    inputs = [Path(scenario)]
+    files.check([out], force, inputs=inputs)
+    log = simulate.as_log(simulate.run(simulate.load(scenario), seed, dt))
+    with files.outputs([out], force, inputs=inputs) as (temporary,):
+        write(temporary, log)
+    if json:
+        print(dumps({
+            "schema": "adhesion.simulate/1", "scenario": log.path, "output": str(out),
+            "channels": len(log.channels), "samples": log.rows_read,
+        }))  # fmt: skip
+    else:
+        print(f"wrote {out}: {len(log.channels)} channels, {log.rows_read} samples")
+    return 0
