@@ -21,7 +21,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force
-from . import checks, timeaxis
+from . import checks, plausible, timeaxis
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -61,16 +61,18 @@ def records(
             f"the log has axles {', '.join(map(str, numbers))}",
             code=2,
         )
-    found: list[AxleRecord] = []
+    asked = axles or numbers
+    found: list[plausible.Axle] = []
     findings: list[Finding] = []
-    for axle in axles or numbers:
+    for axle in numbers:
         speed = _of(speeds, axle)
         brake = _of(pressures, axle) or _of(forces, axle)
         if not speed or not brake:
             lacking = "wheel speed" if not speed else "pressure or clamping force"
             name = (speed or brake).title  # type: ignore[union-attr]
             text = f"axle {axle} has no {lacking}: not analysed"
-            findings.append(Finding("axle-incomplete", "warning", text, name))
+            told = [Finding("axle-incomplete", "warning", text, name)]
+            findings += told if axle in asked else []
             continue
         train = _of(trains, axle)
         moving = [c for c in (*speeds.values(), *trains.values()) if c is not speed]
@@ -78,17 +80,21 @@ def records(
         beside = [c for c in pressed.values() if c is not brake]
         since = (brake.data.t - log.start_ns()) / 1e9
         stuck = checks.stuck_pressure(brake, beside)
-        findings += _told_of_pressure(brake, stuck, _inside(since, window), since)
-        record, told = _record(
+        told = _told_of_pressure(brake, stuck, _inside(since, window), since)
+        record, more = _record(
             log, vehicle, axle, window,
             speed, _without(brake, stuck), train, _of(truths, axle), moving,
         )  # fmt: skip
-        findings += told
+        findings += [*told, *more] if axle in asked else []
         if record:
-            found.append(record)
-    if not found:
+            found.append(plausible.Axle(record, speed, brake, train))
+    chosen = [a for a in found if a.record.axle in asked]
+    if not chosen:
         raise _nothing(log, speeds, pressures or forces, window)
-    return found, findings
+    theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}
+    together = plausible.findings(found, vehicle, log.start_ns())
+    findings += [f for f in together if f.channel in theirs]
+    return [a.record for a in chosen], findings
 
 
 def _inside(since: Floats, window: Window) -> Bools:
