@@ -21,7 +21,7 @@ LAYERS = [
     {"scenario"},
     {"simulate"},
     {"settings"},
-    {"analysis", "inspection"},
+    {"analysis", "inspection", "response"},
     {"cli"},
     {"__main__"},
 ]

@@ -1,49 +1,114 @@
-"""`adhesion estimators`: the registry."""
+"""`adhesion estimators`: the registry, and how its members answer."""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import Shared, loader, shared
 
+if TYPE_CHECKING:
+    from ..estimator import Estimator
+
+
+@shared
 def command(
-    json: Annotated[bool, typer.Option("--json", help="One JSON document.")] = False,
+    shared: Shared,
+    response: Annotated[
+        bool, typer.Option("--response", help="Measure gain, delay, noise over frequency.")
+    ] = False,
 ) -> int:
     """Show every online estimator: method, source, parameters with unit, range and default.
 
-    Example: adhesion estimators
+    With --response: how each answers to sines, at the settings stated; writes response.svg.
+
+    Example: adhesion estimators --response --set neso.beta1=100
     """
-    from ..estimator import parameters, registry
+    from ..analysis import chosen
+    from ..document import dumps
 
-    known = registry().values()
-    if json:
-        import json as json_module
+    known = chosen(shared.algo)
+    if response:
+        return _response(known, shared)
+    if shared.json:
+        listed = [_entry(e) for e in known]
+        print(dumps({"schema": "adhesion.estimators/1", "estimators": listed}))
+    else:
+        print("\n\n".join(_text(e) for e in known))
+    return 0
 
-        from ..document import finite
 
+def _entry(e: "Estimator") -> dict[str, object]:
+    from ..document import finite
+    from ..estimator import parameters
+
+    return {
+        "algo": e.name,
+        "title": e.title,
+        "source": e.source,
+        "claims": {k: c._asdict() for k, c in e.claims.items()},
+        "parameters": [
+            {
+                "name": name, "unit": q.unit, "text": q.text, "default": default,
+                "low": finite(q.low), "high": finite(q.high),
+            }
+            for name, q, default in parameters(e)
+        ],
+    }  # fmt: skip
+
+
+def _text(e: "Estimator") -> str:
+    from ..estimator import parameters
+
+    lines = [f"{e.name}: {e.title}", f"  {e.source}"]
+    for name, q, default in parameters(e):
+        bounds = f"{q.low:g} to {q.high:g}"
+        lines.append(f"  {e.name}.{name} = {default:g} {q.unit}  ({bounds}) {q.text}")
+    return "\n".join(lines)
+
+
+def _response(known: "list[Estimator]", shared: Shared) -> int:
+    from ..document import dumps
+    from ..physics import wheelset
+    from ..response import FREQUENCIES, panels, responses
+    from ..write import files, svg
+    from . import show
+
+    picture = (shared.out or Path()) / "response.svg"
+    files.check([picture], shared.force)
+    settings = loader(shared)()
+    w = wheelset(settings.vehicle, min(shared.axle, default=1))
+    found = [r for e in known for r in responses(e, settings.params(e), w)]
+    with files.outputs([picture], shared.force) as (temporary,):
+        svg.write(temporary, "Frequency response of the estimators", panels(found), columns=3)
+    columns = {
+        "gain": [r.gain for r in found],
+        "delay_s": [r.delay_s for r in found],
+        "noise_gain": [r.noise_gain for r in found],
+    }
+    if shared.json:
         listed = [
             {
-                "algo": e.name,
-                "title": e.title,
-                "source": e.source,
-                "claims": {k: c._asdict() for k, c in e.claims.items()},
-                "parameters": [
-                    {
-                        "name": name, "unit": q.unit, "text": q.text, "default": default,
-                        "low": finite(q.low), "high": finite(q.high),
-                    }
-                    for name, q, default in parameters(e)
-                ],
+                "algo": r.algo, "amplitude_n": r.amplitude_n,
+                "frequency_hz": r.frequency_hz.tolist(),
+                **{name: values[i].tolist() for name, values in columns.items()},
             }
-            for e in known
+            for i, r in enumerate(found)
         ]  # fmt: skip
-        print(
-            json_module.dumps({"schema": "adhesion.estimators/1", "estimators": listed}, indent=1)
-        )
+        outputs = {"svg": str(picture)}
+        print(dumps({"schema": "adhesion.response/1", "responses": listed, "outputs": outputs}))
         return 0
-    for e in known:
-        print(f"{e.name}: {e.title}\n  {e.source}")
-        for name, q, default in parameters(e):
-            bounds = f"{q.low:g} to {q.high:g}"
-            print(f"  {e.name}.{name} = {default:g} {q.unit}  ({bounds}) {q.text}")
-        print()
+    titles = ("gain of the force", "delay of the force [s]", "force per wheel speed [N/(rad/s)]")
+    for title, values, digits in zip(titles, columns.values(), (3, 3, 0), strict=True):
+        header = [title, "amplitude", *(f"{f:g} Hz" for f in FREQUENCIES)]
+        rows = [
+            [
+                r.algo,
+                "any" if r.amplitude_n is None else f"{r.amplitude_n:.0f} N",
+                *(show.number(x, digits) for x in values[i].tolist()),
+            ]
+            for i, r in enumerate(found)
+        ]
+        print(show.table(header, rows), end="\n\n")
+    print(f"wrote {picture}")
     return 0

@@ -1,0 +1,170 @@
+"""Line charts as SVG: small enough to need no plotting library, plain enough for a web page."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from ..model import Floats
+
+COLOURS = ("#2f6fb3", "#d9822b", "#c23b3b", "#7d57b5", "#238a80", "#a08a00", "#c75b86", "#7a5636")
+BLACK, GREY = "#222222", "#999999"
+
+_WIDTH, _HEIGHT = 330, 190  # of a panel's frame
+_LEFT, _RIGHT, _TOP, _BOTTOM, _LEGEND = 62, 14, 30, 40, 15  # around it
+_HEAD = 34  # above the panels
+_ABREAST = 3  # names in a row of the legend
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One curve; NaN, and what a logarithmic axis cannot show, leave a hole."""
+
+    name: str  # in the legend; "" for none
+    x: Floats
+    y: Floats
+    colour: str
+    dashed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One chart."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: Sequence[Line]
+    log_x: bool = False
+    log_y: bool = False
+    y_range: tuple[float, float] | None = None  # None: all there is
+
+
+def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> None:
+    """Write the panels row by row under a title.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    legend = max(-(-len([x for x in p.lines if x.name]) // _ABREAST) for p in panels) * _LEGEND
+    wide, high = _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM + legend
+    columns = min(columns, len(panels))
+    width, height = columns * wide, _HEAD + -(-len(panels) // columns) * high
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
+        f'height="{height}" font-family="sans-serif" font-size="11" fill="{BLACK}">',
+        f'<rect width="{width}" height="{height}" fill="white"/>',
+        _text(width / 2, 22, title, "middle", 'font-size="14" font-weight="bold"'),
+    ]
+    for i, panel in enumerate(panels):
+        x, y = i % columns * wide + _LEFT, _HEAD + i // columns * high + _TOP
+        parts += [f'<g transform="translate({x},{y})">', *_panel(panel), "</g>"]
+    path.write_text("\n".join([*parts, "</svg>", ""]), encoding="utf-8")
+
+
+def _panel(panel: Panel) -> Iterator[str]:
+    xs = _Axis.over([line.x for line in panel.lines], panel.log_x, _WIDTH)
+    ys = _Axis.over([line.y for line in panel.lines], panel.log_y, _HEIGHT, panel.y_range)
+    for at, label in xs.ticks():
+        yield f'<path d="M{at:.1f} 0V{_HEIGHT}" stroke="#e6e6e6"/>'
+        yield _text(at, _HEIGHT + 14, label, "middle")
+    for at, label in ys.ticks():
+        yield f'<path d="M0 {_HEIGHT - at:.1f}H{_WIDTH}" stroke="#e6e6e6"/>'
+        yield _text(-5, _HEIGHT - at + 4, label, "end")
+    yield f'<rect width="{_WIDTH}" height="{_HEIGHT}" fill="none" stroke="{GREY}"/>'
+    yield f'<svg width="{_WIDTH}" height="{_HEIGHT}">'  # cuts off what lies outside
+    for line in panel.lines:
+        dash = ' stroke-dasharray="5 3"' if line.dashed else ""
+        data = _curve(xs.place(line.x), _HEIGHT - ys.place(line.y))
+        yield f'<path d="{data}" fill="none" stroke="{line.colour}" stroke-width="1.3"{dash}/>'
+    yield "</svg>"
+    yield _text(_WIDTH / 2, -9, panel.title, "middle", 'font-weight="bold"')
+    yield _text(_WIDTH / 2, _HEIGHT + 30, panel.x_label, "middle")
+    turned = f'transform="rotate(-90)" fill="{BLACK}"'
+    yield _text(-_HEIGHT / 2, -_LEFT + 13, panel.y_label, "middle", turned)
+    for i, line in enumerate(line for line in panel.lines if line.name):
+        x, y = i % _ABREAST * _WIDTH / _ABREAST, _HEIGHT + _BOTTOM + 4 + i // _ABREAST * _LEGEND
+        dash = ' stroke-dasharray="5 3"' if line.dashed else ""
+        yield f'<path d="M{x:.0f} {y}h18" stroke="{line.colour}" stroke-width="2"{dash}/>'
+        yield _text(x + 22, y + 4, line.name, "start")
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """From numbers to pixels; `low` and `high` are logarithms on a logarithmic axis."""
+
+    low: float
+    high: float
+    log: bool
+    length: float
+
+    @classmethod
+    def over(
+        cls,
+        columns: Sequence[Floats],
+        log: bool,
+        length: float,
+        limits: tuple[float, float] | None = None,
+    ) -> "_Axis":
+        values = np.concatenate([*columns, [*(limits or ())]])
+        values = _scaled(np.asarray(limits, np.float64) if limits else values, log)
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+        if low == high:
+            low, high = low - 0.5, high + 0.5
+        margin = 0.0 if limits else 0.03 * (high - low)
+        return cls(low - margin, high + margin, log, length)
+
+    def place(self, values: Floats) -> Floats:
+        placed: Floats = (_scaled(values, self.log) - self.low) / (self.high - self.low)
+        return placed * self.length
+
+    def ticks(self) -> Iterator[tuple[float, str]]:
+        span = self.high - self.low
+        if self.log and span > 1.0:
+            step = float(math.ceil(span / 6.0))
+        else:
+            rough = span / 8.0
+            power = 10.0 ** math.floor(math.log10(rough))
+            step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= rough)
+        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
+        for k in range(first, last + 1):
+            value = 10.0 ** (k * step) if self.log else k * step
+            yield (k * step - self.low) / span * self.length, f"{value + 0.0:.6g}"
+
+
+def _scaled(values: Floats, log: bool) -> Floats:
+    values = np.asarray(values, np.float64)
+    if not log:
+        return values
+    positive = values > 0.0
+    return np.where(positive, np.log10(np.where(positive, values, 1.0)), np.nan)
+
+
+def _curve(x: Floats, y: Floats) -> str:
+    """Path through the points; of many in one pixel column only the lowest and the highest."""
+    known = np.isfinite(x) & np.isfinite(y)
+    if len(x) > 4 * _WIDTH:
+        column = np.floor(np.where(known, x, -1.0))
+        ends = np.flatnonzero(np.diff(column, prepend=np.nan, append=np.nan) != 0)
+        kept = []
+        for a, b in pairwise(ends):
+            if known[a]:
+                kept += sorted({a + int(np.argmin(y[a:b])), a + int(np.argmax(y[a:b]))})
+            else:
+                kept.append(a)
+        x, y, known = x[kept], y[kept], known[kept]
+    parts, pen = [], "M"
+    for a, b, there in zip(x.tolist(), np.clip(y, -1e4, 1e4).tolist(), known.tolist(), strict=True):
+        if there:
+            parts.append(f"{pen}{a:.1f} {b:.1f}")
+        pen = "L" if there else "M"
+    return "".join(parts)
+
+
+def _text(x: float, y: float, text: str, anchor: str, more: str = "") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" {more}>{escape(text)}</text>'
