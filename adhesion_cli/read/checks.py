@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ..model import Bools, Channel, Floats
 from . import timeaxis
 
-_SLOW = 0.5  # a wheel slower than this is about to stand [rad/s]
+_SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
+_BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
@@ -60,9 +61,9 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
 
     It would have moved meanwhile: by as much as the other axles and the train do, or, where the
     log has none, as this speed usually does with the brake applied. More than six quantisation
-    steps and 2 % of it, that is; for much longer than the speed's usual steps last; and then the
-    speed leaps by a good part of it, or never changes again. A wheel that turns from sliding to
-    recovering stands at one value too, but leaves it gently.
+    steps (four where there are others) and 2 % of it, that is; for much longer than the speed's
+    usual steps last; and then the speed leaps by a good part of it, or never changes again. A wheel
+    that turns from sliding to recovering stands at one value too, but leaves it gently.
 
     Args:
         speed: wheel speed [rad/s].
@@ -73,17 +74,21 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
     runs = _runs(speed)
     value = y[runs.first]
     expected = _expected(speed, brake, runs)
+    steps = np.full(len(value), 6.0)
     if others:
         moved = np.full((len(others), len(value)), np.nan)
         for row, other in zip(moved, others, strict=True):
             before, after = (timeaxis.interpolated(t[i], other) for i in runs)
-            np.divide(np.abs(after - before) * value, before, out=row, where=before > 0.0)
+            fast = before > 0.1 * np.max(other.data.value)
+            np.divide(np.abs(after - before) * value, before, out=row, where=fast)
         known = np.isfinite(moved).any(axis=0)
         expected[known] = np.nanmedian(moved[:, known], axis=0)
+        steps[known] = 4.0
     stuck = (
-        (runs.length >= np.maximum(3.0, 4.0 * np.median(runs.length)))
+        (runs.length >= np.maximum(3.0, 2.5 * np.median(runs.length)))
+        & ((t[runs.last] - t[runs.first]) / 1e9 > _BRIEF)
         & (value > _SLOW)
-        & (expected > np.maximum(6.0 * speed.step, 0.02 * value))
+        & (expected > np.maximum(steps * speed.step, 0.02 * value))
         & (_leap(y, runs) > 0.3 * expected)
     )
     return _repeats(len(y), runs, stuck)
@@ -120,7 +125,9 @@ def stuck_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Bools:
     x = pressure.data.value
     runs = _runs(pressure)
     value = x[runs.first]
-    silent = _silent(pressure, runs) & (value > x.min()) & ~_flat_top(pressure, runs)
+    silent = _silent(pressure, runs) & ~_flat_top(pressure, runs)
+    if _cut_off(pressure, runs):
+        silent &= value > x.min()
     return _repeats(len(x), runs, silent | _left_alone(pressure, runs, others))
 
 
@@ -139,6 +146,16 @@ def _flat_top(pressure: Channel, runs: _Runs) -> Bools:
     flat = _silent(pressure, runs) & (value == top)
     found: Bools = flat & (steep | (flat.sum() > 1))
     return found
+
+
+def _cut_off(pressure: Channel, runs: _Runs) -> bool:
+    """Whether the sensor reads nothing below its lowest value: it is there often, not by chance."""
+    x = pressure.data.value
+    low = float(x.min())
+    short = runs.length < 30
+    near = x[runs.first[short]] <= low + max(0.02 * float(x.max()), 4.0 * pressure.step)
+    there = x[runs.first[short]] == low
+    return bool(near.sum() < 20 or there.sum() > 0.1 * near.sum())
 
 
 def _silent(pressure: Channel, runs: _Runs) -> Bools:
