@@ -250,15 +250,74 @@ def _stage(
     return math.nan
 
 
+class _Scratch(NamedTuple):
+    """Room of `_advance`, so that no step allocates; `rails` is where its last stage ended."""
+
+    rails: Floats  # shape (axles, 5)
+    friction: Floats
+    w_new: Floats
+    w_from: Floats
+    newton: Floats  # shape (axles, 3)
+
+
+def _scratch(axles: int) -> _Scratch:
+    return _Scratch(
+        np.zeros((axles, 5)), np.zeros(axles), np.zeros(axles), np.zeros(axles),
+        np.zeros((axles, 3)),
+    )  # fmt: skip
+
+
+def _advance(
+    plant: _Plant, track: _Track, valve: NDArray[np.int64], knot: NDArray[np.int64],
+    demand: float, rise: float, t: float, h: float,
+    v: float, x: float, w: Floats, p: Floats, room: _Scratch,
+) -> float:  # fmt: skip
+    """One step from `t` to `t + h`, within which nothing jumps; w, p and knot are updated.
+
+    `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
+
+    Returns:
+        v at the end, or NaN where Newton's iteration did not converge.
+    """
+    axles = len(w)
+    w_new, w_from = room.w_new, room.w_from
+    v_new, v_from, braked = v, v, False
+    for i in range(axles):
+        w_new[i] = w_from[i] = w[i]
+    for part in (GAMMA, 1.0):
+        for i in range(axles):
+            p1 = _cylinder(plant, valve[i], p[i], demand, demand + rise * part * h, part * h)
+            K = max(plant.per_pascal * p1 - plant.at_zero, 0.0)  # (15)
+            room.friction[i] = plant.phi * K
+            braked = braked or K > 0.0
+            if part == 1.0:
+                p[i] = p1
+            z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
+            knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+        if v > 0.0:
+            v_new = _stage(
+                plant, room.rails, room.friction, GAMMA * h, v_from, w_from, v_new, w_new,
+                room.newton,
+            )  # fmt: skip
+        if math.isnan(v_new):
+            return v_new
+        if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
+            v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
+            for i in range(axles):
+                w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
+    stands = braked and v_new < STANDSTILL
+    for i in range(axles):
+        w[i] = 0.0 if stands else w_new[i]
+    return 0.0 if stands else v_new
+
+
 def _integrate(
     plant: _Plant, track: _Track, demand_t: Floats, demand_p: Floats, v: float, dt: float,
     pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
     n, axles = pressure.shape
-    p, friction, before = np.zeros(axles), np.zeros(axles), np.zeros(axles)
-    w, w_new, w_from = np.zeros(axles), np.zeros(axles), np.zeros(axles)
-    work, rails = np.zeros((axles, 3)), np.zeros((axles, 5))
+    p, before, w, room = np.zeros(axles), np.zeros(axles), np.zeros(axles), _scratch(axles)
     valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
     for i in range(axles):
         w[i] = before[i] = v
@@ -288,38 +347,14 @@ def _integrate(
                 speed[k], distance[k] = v, x
                 for i in range(axles):
                     z = t if track.timed else x - plant.positions[i]
-                    knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], rails[i])
+                    knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
                     pressure[k, i], wheel_speed[k, i] = p[i], w[i] / plant.radius[i]
                     if v > 0.0:
-                        force[k, i] = _adhesion(v - w[i], v, rails[i], plant.patch)[0]
-            h, v_new, v_from, braked = stop - t, v, v, False
-            for i in range(axles):
-                w_new[i] = w_from[i] = w[i]
-            for part in (GAMMA, 1.0):
-                for i in range(axles):
-                    p1 = _cylinder(plant, valve[i], p[i], c0, c0 + rise * part * h, part * h)
-                    K = max(plant.per_pascal * p1 - plant.at_zero, 0.0)  # (15)
-                    friction[i] = plant.phi * K
-                    braked = braked or K > 0.0
-                    if part == 1.0:
-                        p[i] = p1
-                    z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-                    knot[i] = _rail_at(track, z, knot[i], plant.cleaning[i], rails[i])
-                if v > 0.0:
-                    v_new = _stage(
-                        plant, rails, friction, GAMMA * h, v_from, w_from, v_new, w_new, work
-                    )
-                if math.isnan(v_new):
-                    return t
-                if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
-                    v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
-                    for i in range(axles):
-                        w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
-            stands = braked and v_new < STANDSTILL
-            v_new = 0.0 if stands else v_new
-            for i in range(axles):
-                w[i] = 0.0 if stands else w_new[i]
-            x += 0.5 * h * (v + v_new)
+                        force[k, i] = _adhesion(v - w[i], v, room.rails[i], plant.patch)[0]
+            v_new = _advance(plant, track, valve, knot, c0, rise, t, stop - t, v, x, w, p, room)
+            if math.isnan(v_new):
+                return t
+            x += 0.5 * (stop - t) * (v + v_new)
             v, t = v_new, stop
     return math.nan
 
