@@ -22,6 +22,7 @@ LAYERS = [
     {"simulate"},
     {"settings"},
     {"analysis", "inspection", "response"},
+    {"reproduce"},
     {"cli"},
     {"__main__"},
 ]

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import typer
 
 from ..errors import UserError
-from . import analyze, compare, convert, estimators, inspect, recover, simulate, view
+from . import analyze, compare, convert, estimators, inspect, recover, reproduce, simulate, view
 
 app = typer.Typer(
     name="adhesion",
@@ -22,7 +22,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (inspect, analyze, compare, simulate, convert, recover, view, estimators):
+for module in (inspect, analyze, compare, simulate, reproduce, convert, recover, view, estimators):
     app.command(module.__name__.rpartition(".")[2])(module.command)
 
 # typer carries click inside, or uses the installed one, by version: reach its classes either way

@@ -124,17 +124,21 @@ class _Axis:
         return placed * self.length
 
     def ticks(self) -> Iterator[tuple[float, str]]:
+        """Pixels and labels: 1-2-5 steps, decades, or 1-2-5 within few decades."""
         span = self.high - self.low
-        if self.log and span > 1.0:
-            step = float(math.ceil(span / 6.0))
+        if self.log:
+            decades = range(math.floor(self.low), math.ceil(self.high) + 1)
+            some = decades[:: math.ceil(span / 6.0)]
+            values = [m * 10.0**k for k in some for m in ((1, 2, 5) if span < 2.5 else (1,))]
         else:
-            rough = span / 8.0
-            power = 10.0 ** math.floor(math.log10(rough))
-            step = next(m * power for m in (1.0, 2.0, 5.0, 10.0) if m * power >= rough)
-        first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
-        for k in range(first, last + 1):
-            value = 10.0 ** (k * step) if self.log else k * step
-            yield (k * step - self.low) / span * self.length, f"{value + 0.0:.6g}"
+            power = 10.0 ** math.floor(math.log10(span / 8.0))
+            step = next(m * power for m in (1, 2, 5, 10) if m * power >= span / 8.0)
+            first = math.floor(self.low / step)
+            values = [k * step for k in range(first, first + 11)]
+        places = self.place(np.array(values))
+        for value, at in zip(values, places.tolist(), strict=True):
+            if -0.5 <= at <= self.length + 0.5:
+                yield at, f"{value + 0.0:.6g}"
 
 
 def _scaled(values: Floats, log: bool) -> Floats:
