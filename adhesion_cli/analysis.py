@@ -15,6 +15,7 @@ from .model import (
     Bools,
     Finding,
     Floats,
+    Reference,
     Result,
     Severity,
     Vehicle,
@@ -102,6 +103,11 @@ def _axle(
     }
     applications = metrics.applications(record)
     findings = _told(record, vehicle, ref.force, applications, start_ns)
+    lost = [s for s in applications if _drowned(ref, s)]
+    if lost:
+        ref, told = _refused(record, ref, lost, start_ns)
+        findings.append(told)
+        applications = tuple(s for s in applications if s not in lost)
     scores = metrics.scores(record, ref, estimates, applications)
     slip = None
     if record.train_speed is not None:
@@ -110,6 +116,30 @@ def _axle(
             record.train_speed, record.wheel_speed, radius, settings.analysis.slowest
         )
     return AxleResult(record, ref, estimates, scores, applications, slip), findings
+
+
+def _drowned(ref: Reference, application: slice) -> bool:
+    """Whether a brake application's force is mostly less than the 95 % noise of it."""
+    known = np.isfinite(ref.force[application])
+    force, noise = np.abs(ref.force[application][known]), 1.96 * ref.sigma[application][known]
+    return bool(known.any() and np.median(noise) > np.median(force))
+
+
+def _refused(
+    record: AxleRecord, ref: Reference, lost: Sequence[slice], start_ns: int
+) -> tuple[Reference, Finding]:
+    """The reference without these applications: a figure less sure than large is none."""
+    columns = [c.copy() for c in (ref.force, ref.sigma, ref.lower, ref.upper)]
+    for s in lost:
+        for c in columns:
+            c[s] = np.nan
+    text = (
+        "the noise of the force (95 %) exceeds the force in this many brake applications: no value "
+        "there; log the wheel speed with more pulses per turn, less noise or a higher rate"
+    )
+    first = (int(record.t[lost[0].start]) - start_ns) / 1e9
+    told = Finding("reference-noise", "warning", text, f"axle {record.axle}", len(lost), first)
+    return Reference(ref.method, ref.source, *columns), told
 
 
 def _told(

@@ -1,5 +1,6 @@
-"""Logs of simulated brakes as CSV, the sensors varied; truth is known."""
+"""Logs of simulated brakes as CSV, with other sensors and vehicles, and faults put into them."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -7,55 +8,131 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli import simulate
-from adhesion_cli.scenario import Scenario, Sensor
+from adhesion_cli.model import Vehicle
+from adhesion_cli.scenario import Sensor
 from adhesion_cli.simulate import Recording
+
+Recordings = list[Recording]
 
 
 @cache
-def simulation(name: str, train: float = 0.0) -> simulate.Simulation:
-    """A bundled scenario; its train starts at another speed [m/s] if one is given."""
+def simulation(name: str, vehicle: Vehicle | None = None) -> simulate.Simulation:
+    """A bundled scenario, with another vehicle on the scenario's own wheels if one is given."""
     s = simulate.load(name)
-    if train:
-        s = replace(s, train=replace(s.train, speed=train))
+    if vehicle:
+        s = replace(s, vehicle=replace(vehicle, wheel_radius=s.vehicle.wheel_radius))
     return simulate.run(s)
 
 
 def recordings(
     name: str, *, seed: int = 1, rate: float = 0.0, noise: float | None = None,
-    kmh: float = 0.0, train: bool | None = None, **sensor: float,
-) -> list[Recording]:  # fmt: skip
-    """What the scenario's loggers write, with other rates, noise, steps or train speed."""
-    true = simulation(name)
+    kmh: float = 0.0, train: bool | None = None, vehicle: Vehicle | None = None,
+) -> Recordings:  # fmt: skip
+    """What the scenario's loggers write.
+
+    Args:
+        name: a bundled scenario.
+        seed: of the sensors' noise.
+        rate: of all sensors [Hz], of a train speed at most its own; 0: the scenario's.
+        noise: variance of the wheel speed's noise [rad²/s²], None: the scenario's.
+        kmh: step of the wheel speed, 0: the scenario's.
+        train: with or without a train speed, None: as the scenario has it.
+        vehicle: in place of the scenario's.
+    """
+    true = simulation(name, vehicle)
 
     def varied(s: Sensor) -> Sensor:
         if rate:
             own = min(rate, s.rate) if s.signal == "train_speed" else rate
             s = replace(s, rate=own, jitter=0.0)
-        if s.signal == "wheel_speed":
-            if kmh:
-                s = replace(s, unit="km/h", resolution=kmh, teeth=0)
-            if noise is not None:
-                s = replace(s, noise_variance=noise, teeth=0)
+        if s.signal == "wheel_speed" and kmh:
+            s = replace(s, unit="km/h", resolution=kmh, teeth=0)
+        if s.signal == "wheel_speed" and noise is not None:
+            s = replace(s, noise_variance=noise, teeth=0)
         return s
 
-    sensors = [varied(s) for s in true.scenario.sensor if train is not False or s.signal != "train_speed"]
+    sensors = [varied(s) for s in true.scenario.sensor]
+    if train is False:
+        sensors = [s for s in sensors if s.signal != "train_speed"]
     if train and not any(s.signal == "train_speed" for s in sensors):
-        sensors.append(
-            Sensor("train_speed", "km/h", min(rate or 10.0, 10.0), noise_variance=1e-4)
-        )
-    scenario: Scenario = replace(true.scenario, sensor=tuple(sensors))
+        every = min(rate or 10.0, 10.0)
+        sensors.append(Sensor("train_speed", "km/h", every, noise_variance=1e-4))
+    scenario = replace(true.scenario, sensor=tuple(sensors))
     return simulate.log(replace(true, scenario=scenario, seed=seed))
 
 
-def write(path: Path, recordings: list[Recording], unit: str = "s") -> Path:
+def write(path: Path, log: Recordings) -> Path:
     """A CSV with one row per time stamp, a cell empty where a channel has no sample."""
-    times = np.unique(np.concatenate([r.t for r in recordings]))
-    columns = []
-    for r in recordings:
-        cells = np.full(len(times), "", dtype=object)
-        cells[np.searchsorted(times, r.t)] = r.texts()
-        columns.append(cells)
-    head = ",".join([f"time [{unit}]", *(f"{r.name} [{r.unit or '-'}]" for r in recordings)])
-    rows = (f"{t / 1e9:.6f}," + ",".join(row) for t, *row in zip(times.tolist(), *columns))
+    times = np.unique(np.concatenate([r.t for r in log]))
+    cells = np.full((len(times), len(log)), "", dtype=object)
+    for column, r in zip(cells.T, log, strict=True):
+        column[np.searchsorted(times, r.t)] = r.texts()
+    head = ",".join(["time [s]", *(f"{r.name} [{r.unit or '-'}]" for r in log)])
+    rows = (f"{t / 1e9:.6f},{','.join(row)}" for t, row in zip(times, cells, strict=True))
     path.write_text("\n".join([head, *rows]) + "\n")
     return path
+
+
+def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:
+    """Places of a signal's channels in the log, of one axle only if it is given."""
+    return [i for i, r in enumerate(log) if r.signal == signal and axle in (0, r.axle or 1)]
+
+
+def changed(
+    log: Recordings, signal: str, change: Callable[[Recording], Recording], axle: int = 0
+) -> Recordings:
+    """The log with some channels changed."""
+    places = which(log, signal, axle)
+    return [change(r) if i in places else r for i, r in enumerate(log)]
+
+
+def stuck(log: Recordings, signal: str, axle: int, at: float, seconds: float) -> Recordings:
+    """One sensor repeats the value it has at this time."""
+
+    def change(r: Recording) -> Recording:
+        value, t = r.value.copy(), r.t * 1e-9
+        inside = (t >= at) & (t < at + seconds)
+        value[inside] = value[np.argmax(inside)]
+        return replace(r, value=value)
+
+    return changed(log, signal, change, axle)
+
+
+def saturated(log: Recordings, share: float) -> Recordings:
+    """Pressure sensors whose range ends at this share of the highest pressure."""
+    top = max(float(log[i].value.max()) for i in which(log, "pressure"))
+
+    def change(r: Recording) -> Recording:
+        return replace(r, value=np.minimum(r.value, round(share * top, r.decimals or 0)))
+
+    return changed(log, "pressure", change)
+
+
+def mislabelled(log: Recordings, signal: str, unit: str) -> Recordings:
+    """The values as they are, with another unit's name."""
+    return changed(log, signal, lambda r: replace(r, unit=unit))
+
+
+def late(log: Recordings, signal: str, seconds: float) -> Recordings:
+    """Time stamps of another clock."""
+    return changed(log, signal, lambda r: replace(r, t=r.t + round(seconds * 1e9)))
+
+
+def worn(log: Recordings, axle: int, scale: float) -> Recordings:
+    """A wheel speed that many times as large, as with another diameter."""
+    return changed(
+        log, "wheel_speed", lambda r: replace(r, value=r.value * scale, decimals=None), axle
+    )
+
+
+def slower(log: Recordings, times: float) -> Recordings:
+    """Time stamps in another unit."""
+    return [replace(r, t=np.round(r.t * times).astype(np.int64)) for r in log]
+
+
+def swapped(log: Recordings, one: int, other: int) -> Recordings:
+    """The wheel speeds of two axles under each other's names."""
+    (i,), (j,) = which(log, "wheel_speed", one), which(log, "wheel_speed", other)
+    a, b = log[i], log[j]
+    exchanged = {i: replace(a, t=b.t, value=b.value), j: replace(b, t=a.t, value=a.value)}
+    return [exchanged.get(k, r) for k, r in enumerate(log)]
