@@ -14,7 +14,7 @@ LAYERS = [
     {"__init__", "errors", "bundled"},
     {"model", "text"},
     {"physics", "estimator"},
-    {"estimators", "compiled", "rail"},
+    {"estimators", "compiled", "rail", "slope"},
     {"smoother"},
     {"reference"},
     {"metrics", "read", "write", "document"},

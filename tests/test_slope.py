@@ -1,0 +1,137 @@
+"""Slope of the slip-adhesion curve against the creep curve's analytical derivative."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from adhesion_cli import compiled, rail, scenario, slope
+from adhesion_cli.physics import G
+
+SPEED = 15.0  # m/s
+LOAD = 4797.0 * G  # N
+PATCH = scenario.Contact().patch(LOAD)
+
+Samples = list[tuple[float, float, float]]  # time [s], slip, μ
+
+
+def curve(name: str, slip: float) -> tuple[float, float]:
+    """μ and dμ/ds at constant speed, analytically."""
+    force, derivative = rail.creep_force(slip * SPEED, SPEED, rail.condition(name), PATCH)
+    return force / LOAD, derivative * SPEED / LOAD
+
+
+def swing(name: str, middle: float, size: float, times: np.ndarray) -> Samples:
+    """An operating point that swings about `middle` on the curve of a rail."""
+    slips = (middle + size * np.sin(3.0 * times)).tolist()
+    return [(t, s, curve(name, s)[0]) for t, s in zip(times.tolist(), slips, strict=True)]
+
+
+def march(p: slope.Params, samples: Samples) -> list[slope.State]:
+    states = [slope.init(p, *samples[0][1:])]
+    for (before, _, _), (t, s, mu) in pairwise(samples):
+        states.append(slope.step(p, states[-1], t - before, s, mu))
+    return states
+
+
+@pytest.mark.parametrize("name", ["dry", "wet", "low", "very-low"])
+@pytest.mark.parametrize("middle", [0.004, 0.03, 0.08, 0.15])
+def test_slope_is_the_curves_derivative(name: str, middle: float) -> None:
+    samples = swing(name, middle, middle / 50.0, np.arange(0.0, 6.0, 0.01))
+    final = march(slope.Params(least=1e-6), samples)[-1]
+    true = curve(name, middle)[1]
+    assert final.slope == pytest.approx(true, rel=0.05, abs=2e-3)
+    assert final.confidence > 0.9
+
+
+@settings(derandomize=True, max_examples=25, deadline=None)
+@given(
+    h=st.floats(1e-4, 0.2), jitter=st.floats(0.0, 0.9), k=st.floats(-5.0, 20.0),
+    seed=st.integers(0, 99),
+)  # fmt: skip
+def test_a_line_gives_its_slope_at_any_rate(h: float, jitter: float, k: float, seed: int) -> None:
+    n = max(int(3.0 / h), 30)
+    rng = np.random.default_rng(seed)
+    times = h * (np.arange(n) + jitter * rng.uniform(-0.5, 0.5, n))
+    slips = (0.05 + 0.02 * np.sin(2.0 * times)).tolist()
+    samples = [(t, s, 0.05 + k * s) for t, s in zip(times.tolist(), slips, strict=True)]
+    assert march(slope.Params(), samples)[-1].slope == pytest.approx(k, rel=1e-6, abs=1e-9)
+
+
+def test_the_answer_does_not_depend_on_the_rate() -> None:
+    fine, coarse = (
+        march(slope.Params(), swing("wet", 0.05, 0.02, np.arange(0.0, 5.0 + h / 2, h)))[-1]
+        for h in (1e-3, 0.05)
+    )
+    assert coarse.slope == pytest.approx(fine.slope, rel=0.01)
+
+
+def test_the_recursion_is_the_forgetting_least_squares() -> None:
+    """k̇ = P Δs (Δμ − kΔs), Ṗ = ρP − P²Δs², integrated finely, gives what the step gives."""
+    p = slope.Params()
+    h = 1e-4
+    states = march(p, swing("wet", 0.05, 0.02, np.arange(0.0, 3.0, h)))
+    at = int(1.0 / h)
+    P, k = 1.0 / states[at].S, states[at].slope
+    for s in states[at:-1]:
+        k += h * P * s.dslip * (s.dmu - k * s.dslip)
+        P += h * (p.rho * P - P * P * s.dslip * s.dslip)
+    assert k == pytest.approx(states[-1].slope, rel=1e-3)
+    assert pytest.approx(1.0 / states[-1].S, rel=1e-3) == P
+
+
+def test_without_excitation_there_is_no_slope_and_nothing_grows() -> None:
+    rng = np.random.default_rng(3)
+    samples = swing("wet", 0.05, 0.02, np.arange(0.0, 4.0, 0.01))
+    noise = rng.normal(0.0, 2e-4, (60_000, 2))
+    samples += [(4.0 + 0.01 * i, 0.05 + a, 0.1 + b) for i, (a, b) in enumerate(noise.tolist())]
+    states = march(slope.Params(), samples)
+    assert math.isfinite(states[399].slope)
+    rest = states[1000:]
+    assert all(math.isnan(s.slope) and s.confidence == 0.0 for s in rest)
+    assert max(abs(s.C) + s.S for s in rest) < 1e-5
+
+
+def test_changes_that_slip_does_not_explain_are_not_a_slope() -> None:
+    """The rail changes under a swinging slip: μ moves, but not along one curve."""
+    rng = np.random.default_rng(4)
+    times = np.arange(0.0, 20.0, 0.01)
+    rails = np.cumsum(rng.normal(0.0, 0.01, len(times)))
+    slips = 0.05 + 0.005 * np.sin(3.0 * times)
+    samples = list(zip(times.tolist(), slips.tolist(), rails.tolist(), strict=True))
+    known = [s for s in march(slope.Params(), samples)[200:] if math.isfinite(s.slope)]
+    assert len(known) < 0.2 * len(samples)
+
+
+def test_standstill_starts_anew_and_leaves_no_nan() -> None:
+    samples = swing("wet", 0.05, 0.002, np.arange(0.0, 4.0, 0.01))
+    holes = [(t, math.nan if 1.0 < t < 1.5 else s, mu) for t, s, mu in samples]
+    states = march(slope.Params(), holes)
+    assert math.isnan(states[120].slope)
+    assert states[120].confidence == 0.0
+    assert states[150].S == 0.0
+    assert states[-1].slope == pytest.approx(curve("wet", 0.05)[1], rel=0.1)
+
+
+def test_the_same_compiled() -> None:
+    p = slope.Params()
+    samples = swing("low", 0.05, 0.02, np.arange(0.0, 1.0, 0.01))
+    fast = compiled.function(slope.step)
+    state = slope.init(p, *samples[0][1:])
+    for (before, _, _), (t, s, mu) in pairwise(samples):
+        state = fast(p, state, t - before, s, mu)
+    assert state == march(p, samples)[-1]
+
+
+def test_regions_are_the_and_test() -> None:
+    bands = slope.Bands(0.01, 0.2, -0.05, 1.0)
+    nan = math.nan
+    for slip, k, name in (
+        (0.05, 0.5, "optimal"), (0.05, 5.0, "below"), (0.05, -0.3, "beyond"),
+        (0.005, 0.5, "below"), (0.005, -0.3, "beyond"), (0.3, 0.5, "beyond"),
+        (0.3, nan, "beyond"), (0.005, nan, "below"), (0.05, nan, "unknown"), (nan, 0.5, "unknown"),
+    ):  # fmt: skip
+        assert slope.REGIONS[slope.region(slip, k, bands)] == name
