@@ -99,15 +99,22 @@ def batch(
     return F
 
 
-def function(target: Callable[..., Any]) -> Callable[..., Any]:
-    """`target`, a plain function at module level, compiled at its first call and kept on disk."""
+def function(target: Any, **bound: Any) -> Callable[..., Any]:
+    """`target`, a plain function at module level, compiled at its first call and kept on disk.
+
+    Args:
+        target: the function.
+        bound: plain functions that stand in for those `target`'s module has under these names.
+    """
     assert isinstance(target, FunctionType)
     code = target.__code__
     arguments = ", ".join(code.co_varnames[: code.co_argcount])
-    name = f"{target.__module__}.{target.__name__}".replace(".", "_")
+    name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *bound.values()))
+    stand_ins = tuple((target.__globals__[key], f) for key, f in bound.items())
     return _compiled(
-        name, _WRAPPER.format(arguments=arguments), (("target", target),), inline=False
-    )
+        name.replace(".", "_"), _WRAPPER.format(arguments=arguments), (("target", target),),
+        inline=False, stand_ins=stand_ins,
+    )  # fmt: skip
 
 
 def _loop(est: Estimator) -> Callable[..., Any]:
@@ -121,16 +128,20 @@ def _loop(est: Estimator) -> Callable[..., Any]:
 
 @cache
 def _compiled(
-    name: str, text: str, reached: tuple[tuple[str, Any], ...], inline: bool
-) -> Callable[..., Any]:
+    name: str, text: str, reached: tuple[tuple[str, Any], ...], inline: bool,
+    stand_ins: tuple[tuple[Any, Any], ...] = (),
+) -> Callable[..., Any]:  # fmt: skip
     """`call` of the source `text`, which finds the things `reached` under their names.
+
+    Of each pair of `stand_ins` the second function is called wherever the first one is named.
 
     The source is a file of its own because numba's disk cache recognises a function by its file;
     a function passed in or closed over is never recognised.
     """
     from numba import njit
 
-    folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for _, x in reached})
+    code = [x for _, x in (*reached, *stand_ins)]
+    folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
     path = folder / f"{name}.py"
     if not path.exists():
         _write(path, text)
@@ -139,6 +150,8 @@ def _compiled(
     assert spec.loader is not None
     module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
     done: dict[FunctionType, Any] = {}
+    for named, called in stand_ins:
+        done[named] = _lowered(called, done, inline)
     for key, x in reached:
         setattr(module, key, _lowered(x, done, inline) if isinstance(x, FunctionType) else x)
     spec.loader.exec_module(module)

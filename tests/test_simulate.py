@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from adhesion_cli import physics, rail, scenario, simulate
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Floats
+from adhesion_cli.plant import demand_of, plant_of, track_of
 from adhesion_cli.scenario import Brake, Command, Rail, Scenario, Section, Sensor, Train, Wsp
 from adhesion_cli.simulate import Recording, Simulation
 
@@ -187,8 +188,8 @@ def test_compiled_equals_plain_python() -> None:
     fast = simulate.run(s)
     n = len(fast.t)
     columns = [np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4)), np.zeros(n), np.zeros(n)]
-    plant, track = simulate._plant(s), simulate._track(s.rail)
-    failed = simulate._integrate(plant, track, *simulate._demand(s), s.train.speed, s.dt, *columns)
+    plant, track = plant_of(s), track_of(s.rail)
+    failed = simulate._integrate(plant, track, *demand_of(s), s.train.speed, s.dt, *columns)
     assert math.isnan(failed)
     for plain, compiled in zip(
         columns,

@@ -1,0 +1,287 @@
+"""A braked train in motion: cylinders, wheels on the rail, car body; one step of its equations.
+
+One car body of mass M = Σ m shared by every wheelset, each with its own brake cylinder; (1) per
+wheelset with Polach's adhesion force (3):
+
+    M v̇ = −Σ F_i,    ω̇_i = a (F_i − φK_i) while the wheel turns.
+
+A wheel that stands is held by its brake up to φK; a train that stands stays (level track, F = 0).
+The equations are stiff: near adhesion the slip settles within 1/(a R ∂F/∂Δv), 2 ms at 20 m/s and
+20 µs at walking pace. They are integrated by the two-stage, L-stable, stiffly accurate SDIRK
+method of order 2 (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2), whose
+last stage is the new state: F in the output satisfies (3) at the sample it stands beside.
+
+Everything below `track_of` is plain Python that compiles; loops over it end their steps at every
+jump or kink of the brake demand, of a rail that changes with time, and of the valves.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import physics
+from .controllers import HOLD, VENT
+from .model import Floats, Vehicle
+from .rail import Condition, Patch, condition, creep_force
+from .scenario import INF, Rail, Scenario, Wave, Wsp
+
+GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2
+STANDSTILL = 1e-3  # a braked train slower than this stands [m/s]
+SOON = 1e-10  # events closer than this count as one [s]
+CONVERGED = 1e-11  # last Newton correction [m/s]
+PATIENCE = 60  # Newton iterations
+
+
+class Plant(NamedTuple):
+    """What the loop needs of train, brakes and valves; arrays of shape (axles,)."""
+
+    radius: Floats
+    inertia: float
+    mass: float  # of the train
+    phi: float
+    per_pascal: float  # (15) as a line: K = per_pascal · p − at_zero, never negative
+    at_zero: float
+    patch: Patch
+    positions: Floats
+    cleaning: Floats
+    fill_time: float
+    vent_time: float
+    fill_rate: float
+    vent_rate: float
+    valve_period: float  # inf: no wheel slide protection
+    valve_time: float
+    hold_slip: float
+    vent_slip: float
+    valve_slowest: float
+
+
+class Track(NamedTuple):
+    """Rail condition as straight lines between knots."""
+
+    timed: bool  # knots are times, not places
+    knots: Floats  # shape (k,), the last one at infinity
+    values: Floats  # shape (k, 5), the fields of `Condition`
+    amplitude: float
+    period: float
+
+
+def plant_of(s: Scenario) -> Plant:
+    """Train, brakes and valves of a scenario."""
+    n, m = s.train.axles, s.vehicle.axle_mass.value
+    wsp = s.wsp or Wsp()
+    per_pascal, at_zero = force_line(s.vehicle)
+    return Plant(
+        radius=radii(s),
+        inertia=s.vehicle.wheelset_inertia.value,
+        mass=n * m,
+        phi=s.vehicle.friction.value,
+        per_pascal=per_pascal,
+        at_zero=at_zero,
+        patch=s.contact.patch(m * physics.G),
+        positions=np.array(s.train.positions or [0.0] * n),
+        cleaning=np.array(s.train.cleaning or [1.0] * n),
+        fill_time=s.brake.fill_time,
+        vent_time=s.brake.vent_time,
+        fill_rate=s.brake.fill_rate,
+        vent_rate=s.brake.vent_rate,
+        valve_period=wsp.period if s.wsp else INF,
+        valve_time=wsp.vent_time,
+        hold_slip=wsp.hold_slip,
+        vent_slip=wsp.vent_slip,
+        valve_slowest=wsp.slowest,
+    )
+
+
+def radii(s: Scenario) -> Floats:
+    """Wheel radius of each axle [m], shape (axles,)."""
+    return np.array([s.vehicle.radius(axle).value for axle in range(1, s.train.axles + 1)])
+
+
+def force_line(vehicle: Vehicle) -> tuple[float, float]:
+    """Slope and offset of (15), read off where no spring keeps the pads away."""
+    high = 1e9
+    K = physics.clamping_force(np.array([high, 2.0 * high]), vehicle)
+    per_pascal = float(K[1] - K[0]) / high
+    return per_pascal, per_pascal * high - float(K[0])
+
+
+def demand_of(s: Scenario) -> tuple[Floats, Floats]:
+    """Knots of the pressure demanded at the cylinder: times [s] and pressures [Pa]."""
+    per_pascal, at_zero = force_line(s.vehicle)
+    t, p = [-1.0], [0.0]
+    for c in s.brake.command:
+        goal = c.pressure or 0.0
+        if c.clamping_force:
+            goal = (c.clamping_force + at_zero) / per_pascal
+        start = c.at + s.brake.dead_time
+        t += [start, start + c.ramp]
+        p += [p[-1], goal]
+    return np.array([*t, INF]), np.array([*p, p[-1]])
+
+
+def track_of(rail: Rail) -> Track:
+    """The rail of a scenario, film laid over its sections."""
+    knots: list[float] = []
+    values: list[Condition] = []
+    for place, name, scale in rail.changes():
+        if knots:
+            knots.append(place)
+            values.append(values[-1])
+        knots.append(place + rail.blend if knots else place)
+        values.append(condition(name)._replace(f0=condition(name).f0 * scale))
+    wave = rail.wave or Wave(0.0, 1.0)
+    return Track(
+        rail.along == "time",
+        np.array([*knots, INF]),
+        np.array([*values, values[-1]]),
+        wave.amplitude,
+        wave.period,
+    )
+
+
+# --- integration: plain Python that compiles ----------------------------------------------------
+
+
+def rail_at(track: Track, z: float, j: int, cleaning: float, rail: Floats) -> int:
+    """Puts the condition at place or time `z` into `rail`; returns the knot before it.
+
+    `j` is a knot no later.
+    """
+    while track.knots[j + 1] <= z:
+        j += 1
+    part = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
+    for i in range(5):
+        rail[i] = track.values[j, i] + part * (track.values[j + 1, i] - track.values[j, i])
+    wave = track.amplitude * math.sin(2.0 * math.pi * z / track.period)
+    rail[2] *= cleaning * (1.0 + wave)  # f0
+    return j
+
+
+def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[float, float]:
+    """`creep_force` under the condition that `rail_at` left in `rail`."""
+    law = Condition(rail[0], rail[1], rail[2], rail[3], rail[4])
+    return creep_force(sliding, speed, law, patch)
+
+
+def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float) -> float:
+    """Cylinder pressure `h` later, the demand going straight from c0 to c1."""
+    if valve == HOLD:
+        return p
+    if valve == VENT:
+        return p * math.exp(-h / plant.valve_time)
+    lag = plant.fill_time if c1 > p else plant.vent_time
+    if lag == 0.0:
+        p1 = c1
+    elif h == 0.0:
+        p1 = p
+    else:
+        behind = (c1 - c0) / h * lag  # how far a lag trails a ramp
+        p1 = c1 - behind + (p - c0 + behind) * math.exp(-h / lag)
+    if p1 > p:
+        return min(p1, p + plant.fill_rate * h) if plant.fill_rate < math.inf else p1
+    return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
+
+
+def _stage(
+    plant: Plant, rails: Floats, friction: Floats, h: float,
+    v_from: float, w_from: Floats, v: float, w: Floats, work: Floats,
+) -> float:  # fmt: skip
+    """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
+
+    Newton's method; the Jacobian is an arrow. F falls so steeply about zero sliding that an iterate
+    never crosses it but starts again from there, where F is steepest and it cannot overshoot.
+    `v` and `w` are the first guess; `w` becomes the answer.
+
+    Returns:
+        v, or NaN where the iteration did not converge.
+    """
+    e = h / plant.mass
+    for _ in range(PATIENCE):
+        residual, slope = v - v_from, 1.0
+        for i in range(len(w)):
+            F, D = adhesion(v - w[i], v, rails[i], plant.patch)
+            c = h * plant.radius[i] ** 2 / plant.inertia
+            g = w[i] - w_from[i] - c * (F - friction[i])
+            if w[i] <= 0.0 and g >= 0.0:  # the brake holds it
+                g, c = 0.0, 0.0
+            work[i, 0], work[i, 1], work[i, 2] = g, c, D
+            residual += e * (F + D * g / (1.0 + c * D))
+            slope += e * D / (1.0 + c * D)
+        dv = max(-residual / slope, -v)
+        largest = abs(dv)
+        for i in range(len(w)):
+            g, c, D = work[i, 0], work[i, 1], work[i, 2]
+            rim = w[i] + (c * D * dv - g) / (1.0 + c * D)
+            if (v - w[i]) * (v + dv - rim) < 0.0:
+                rim = v + dv
+            rim = max(rim, 0.0)
+            largest = max(largest, abs(rim - w[i]))
+            w[i] = rim
+        v += dv
+        if largest < CONVERGED:
+            return v
+    return math.nan
+
+
+class Scratch(NamedTuple):
+    """Room of `advance`, so that no step allocates; `rails` is where its last stage ended."""
+
+    rails: Floats  # shape (axles, 5)
+    friction: Floats
+    w_new: Floats
+    w_from: Floats
+    newton: Floats  # shape (axles, 3)
+
+
+def scratch(axles: int) -> Scratch:
+    """Room for a train of that many axles."""
+    return Scratch(
+        np.zeros((axles, 5)), np.zeros(axles), np.zeros(axles), np.zeros(axles),
+        np.zeros((axles, 3)),
+    )  # fmt: skip
+
+
+def advance(
+    plant: Plant, track: Track, valve: NDArray[np.int64], knot: NDArray[np.int64],
+    demand: float, rise: float, t: float, h: float,
+    v: float, x: float, w: Floats, p: Floats, room: Scratch,
+) -> float:  # fmt: skip
+    """One step from `t` to `t + h`, within which nothing jumps; w, p and knot are updated.
+
+    `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
+
+    Returns:
+        v at the end, or NaN where Newton's iteration did not converge.
+    """
+    axles = len(w)
+    w_new, w_from = room.w_new, room.w_from
+    v_new, v_from, braked = v, v, False
+    for i in range(axles):
+        w_new[i] = w_from[i] = w[i]
+    for part in (GAMMA, 1.0):
+        for i in range(axles):
+            p1 = cylinder(plant, valve[i], p[i], demand, demand + rise * part * h, part * h)
+            K = max(plant.per_pascal * p1 - plant.at_zero, 0.0)  # (15)
+            room.friction[i] = plant.phi * K
+            braked = braked or K > 0.0
+            if part == 1.0:
+                p[i] = p1
+            z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
+            knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+        if v > 0.0:
+            v_new = _stage(
+                plant, room.rails, room.friction, GAMMA * h, v_from, w_from, v_new, w_new,
+                room.newton,
+            )  # fmt: skip
+        if math.isnan(v_new):
+            return v_new
+        if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
+            v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
+            for i in range(axles):
+                w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
+    stands = braked and v_new < STANDSTILL
+    for i in range(axles):
+        w[i] = 0.0 if stands else w_new[i]
+    return 0.0 if stands else v_new
