@@ -49,8 +49,8 @@ _MATCHED = 0.25  # a maximum error this near the printed one, response as near, 
 READINGS = (
     "Sample interval 4 ms, not printed. It is the one at which the printed Kalman filter, whose "
     "forgetting factor is per sample, has its published 0.28 s; no other number was fitted.",
-    "State of both observers scaled to d = aF: as printed, (9) takes hours.",
-    "Negative gradient without the second filter factor of (14): as printed, it takes days.",
+    "State of both observers scaled to d = aF: as printed, (9) takes LESO 17 minutes.",
+    "Negative gradient without the second filter factor of (14): as printed, it takes a week.",
     "Kalman filter without process noise, R the variance of the noise, b per sample, as printed.",
     "Forward Euler steps; tracking differentiator with h0 = h and from a speed of 0, as printed.",
     "Noise power 1e-5 is the variance of each sample, of the wheel speed in (rad/s)² and of K in "

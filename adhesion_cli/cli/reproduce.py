@@ -37,7 +37,7 @@ def command(
         outputs = {path.suffix[1:]: str(path) for path in paths}
         print(dumps({**made.document, "outputs": outputs}))
     else:
-        print("\n\n".join(_text(made.document)))
+        print("\n\n".join(report(made.document)))
         print("\n" + "\n".join(f"wrote {path}" for path in paths))
     if view:
         from .view import show_recording
@@ -46,7 +46,8 @@ def command(
     return 0
 
 
-def _text(doc: dict[str, Any]) -> list[str]:
+def report(doc: dict[str, Any]) -> list[str]:
+    """The document as people read it, part by part."""
     from .show import number, table
 
     constant, varying = doc["conditions"]["constant"], doc["conditions"]["varying"]

@@ -4,7 +4,7 @@
     dω̂/dt = d̂ − aφK − β1 ε                                                               (9)
     dd̂/dt = −β2 ε,  F̂ = d̂/a
 
-The printed (9) has F̂ itself as second state; with its β2 that converges in hours. Scaled to
+The printed (9) has F̂ itself as second state; with its β2 that takes 17 minutes. Scaled to
 d = aF it gives the 2.99 s of the paper's Table 2, so this is what was run there.
 
 ω̂ is kept as ε, and the step is exact for K and y that run straight from sample to sample.
