@@ -7,7 +7,7 @@ measured in the same way, from logs of the same simulated brake.
 """
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -114,19 +114,25 @@ class Reproduction:
     results: tuple[Result, Result, Result]  # constant, varying, field test
 
 
-def reproduce(seeds: Sequence[int] = SEEDS) -> Reproduction:
+def reproduce(
+    seeds: Sequence[int] = SEEDS, tell: Callable[[str], None] = lambda _: None
+) -> Reproduction:
     """Both conditions of section 3 and the field test of section 4, measured.
 
     Args:
-        seeds: of the noise, one run of every reading each.
+        seeds: of the noise; fewer of them are used where the noise matters little.
+        tell: is told what is being done.
     """
+    tell("constant adhesion")
     alternatives = [
         {"reading": r.text, "condition": "constant", "algo": algo, **_measured(r, algo, seeds[:10])}
         for r in ALTERNATIVES
         for algo in r.algos
     ]
     constant = {algo: _table_2(algo, seeds, alternatives) for algo in PUBLISHED}
+    tell("varying adhesion")
     varying = {algo: _varying(algo, seeds[:5]) for algo in PUBLISHED}
+    tell("analysing one log of each")
     with tempfile.TemporaryDirectory() as folder:
         stated = Settings(overrides={algo: printed(algo, INTERVAL) for algo in PUBLISHED})
         results = (

@@ -38,7 +38,7 @@ from .scenario import Scenario, Sensor, Signal, load, scenarios
 
 __all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
 
-MOST = 20_000_000  # samples of one run, axles times steps: about 2 GB; an hour at 1 kHz has 3.6e6
+MOST = 20_000_000  # samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
 
 _NAMES: dict[Signal, str] = {
     "pressure": "bc_pressure",

@@ -1,7 +1,9 @@
 """What every estimator must hold, found by the registry; nothing is skipped by name."""
 
 import ast
+import dataclasses
 import inspect
+import itertools
 import math
 from functools import cache
 
@@ -161,6 +163,42 @@ def test_rate_does_not_matter(name, signals, h):
     limit = max(change) + 0.1
     coarse = run(name, fine[at], K[at], y[at])
     assert np.abs(coarse - run(name, fine, K, y)[at]).max() <= limit
+
+
+@cache
+def braked(interval):
+    """Clamping force, wheel speed and true force of a simulated brake, no noise, logged so often.
+
+    Interval [s]; 0: irregular, down to 0.1 ms.
+    """
+    loaded = scenario.load("service-brake")
+    sensors = tuple(
+        dataclasses.replace(x, rate=1e4, noise_variance=0.0, resolution=0.0) for x in loaded.sensor
+    )
+    simulation = simulate.run(dataclasses.replace(loaded, sensor=sensors, dt=1e-4))
+    log = {r.signal: r for r in simulate.log(simulation)}
+    n = len(log["wheel_speed"].t)
+    at = np.arange(0, n, round(interval / 1e-4)) if interval else irregular(n)
+    K = clamping_force(log["pressure"].value * 1e5, simulation.scenario.vehicle)
+    y = log["wheel_speed"].value / 3.6 / simulation.scenario.vehicle.radius(1).value
+    return at, K, y, log["truth"].value
+
+
+def irregular(n):
+    at = np.cumsum(np.random.default_rng(9).integers(1, 1000, n // 400))
+    return np.concatenate([[0], at[at < n]])
+
+
+@every
+@pytest.mark.parametrize("interval", [1e-3, 1e-2, 0.1, 0.0])
+def test_rate_of_the_log_of_a_simulated_brake_does_not_matter(name, interval):
+    """10 kHz against 1 kHz, 100 Hz, 10 Hz and irregular, whole train, cylinder and creep."""
+    at, K, y, F = braked(interval)
+    t = np.arange(len(y)) * 1e-4
+    change = [np.ptp(F[i : j + 1]) for i, j in itertools.pairwise(at)]
+    coarse, fine = run(name, t[at], K[at], y[at]), run(name, t, K, y)[at]
+    assert np.abs(coarse - fine).max() <= max(change) + 0.1
+    assert np.sqrt(np.mean((coarse - fine) ** 2)) <= max(change) / 8.0 + 0.1
 
 
 def printed_fhan(x1, x2, r, h0):

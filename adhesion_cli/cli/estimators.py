@@ -68,7 +68,7 @@ def _text(e: "Estimator") -> str:
 
 
 def _response(known: "list[Estimator]", shared: Shared) -> int:
-    from ..document import dumps
+    from ..document import dumps, finite
     from ..physics import wheelset
     from ..response import FREQUENCIES, panels, responses
     from ..write import files, svg
@@ -91,7 +91,7 @@ def _response(known: "list[Estimator]", shared: Shared) -> int:
             {
                 "algo": r.algo, "amplitude_n": r.amplitude_n,
                 "frequency_hz": r.frequency_hz.tolist(),
-                **{name: values[i].tolist() for name, values in columns.items()},
+                **{name: [finite(x) for x in v[i].tolist()] for name, v in columns.items()},
             }
             for i, r in enumerate(found)
         ]  # fmt: skip

@@ -12,6 +12,7 @@ def command(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No messages but errors.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Open them in the Rerun viewer.")] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> int:
@@ -25,10 +26,11 @@ def command(
     from ..estimator import registry
     from ..reproduce import panels, reproduce
     from ..write import files, mcap, rrd, svg
+    from .show import progress
 
     paths = [(out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
     files.check(paths, force)
-    made = reproduce()
+    made = reproduce(tell=progress(quiet))
     with files.outputs(paths, force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
         rrd.write_comparison(recording, made.results, list(registry()))

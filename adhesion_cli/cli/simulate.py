@@ -23,6 +23,7 @@ def command(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No messages but errors.")] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> int:
     """Simulate a scenario and write what its sensors log, with the true force beside it.
@@ -49,7 +50,10 @@ def command(
     write = writer(out)
     inputs = [Path(scenario)]
     files.check([out], force, inputs=inputs)
+    tell = show.progress(quiet)
+    tell(f"simulating {scenario}")
     log = simulate.as_log(simulate.run(simulate.load(scenario), seed, dt))
+    tell(f"writing {out}")
     with files.outputs([out], force, inputs=inputs) as (temporary,):
         write(temporary, log)
     if json:
