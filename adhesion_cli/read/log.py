@@ -173,6 +173,8 @@ def _channel(
 ) -> tuple[Channel, list[Finding]]:
     told = title(m.field)
     findings: list[Finding] = []
+    if m.field.message_type.startswith("adhesion."):  # our own files say NaN where there is none
+        column = replace(column, valid=column.valid & np.isfinite(column.value))
     step = _step(column.value[column.valid])
     axis = timeaxis.clean(told, column, start, max_gap)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns

@@ -53,7 +53,11 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """One topic before packing: a column per double field, shape (n,); NaN leaves it absent."""
+    """One topic before packing: a column per double field, shape (n,).
+
+    What is not known is written as NaN: an absent field reads as 0 in most programs, a force of
+    nothing with certainty.
+    """
 
     topic: str
     message: str
@@ -141,10 +145,10 @@ def write_log(path: Path, log: Log) -> None:
     scalar = descriptors.message("Scalar")
     streams = []
     for (name, unit), channel in zip(names.channels(log), log.channels, strict=True):
-        values = np.where(channel.data.valid, channel.data.value, np.nan)
+        known = channel.data.valid
         tail = scalar(unit=unit).SerializeToString()
-        columns = {"value": (unit, values)}
-        streams.append(_Stream(name, "Scalar", channel.data.t, columns, (tail,), unit=unit))
+        columns = {"value": (unit, channel.data.value[known])}
+        streams.append(_Stream(name, "Scalar", channel.data.t[known], columns, (tail,), unit=unit))
     shift = _shift([log])
     _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
 
@@ -203,8 +207,9 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
     record, reference = axle.record, axle.reference
 
     def stream(name: str, message: str, **columns: tuple[str, Floats | None]) -> _Stream:
-        known = {f: (unit, v) for f, (unit, v) in columns.items() if v is not None}
-        return _Stream(f"{topic}/{name}", message, record.t, known)
+        unknown = np.full(len(record), np.nan)
+        filled = {f: (unit, unknown if v is None else v) for f, (unit, v) in columns.items()}
+        return _Stream(f"{topic}/{name}", message, record.t, filled)
 
     def mu(force: Floats) -> Floats:
         return physics.coefficient(force, result.vehicle)
@@ -490,8 +495,7 @@ class _Rows:
         tail_len = np.array([len(t) for t in self.tails])
         self.sizes: Offsets = _MESSAGE + 2 + self.stamp_len
         self.sizes += tail_len[0] if self.tail is None else tail_len[self.tail]
-        for _, values in self.columns:
-            self.sizes += 9 * ~np.isnan(values)
+        self.sizes += 9 * len(self.columns)
 
     def write(self, buffer: Bytes, at: Offsets) -> None:
         """Fill in the message records that start at `at`, shape (n,)."""
@@ -507,10 +511,9 @@ class _Rows:
         at = _put_varint(buffer, at, 1 << 3, self.seconds, self.seconds_len)
         at = _put_varint(buffer, at, 2 << 3, self.nanos, self.nanos_len)
         for tag, values in self.columns:
-            here = ~np.isnan(values)
-            _put(buffer, at[here], "u1", tag)
-            _put(buffer, at[here] + 1, "<f8", values[here])
-            at = at + 9 * here
+            _put(buffer, at, "u1", tag)
+            _put(buffer, at + 1, "<f8", values)
+            at = at + 9
         for k, tail in enumerate(self.tails):
             if tail:
                 _put(
