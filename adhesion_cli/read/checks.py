@@ -78,7 +78,7 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
     if others:
         moved = np.full((len(others), len(value)), np.nan)
         for row, other in zip(moved, others, strict=True):
-            before, after = (timeaxis.interpolated(t[i], other) for i in runs)
+            before, after = (timeaxis.interpolated(timeaxis.Over(t[i], 0, 1), other) for i in runs)
             fast = before > 0.1 * np.max(other.data.value)
             np.divide(np.abs(after - before) * value, before, out=row, where=fast)
         known = np.isfinite(moved).any(axis=0)
@@ -176,7 +176,7 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     if samples < 20 or turns.sum() < 0.03 * samples:
         return np.zeros(len(runs.first), dtype=np.bool_)
     # How often it repeats by chance; more often half way between two steps.
-    chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.3, 0.7)
+    chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
     long: Bools = runs.length > np.log(_NEVER / len(x)) / np.log(chance)
     return long
 

@@ -15,21 +15,25 @@ from ..physics import clamping_force, true_runs, wheelset
 from .units import UNITS
 
 _STEP = 0.25  # of the grid, where the log is fast enough [s]
+_SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
 _LEAST = 8  # samples on it that show anything
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
 _CRAWL = 1.0  # slower, speeds say little about each other [m/s]
 _HIGHEST = 12e5  # no brake cylinder has more [Pa]
 _HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
+_LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
 _GRADIENT = 0.4  # deceleration that a gradient of 4 % explains [m/s²]
 _UNBRAKED = 0.5  # deceleration without pressure that no gradient explains [m/s²]
 _UNBRAKED_FOR = 3.0  # and no slide protection [s]
-_CLEAR = 0.7  # share of the deceleration that goes with K where both are right
+_CLEAR = 0.8  # share of the deceleration that goes with K where both are right
+_CLEARER = 0.9  # the same where K hardly varies: a wheel that locks slows evenly, too
 _NEAR = 1.15  # as near as this to a unit's factor, the unit is the likely cause
+_ABSURD = 30.0  # no slide explains that either
 _ANY_VEHICLE = 6.0  # no vehicle is that far from another
 _FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
 _SIGMAS = 2.0  # of the wheel radius are tolerated
-_SWAP = 1.5  # slides and releases that show whose is which [s]
+_SWAP = 12  # samples of a slide that show whose pressure it follows
 _LATE = 0.4  # a clock offset that matters [s]
 _REACH = 5.0  # and the largest looked for [s]
 _USUAL: dict[Meaning, tuple[str, ...]] = {
@@ -124,6 +128,8 @@ def _grid(axles: Sequence[Axle], vehicle: Vehicle, start_ns: int) -> Grid | None
     usual = max(float(np.median(np.diff(a.record.t))) for a in axles) / 1e9
     span = (last - first) / 1e9
     step = max(usual, min(_STEP, span / 200.0), span / _MOST)
+    if usual > _SLOW:
+        step = max(step, span / 500.0)
     n = int(span / step) + 1
     if n < _LEAST:
         return None
@@ -242,9 +248,12 @@ def _units(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
     by_rolling = w.a * w.phi * (1.0 - w.rolling) * radius  # deceleration of the train per N of K
     found = _unbraked(axles, g, vehicle, by_rolling)
     fit = _fit(g)
-    if found or fit is None or fit.explained < _CLEAR:
+    if found or fit is None:
         return found
     factor = fit.slope / by_rolling
+    absurd = not 1.0 / _ABSURD < factor < _ABSURD
+    if fit.explained < (0.5 if absurd else _CLEAR if fit.varied else _CLEARER):
+        return found
     if factor <= 0.0 or abs(factor - 1.0) * fit.top * by_rolling < _GRADIENT:
         return found
     if 0.5 < factor < 2.0:
@@ -292,6 +301,21 @@ def _impossible(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Findin
             found.append(
                 Finding("unit-suspect", "warning", text, a.brake.title, int(high.sum()), first)
             )
+    slowing = -g.slope(g.rim)
+    moving = np.isfinite(slowing) & (g.rim > 0.1 * np.nanmax(g.rim, initial=0.0))
+    if not found and (slowing[moving] > _LOCKING).mean() > 0.25:
+        peak = float(np.median(slowing[moving & (slowing > _LOCKING)]))
+        text = (
+            f"the wheels slow by {peak:.0f} m/s² at the rim, more than any brake does: "
+            "state the units of time and speed in [channels]"
+        )
+        hard = _max(slowing) > _LOCKING
+        found.append(
+            Finding(
+                "unit-suspect", "warning", text, axles[0].speed.title, int(hard.sum()),
+                g.since(hard),
+            )
+        )  # fmt: skip
     return found
 
 
@@ -502,32 +526,37 @@ def _listed(units: list[str]) -> str:
 
 
 def _swapped(axles: Sequence[Axle], g: Grid) -> list[Finding]:
-    """Axles that slide at full pressure while another's is released that never slides.
+    """Axles that answer to another axle's pressure while they slide, not to their own.
 
-    Slide protection releases the axle that slides. With the speeds of two axles, or their
-    pressures, swapped both of this happens at once.
+    A wheel that slides is free: by (1) its ω̇ follows −aφK at once, while F changes slowly.
     """
-    highest = _max(g.clamping)
-    used = highest > 0.5 * float(np.nanmax(highest, initial=0.0))
-    if len(axles) < 2 or not used.any():
-        return []
-    slip: Floats = np.nan_to_num(np.where(used, 1.0 - _relative(g), 0.0))
-    share = _of_usual(g.clamping / np.where(used, highest, np.nan), used)
-    slid = [row > 0.1 for row in slip]
-    slides = np.sum(slid, axis=1) * g.step
-    released = (share < 0.8).sum(axis=1) * g.step
-    still = [bool((row < 0.03).all()) for row in slip]
-    full = [i for i in range(len(axles)) if slides[i] > _SWAP and released[i] < 0.1 * slides[i]]
-    spared = [j for j in range(len(axles)) if still[j] and released[j] > _SWAP]
-    if not full or len(full) != len(spared):
-        return []
-    names = " and ".join(f"axle {axles[j].record.axle}" for j in spared)
-    return [
-        Finding(
-            "axles-swapped", "warning",
-            f"axle {axles[i].record.axle} slides at full pressure while that of {names}, which "
-            "does not slide, is released: swapped? State whose is which in [channels]",
-            axles[i].speed.title, int(slid[i].sum()), g.since(slid[i]),
-        )
-        for i in full
-    ]  # fmt: skip
+    change = _kink(_kink(g.rim))
+    release = -_kink(g.clamping)
+    slides = _relative(g) < 0.97
+    follows = np.zeros((len(axles), len(axles)))
+    for i, j in np.ndindex(*follows.shape):
+        used = slides[i] & np.isfinite(change[i]) & np.isfinite(release).all(axis=0)
+        x, y = change[i][used], release[j][used]
+        if len(x) >= _SWAP and np.ptp(x) and np.ptp(y) > 0.2 * float(np.nanmax(g.clamping)):
+            follows[i, j] = np.corrcoef(x, y)[0, 1]
+    found = []
+    for i, a in enumerate(axles):
+        j = int(np.argmax(follows[i]))
+        if follows[i, j] > 0.7 and follows[i, i] < 0.3:
+            text = (
+                f"where axle {a.record.axle} slides it follows the pressure of axle "
+                f"{axles[j].record.axle}, not its own: swapped? "
+                "State which channel is whose in [channels]"
+            )
+            count = int(slides[i].sum())
+            found.append(
+                Finding("axles-swapped", "warning", text, a.speed.title, count, g.since(slides[i]))
+            )
+    return found
+
+
+def _kink(x: Floats) -> Floats:
+    """Change from the sample before to the one behind, shape (..., n)."""
+    change = np.full(x.shape, np.nan)
+    change[..., 1:-1] = x[..., 2:] - x[..., :-2]
+    return change
