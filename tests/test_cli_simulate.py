@@ -27,8 +27,18 @@ def run(tmp_path: Path) -> Run:
     return adhesion
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".mcap"])
-@pytest.mark.parametrize("name", simulate.scenarios())
+@pytest.mark.parametrize(
+    ("name", "suffix"),
+    [
+        ("paper-constant", ".csv"),
+        ("service-brake", ".mcap"),
+        ("leaf-film", ".csv"),
+        ("leaf-film", ".mcap"),
+        ("four-axles", ".csv"),
+        ("four-axles", ".mcap"),
+        ("roller-rig", ".csv"),
+    ],
+)
 def test_what_is_written_is_read_with_its_meaning(name: str, suffix: str, tmp_path: Path) -> None:
     """Every sensor's samples come back in SI, on their own stamps, with the truth recognised."""
     simulation = simulate.run(simulate.load(name))
@@ -59,12 +69,14 @@ def test_simulate_writes_a_log_that_analyze_scores(run: Run, tmp_path: Path) -> 
     refused = run("simulate", "service-brake", "-o", "brake.csv")
     assert refused.returncode == 1
     assert "--force" in refused.stderr
+    assert (tmp_path / "brake.csv").read_bytes() == first
     again = run("simulate", "service-brake", "-o", "brake.csv", "--force", "--json")
     assert json.loads(again.stdout)["schema"] == "adhesion.simulate/1"
     assert (tmp_path / "brake.csv").read_bytes() == first
-    other = run("simulate", "service-brake", "-o", "other.csv", "--seed", "9", "--dt", "0.002")
+    arguments = ("-o", "brake.csv", "--force", "--seed", "9", "--dt", "0.002", "-q")
+    other = run("simulate", "service-brake", *arguments)
     assert other.returncode == 0, other.stderr
-    assert (tmp_path / "other.csv").read_bytes() != first
+    assert (tmp_path / "brake.csv").read_bytes() != first
 
     analysed = json.loads(run("analyze", "brake.csv", "--json").stdout)
     (axle,) = analysed["results"][0]["axles"]
