@@ -11,9 +11,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import UserError
+
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Regions = NDArray[np.int8]
 
 Meaning = Literal["time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"]
 Severity = Literal["info", "warning", "error"]
@@ -192,8 +195,19 @@ class Vehicle:
     ] = Parameter(1450.0, 145.0)
 
     def radius(self, axle: int) -> Parameter:
-        """Wheel radius of an axle, numbered from 1; one value serves every axle."""
-        return self.wheel_radius[axle - 1 if len(self.wheel_radius) > 1 else 0]
+        """Wheel radius of an axle, numbered from 1; one value serves every axle.
+
+        Raises:
+            UserError: where several are stated, but none for this axle.
+        """
+        many = len(self.wheel_radius)
+        if 1 < many < axle:
+            raise UserError(
+                f"vehicle.wheel_radius has {many} values, the log has an axle {axle}",
+                "state one value for all axles, or one for each",
+                code=2,
+            )
+        return self.wheel_radius[axle - 1 if many > 1 else 0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,6 +238,14 @@ class Score:
     relative: float | None = None
 
 
+class Event(NamedTuple):
+    """Something that happened on an axle, no fault of the data."""
+
+    t: int  # [ns]
+    code: str  # stable, kebab-case
+    message: str
+
+
 @dataclass(frozen=True, slots=True)
 class AxleResult:
     """Everything computed for one axle."""
@@ -234,6 +256,10 @@ class AxleResult:
     scores: tuple[Score, ...]
     applications: tuple[slice, ...]  # brake applications found in the record
     slip: Floats | None = None  # s, NaN below the speed limit
+    slope: Floats | None = None  # dμ/ds, NaN where not observable
+    slope_confidence: Floats | None = None  # 0 not observable, 1 certain
+    region: Regions | None = None  # index into `slope.REGIONS`
+    events: tuple[Event, ...] = ()  # slides and changes of region
 
     def error(self, algo: str) -> Floats:
         """Estimate minus what it is scored against, truth or reference [N], shape (n,)."""

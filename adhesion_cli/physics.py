@@ -28,10 +28,19 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     The lever ratio i and the friction-radius ratio are not in the printed equation; both are 1 for
     the paper's vehicle. The spring keeps the pads off below its force: never negative.
     """
-    area = math.pi * vehicle.cylinder_diameter.value**2 / 4.0
-    per_bar = vehicle.discs.value * vehicle.efficiency.value * vehicle.lever_ratio.value
-    K = per_bar * (area * pressure - vehicle.spring_force.value)  # (15)
-    return np.maximum(K, 0.0) * vehicle.radius_ratio.value
+    spring = _ratio(vehicle) * vehicle.spring_force.value
+    return np.maximum(force_per_pressure(vehicle) * pressure - spring, 0.0)  # (15)
+
+
+def force_per_pressure(vehicle: Vehicle) -> float:
+    """Slope dK/dp of (15) above the spring's force [N/Pa]."""
+    return _ratio(vehicle) * math.pi * vehicle.cylinder_diameter.value**2 / 4.0
+
+
+def _ratio(vehicle: Vehicle) -> float:
+    """K over the piston's force less the spring's: n η i and the ratio of radii."""
+    v = vehicle
+    return v.discs.value * v.efficiency.value * v.lever_ratio.value * v.radius_ratio.value
 
 
 def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float) -> Floats:

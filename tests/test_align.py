@@ -156,3 +156,23 @@ def test_refusals_name_the_place_and_the_remedy() -> None:
         align.records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
     with pytest.raises(UserError, match="no axle 7"):
         align.records(log(pressure, speed), Vehicle(), axles=[7])
+
+
+def test_two_passes_through_one_time_keep_their_own_pressure() -> None:
+    t, p, y = brake(50.0, 4.0)
+    twice = np.concatenate([t, t])
+    pressure = channel("pressure", twice, np.concatenate([0.0 * p, p]))
+    speed = channel("wheel_speed", twice, np.concatenate([y, y]))
+    (record,), _ = align.records(log(pressure, speed), Vehicle())
+    assert record.pressure is not None
+    first, second = record.segments
+    assert not record.pressure[first].any()
+    np.testing.assert_array_equal(record.pressure[second], p)
+
+
+def test_the_pressures_resolution_reaches_the_clamping_force() -> None:
+    t, p, y = brake()
+    coarse = replace(channel("pressure", t, np.round(p / 1e4) * 1e4), step=1e4)
+    (record,), _ = align.records(log(coarse, channel("wheel_speed", t, y)), Vehicle())
+    force = clamping_force(np.array([3e5, 3.1e5]), Vehicle())
+    assert record.clamping_force_step == pytest.approx(force[1] - force[0])

@@ -20,7 +20,7 @@ from ..model import (
     Times,
     Vehicle,
 )  # fmt: skip
-from ..physics import clamping_force
+from ..physics import clamping_force, force_per_pressure
 from . import checks, plausible, timeaxis
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -160,12 +160,15 @@ def _aligned(
     speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None
 ) -> _Aligned:
     parts = []
-    for piece in timeaxis.pieces(speed.starts, len(speed.data.t)):
-        t = speed.data.t[piece]
-        held, fresh = timeaxis.hold(t, brake)
-        smooth = timeaxis.interpolated(t, brake)
+    pieces = timeaxis.pieces(speed.starts, len(speed.data.t))
+    for k, piece in enumerate(pieces):
+        at = timeaxis.Over(speed.data.t[piece], k, len(pieces))
+        held, fresh = timeaxis.hold(at, brake)
+        smooth = timeaxis.interpolated(at, brake)
+        # No online estimator sees these two: they may be interpolated.
         known = [
-            timeaxis.interpolated(t, c) if c else np.full(len(t), np.nan) for c in (train, truth)
+            timeaxis.interpolated(at, c) if c else np.full(len(at.t), np.nan)
+            for c in (train, truth)
         ]
         parts.append((held, np.where(np.isfinite(smooth), smooth, held), fresh, *known))
     return _Aligned(*(np.concatenate(column) for column in zip(*parts, strict=True)))
@@ -219,6 +222,7 @@ def _record(
         at.held[kept] if is_pressure else None,
         at.train[kept] if train else None,
         at.truth[kept] if truth else None,
+        brake.step * (force_per_pressure(vehicle) if is_pressure else 1.0),
     ), findings  # fmt: skip
 
 

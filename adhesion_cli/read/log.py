@@ -179,19 +179,18 @@ def _channel(
     axis = timeaxis.clean(told, column, start, max_gap)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
     if (unit := units.unit(m.unit)) and _measures(unit, m):
-        radius = vehicle.radius(min(m.axle or 1, len(vehicle.wheel_radius))).value
+        radius = vehicle.radius(m.axle or 1).value
         factor = unit.factor
         if m.meaning == "wheel_speed" and unit.dimension == "speed":
             factor /= radius
         if unit.dimension == "pulse rate":
             factor *= 2.0 * math.pi / max(m.teeth, 1)
         if unit.dimension in ("count", "angle"):
-            turn = 2.0 * math.pi / max(m.teeth, 1) if unit.dimension == "count" else unit.factor
-            data, starts, wrapped = _rate(data, starts, turn, m.wrap or _wrap(data.value, unit))
-            step = step * turn / (axis.interval_ns / 1e9) if axis.interval_ns else 0.0
-            if wrapped:
-                text = "counter wrapped: continued"
-                findings.append(Finding("counter-wrapped", "info", text, told, wrapped))
+            counted = unit.dimension == "count"
+            turn = 2.0 * math.pi / max(m.teeth, 1) if counted else unit.factor
+            step = (1.0 if counted else step) * turn / max(axis.interval_ns / 1e9, 1e-9)
+            data, starts, found = _rate(data, starts, gap_ns, turn, m.wrap, unit, told)
+            findings += found
         else:
             data = replace(data, value=factor * data.value + unit.offset)
             step *= factor
@@ -208,33 +207,51 @@ def _measures(unit: units.Unit, m: Meant) -> bool:
 
 
 def _rate(
-    data: Column, starts: tuple[int, ...], turn: float, wrap: float
-) -> tuple[Column, tuple[int, ...], int]:
-    """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle."""
-    step = np.diff(data.value)
-    wrapped = 0
-    if wrap:
-        over = step < -wrap / 2.0
-        under = step > wrap / 2.0
-        wrapped = int(over.sum() + under.sum())
-        step = step + wrap * over - wrap * under
-    dt = np.diff(data.t)
-    inside = np.ones(len(dt), dtype=np.bool_)
+    data: Column,
+    starts: tuple[int, ...],
+    gap_ns: int,
+    turn: float,
+    wrap: float,
+    unit: units.Unit,
+    channel: str,
+) -> tuple[Column, tuple[int, ...], list[Finding]]:
+    """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
+
+    Half an interval before it can be known; at its end it would be late for the reference.
+    Intervals over a jump of the clock, a gap or a reset of the counter give no speed.
+    """
+    step, dt = np.diff(data.value), np.diff(data.t)
+    inside = dt <= gap_ns if gap_ns else np.ones(len(dt), dtype=np.bool_)
     inside[np.array(starts[1:], dtype=np.int64) - 1] = False
+    usual = float(np.median(step[inside])) if inside.any() else 0.0
+    if usual < 0.0:
+        step, usual = -step, -usual  # it counts down
+    size = wrap or _wrap(data.value, unit)
+    most = 10.0 * max(usual, 1.0)  # a wheel does not do more than this in one interval
+    wrapped = inside & (step < 0.0) & (step + size >= 0.0) & (step + size <= most)
+    step = np.where(wrapped, step + size, step)
+    reset = inside & (step < -most)
+    findings = []
+    for code, severity, text, where in (
+        ("counter-wrapped", "info", "counter wrapped: continued", wrapped),
+        ("counter-reset", "warning", "counter falls back and not by a wrap: no speed there", reset),
+    ):
+        if count := int(where.sum()):
+            findings.append(Finding(code, severity, text, channel, count))  # type: ignore[arg-type]
+    kept = inside & ~reset
     middle = data.t[:-1] + dt // 2
-    speed = np.abs(step) * turn / (np.maximum(dt, 1) / 1e9)
-    new_starts = tuple(int(inside[:s].sum()) for s in starts)
-    kept = Column(middle[inside], speed[inside], np.ones(int(inside.sum()), dtype=np.bool_))
-    return kept, new_starts, wrapped
+    speed = step * turn / (np.maximum(dt, 1) / 1e9)
+    new_starts = sorted({int(kept[:s].sum()) for s in starts if kept[s:].any()})
+    column = Column(middle[kept], speed[kept], np.ones(int(kept.sum()), dtype=np.bool_))
+    return column, tuple(new_starts), findings
 
 
 def _wrap(values: Floats, unit: units.Unit) -> float:
-    """Where a counter starts anew, by its largest value; 0 where it never falls."""
-    if len(values) < 2 or not np.any(np.diff(values) < 0):
-        return 0.0
+    """Where a counter starts anew: at a whole turn of an angle, else by its largest value."""
     if unit.dimension == "angle":
         return 2.0 * math.pi / unit.factor
-    return next((float(2**b) for b in (8, 10, 12, 16, 24, 32) if values.max() < 2**b), 0.0)
+    top = float(values.max(initial=0.0))
+    return next((float(2**b) for b in (8, 10, 12, 16, 24, 32) if top < 2**b), 0.0)
 
 
 def _step(values: Floats) -> float:

@@ -1,12 +1,18 @@
 """The time axis of one channel: what is wrong with it is found, told, masked; nothing is sorted."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..model import Bools, Channel, Column, Finding, Floats, Times
 
-WRAPS_NS = {"32-bit millisecond": 2**32 * 10**6, "32-bit microsecond": 2**32 * 10**3}
+WRAPS_NS = {
+    "32-bit millisecond counter": 2**32 * 10**6,
+    "32-bit microsecond counter": 2**32 * 10**3,
+    "16-bit millisecond counter": 2**16 * 10**6,
+    "24-hour clock": 24 * 3600 * 10**9,
+}
 HOUR_NS = 3600 * 10**9
 
 
@@ -69,7 +75,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         fall = np.diff(t, prepend=t[:1])
         wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
         if wrapped.any():
-            tell("time-wrapped", f"{width} counter wrapped: continued", wrapped)
+            tell("time-wrapped", f"{width} wrapped: continued", wrapped)
             t = t + wrap_ns * np.cumsum(wrapped)
     usable = column.valid & np.isfinite(column.value)
     # Cells without any value are the reader's to tell; in a wide table of several rates most are.
@@ -84,7 +90,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         late[piece] = t[piece] < top
     for index in restarts[1:]:
         back = (int(t[index - 1]) - int(t[index])) / 1e9
-        where = np.arange(len(t)) == index
+        where = np.arange(len(t)) == index - 1  # the last stamp before it says where it is
         if abs(back * 1e9 - HOUR_NS) < HOUR_NS / 100:
             tell("time-dst", "clock set back one hour (summer time?): a new segment begins", where)
         else:
@@ -143,36 +149,53 @@ def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
 
 
 def pieces(starts: tuple[int, ...], n: int) -> list[slice]:
-    """The stretches between two jumps of the clock."""
-    return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)]
+    """The stretches between two jumps of the clock; none where there is no sample."""
+    return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)] if n else []
 
 
-def _over(t: Times, of: Channel) -> tuple[Times, Floats]:
-    """The piece of a channel that shares most time with t."""
+class Over(NamedTuple):
+    """Where to look for another channel's samples: at these times, in the k-th of n pieces."""
 
-    def shared(piece: slice) -> int:
-        own = of.data.t[piece]
-        return min(int(t[-1]), int(own[-1])) - max(int(t[0]), int(own[0]))
-
-    best = max(pieces(of.starts, len(of.data.t)), key=shared)
-    return of.data.t[best], of.data.value[best]
+    t: Times
+    k: int
+    n: int
 
 
-def hold(t: Times, of: Channel) -> tuple[Floats, Bools]:
+def _samples(at: Over, of: Channel) -> tuple[Times, Floats]:
+    """The piece of a channel that goes with a piece of another one.
+
+    Channels that the clock's jumps part into equally many pieces belong together piece by piece,
+    also where times repeat. Else the only piece that shares time; nothing where two do: which one
+    was logged along cannot be known.
+    """
+    own = pieces(of.starts, len(of.data.t))
+    if len(own) != at.n:
+        t = of.data.t
+        own = [p for p in own if t[p][0] <= at.t[-1] and t[p][-1] >= at.t[0]]
+    chosen = own[at.k] if len(own) == at.n else own[0] if len(own) == 1 else slice(0, 0)
+    return of.data.t[chosen], of.data.value[chosen]
+
+
+def hold(at: Over, of: Channel) -> tuple[Floats, Bools]:
     """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,)."""
-    xs, ys = _over(t, of)
-    index = np.searchsorted(xs, t, side="right") - 1
+    xs, ys = _samples(at, of)
+    if not len(xs):
+        return np.full(len(at.t), np.nan), np.zeros(len(at.t), dtype=np.bool_)
+    index = np.searchsorted(xs, at.t, side="right") - 1
     known = index >= 0
     index = np.maximum(index, 0)
-    return ys[index], known & (t - xs[index] <= of.gap_ns)
+    return ys[index], known & (at.t - xs[index] <= of.gap_ns)
 
 
-def interpolated(t: Times, of: Channel) -> Floats:
+def interpolated(at: Over, of: Channel) -> Floats:
     """Linear interpolation of a channel, shape (n,).
 
     NaN before its first sample and across its gaps; the last value holds as long as `hold` does.
     """
-    xs, ys = _over(t, of)
+    xs, ys = _samples(at, of)
+    if not len(xs):
+        return np.full(len(at.t), np.nan)
+    t = at.t
     after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
     before = np.maximum(after - 1, 0)
     gap = xs[after] - xs[before]

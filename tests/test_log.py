@@ -1,0 +1,94 @@
+"""A log file as channels: counters, wheels, optional channels."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import Channel, Log, Parameter, Vehicle
+from adhesion_cli.read.log import open_source, read, survey
+from adhesion_cli.read.meaning import Mapping
+from adhesion_cli.read.source import ReadOptions
+
+COUNTER = (Mapping("wheel_speed", 1, "wheel", unit="count", teeth=100),)
+
+
+def logged(path: Path, counts: np.ndarray, t: np.ndarray) -> Log:
+    lines = ["t [s],bc pressure [bar],wheel"]
+    lines += [f"{x:.3f},{3.0 * min(x, 1.0):.3f},{int(c)}" for x, c in zip(t, counts, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return read(open_source(path, ReadOptions()), COUNTER, Vehicle())
+
+
+def speed_of(log: Log) -> Channel:
+    return next(c for c in log.channels if c.meaning == "wheel_speed")
+
+
+def codes(log: Log) -> dict[str, int]:
+    return {f.code: f.count for f in log.findings}
+
+
+@pytest.fixture
+def turning() -> tuple[np.ndarray, np.ndarray]:
+    t = np.arange(0.0, 10.0, 0.02)
+    return t, np.floor(100.0 * (40.0 * t - 1.0 * t**2) / (2.0 * math.pi))
+
+
+def test_a_counter_becomes_the_mean_speed_of_each_interval(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    log = logged(tmp_path / "a.csv", counts % 65536, t)
+    speed = speed_of(log)
+    true = 40.0 - 2.0 * speed.data.t / 1e9
+    step = 2.0 * math.pi / 100 / 0.02
+    assert np.abs(speed.data.value - true).max() < step
+    assert speed.step == pytest.approx(step)
+    assert "counter-reset" not in codes(log)
+
+
+def test_a_counter_that_wraps_goes_on_and_one_that_resets_does_not(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    wrapped = logged(tmp_path / "a.csv", counts % 4096, t)
+    assert codes(wrapped)["counter-wrapped"] == int(counts[-1]) // 4096
+    counts = np.where(t > 5.0, counts - counts[251], counts)
+    reset = logged(tmp_path / "b.csv", counts, t)
+    assert codes(reset)["counter-reset"] == 1
+    assert np.abs(speed_of(reset).data.value).max() < 45.0
+
+
+def test_a_gap_in_a_counter_gives_no_speed_over_it(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    keep = (t < 4.0) | (t > 4.16)
+    log = logged(tmp_path / "a.csv", counts[keep], t[keep])
+    assert codes(log)["gap"] == 1
+    assert np.diff(speed_of(log).data.t).max() > 0.16e9
+
+
+def test_a_radius_for_each_axle_or_one_for_all(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "t [s],bc [bar],axle1 speed [m/s],axle2 speed [m/s],axle3 speed [m/s]\n"
+        + "".join(f"{i / 10},1,10,10,10\n" for i in range(50))
+    )
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    two = Vehicle(wheel_radius=(Parameter(0.42, 0.0), Parameter(0.43, 0.0)))
+    with pytest.raises(UserError, match="axle 3"):
+        read(source, (), two)
+
+
+def test_an_empty_channel_is_told_and_breaks_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "t [s],bc [bar],wheel speed [m/s],train speed [m/s]\n"
+        + "".join(f"{i / 10},1,10,\n" for i in range(50))
+    )
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    assert [len(c.data.t) for c in survey(source, (), Vehicle()).channels] == [50, 50, 0]
+    log = read(source, (), Vehicle())
+    assert {c.meaning for c in log.channels} == {"pressure", "wheel_speed"}
+    assert codes(log)["empty-channel"] == 1
