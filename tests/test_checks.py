@@ -12,14 +12,14 @@ import simulated
 from simulated import Recordings
 
 from adhesion_cli import analysis, settings, simulate
-from adhesion_cli.model import Finding, Result, Vehicle
-from adhesion_cli.read import align
+from adhesion_cli.model import Channel, Column, Finding, Result
+from adhesion_cli.read import align, checks
 from adhesion_cli.read.log import open_source, read
 
 ROOT = Path(__file__).parent.parent
 CODES = {
     "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
-    "brake-unknown", "clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
+    "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
     "implausible",
 }  # fmt: skip
 DEFAULT = settings.load()
@@ -88,3 +88,264 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
 def test_the_sample_logs_are_not_accused(path: Path) -> None:
     log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
     assert not align.records(log, DEFAULT.vehicle)[1]
+
+
+# --- faults -------------------------------------------------------------------------------------
+
+Fault = tuple[set[str], Recordings]
+
+
+def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
+    """One fault of each kind, at a place and of a size drawn at random, and what must be told."""
+    axles = len(simulated.which(log, "wheel_speed"))
+    axle = int(random.integers(1, axles + 1))
+    end = float(log[0].t[-1]) * 1e-9
+    at, seconds = random.uniform(0.1, 0.6) * end, random.uniform(0.5, 12.0)
+    unit = {r.signal: r.unit for r in log}
+    known = ["Pa", "kPa", "MPa", "bar", "psi"]
+    pressures = [u for u in known if u != unit.get("pressure")]
+    speeds = [u for u in ("rad/s", "rpm", "m/s", "km/h") if u != unit["wheel_speed"]]
+    vehicle = {"unit-suspect", "vehicle-suspect", "brake-unknown", "implausible"}
+    drawn = {
+        "stuck speed": (
+            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", axle, at, seconds),
+        ),
+        "speed unit": (
+            vehicle, simulated.mislabelled(log, "wheel_speed", str(random.choice(speeds))),
+        ),
+        "time unit": (
+            vehicle, simulated.slower(log, float(random.choice([1e-3, 1e3]))),
+        ),
+    }  # fmt: skip
+    if "pressure" in unit:
+        drawn["stuck pressure"] = (
+            {"pressure-frozen", *vehicle}, simulated.stuck(log, "pressure", axle, at, seconds),
+        )  # fmt: skip
+        drawn["saturated pressure"] = (
+            {"pressure-saturated", *vehicle},
+            simulated.saturated(log, float(random.uniform(0.3, 0.9))),
+        )
+        drawn["pressure unit"] = (
+            vehicle, simulated.mislabelled(log, "pressure", str(random.choice(pressures))),
+        )  # fmt: skip
+    if axles > 1:
+        one, other = (int(x) + 1 for x in random.permutation(axles)[:2])
+        drawn["swapped axles"] = (
+            {"axles-swapped"},
+            simulated.swapped(log, one, other),
+        )
+    return drawn
+
+
+def analysed(log: Recordings, folder: Path) -> Result:
+    path = simulated.write(folder / "log.csv", log)
+    return analysis.analyze(path, lambda **_: DEFAULT, algos=["leso"])
+
+
+def outside(result: Result) -> float:
+    """Share of the truth, of braked wheels that turn, outside the reference's own 95 % band."""
+    wrong = known = 0
+    for a in result.axles:
+        truth = a.record.truth
+        assert truth is not None
+        braked = a.record.clamping_force_smooth > 100.0
+        there = braked & np.isfinite(truth) & np.isfinite(a.reference.force)
+        known += int(there.sum())
+        wrong += int((there & ((truth < a.reference.lower) | (truth > a.reference.upper))).sum())
+    return wrong / max(known, 1)
+
+
+@cache
+def clean(name: str, seed: int, case: str) -> Recordings:
+    return simulated.recordings(name, seed=seed, **SENSORS[case])
+
+
+SENSORS: dict[str, dict[str, float]] = {
+    "as it is": {}, "10 Hz": {"rate": 10.0, "kmh": 0.1}, "50 Hz": {"rate": 50.0, "noise": 1e-3},
+}  # fmt: skip
+DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig"})
+
+
+def never_confident_and_wrong(name: str, seed: int, folder: Path, kinds: slice) -> None:
+    """Every fault is told, or what comes out holds the truth as well as without it."""
+    random = np.random.default_rng([seed, *name.encode()])
+    log = clean(name, seed, str(random.choice(list(SENSORS))))
+    allowed = max(0.1, outside(analysed(log, folder)) + 0.05)
+    for kind, (expected, bad) in list(faults(log, random).items())[kinds]:
+        result = analysed(bad, folder)
+        told = {f.code for f in result.findings}
+        assert told & expected or outside(result) < allowed, (kind, told & CODES)
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_no_fault_is_confident_and_wrong(name: str, tmp_path: Path) -> None:
+    start = DRIVEN.index(name) % 3
+    never_confident_and_wrong(name, 0, tmp_path, slice(start, None, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 21))
+@pytest.mark.parametrize("name", DRIVEN)
+def test_no_fault_ever_is(name: str, seed: int, tmp_path: Path) -> None:
+    never_confident_and_wrong(name, seed, tmp_path, slice(None))
+
+
+@pytest.mark.parametrize("seconds", [-2.0, -1.0, 1.0, 1.8])
+@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "leaf-film"])
+def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path: Path) -> None:
+    (told,) = found(simulated.late(clean(name, 1, "as it is"), "train_speed", seconds), tmp_path)
+    assert (told.code, told.severity) == ("train-clock-offset", "warning")
+    stated = re.search(r"is ([\d.]+) s (behind|ahead)", told.message)
+    assert stated
+    measured = float(stated[1]) * (1.0 if stated[2] == "behind" else -1.0)
+    assert measured == pytest.approx(seconds, abs=0.35)  # four-axles' pulses count 50 ms late
+
+
+@pytest.mark.parametrize("scale", [0.9, 0.96, 1.04, 1.1])
+def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
+    log = simulated.worn(clean("leaf-film", 1, "as it is"), 1, scale)  # in rpm
+    (told,) = found(log, tmp_path)
+    assert told.code == "wheel-diameter"
+    stated = re.search(r"diameter is ([\d.]+) m", told.message)
+    assert stated
+    assert float(stated[1]) == pytest.approx(0.84 / scale, rel=0.01)  # it creeps on a wet rail
+    for case in ("low-adhesion", "four-axles"):
+        log = simulated.worn(simulated.recordings(case, train=False), 4, scale)
+        told = found(log, tmp_path)[0]
+        assert (told.code, told.channel) == ("wheel-diameter", "wheel_speed_4 [km/h]")
+
+
+@pytest.mark.parametrize("pair", [(1, 2), (1, 3), (2, 4)])
+def test_swapped_axles_are_found_where_they_slide(pair: tuple[int, int], tmp_path: Path) -> None:
+    log = clean("low-adhesion", 1, "as it is")
+    assert codes(simulated.swapped(log, *pair), tmp_path) == {"axles-swapped"}
+
+
+@pytest.mark.parametrize(
+    ("signal", "unit", "likely"),
+    [
+        ("pressure", "kPa", "bar"), ("pressure", "Pa", "bar"), ("pressure", "MPa", "bar"),
+        ("wheel_speed", "m/s", "km/h"),
+    ],
+)  # fmt: skip
+def test_the_unit_that_was_meant_is_named(
+    signal: str, unit: str, likely: str, tmp_path: Path
+) -> None:
+    told = found(
+        simulated.mislabelled(clean("service-brake", 1, "as it is"), signal, unit), tmp_path
+    )
+    assert [(f.code, f.severity) for f in told] == [("unit-suspect", "warning")]
+    assert likely in told[0].message.split("[channels]" if "(" in told[0].message else ";")[-1] or (
+        likely in told[0].message
+    )
+
+
+def test_another_vehicle_is_only_a_hint(tmp_path: Path) -> None:
+    stated = settings.load(None, ["vehicle.lever_ratio=2.4"])
+    log = simulated.recordings("service-brake", vehicle=stated.vehicle)
+    (told,) = found(log, tmp_path)
+    assert (told.code, told.severity) == ("vehicle-suspect", "info")
+    assert "lever_ratio" in told.message
+    assert not found(log, tmp_path, stated)
+
+
+def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:
+    def off(r: simulate.Recording) -> simulate.Recording:
+        return replace(r, value=0.0 * r.value)
+
+    log = simulated.changed(clean("service-brake", 1, "as it is"), "pressure", off)
+    assert codes(log, tmp_path) == {"brake-unknown"}
+
+
+def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
+    result = analysed(simulated.recordings("service-brake", rate=10.0, noise=3e6), tmp_path)
+    (told,) = [f for f in result.findings if f.code == "reference-noise"]
+    assert (told.count, told.channel) == (1, "axle 1")
+    (axle,) = result.axles
+    assert all(s.rmse_n is None for s in axle.scores)
+    braked = axle.record.clamping_force > 1000.0
+    assert not np.isfinite(axle.reference.force[braked]).any()
+
+
+# --- sensors, one channel at a time -------------------------------------------------------------
+
+
+def pressure(value: np.ndarray, rate: float, step: float = 0.0) -> Channel:
+    t = np.round(np.arange(len(value)) * 1e9 / rate).astype(np.int64)
+    data = Column(t, value, np.ones(len(t), dtype=np.bool_))
+    gap = round(5e9 / rate)
+    return Channel(
+        "p", "", "pressure", 1, "bar", "", data, len(t), gap_ns=gap, step=step, rate_hz=rate
+    )
+
+
+def application(rate: float, noise: float, step: float) -> np.ndarray:
+    """Cylinder pressure [Pa]: 3 s without brake, a ramp to 4 bar, 14 s of hold, a release."""
+    t = np.arange(0.0, 24.0, 1.0 / rate)
+    p = 4e5 * np.clip((t - 3.0) / 2.0, 0.0, 1.0) * np.clip(22.0 - t, 0.0, 1.0)
+    p += noise * np.random.default_rng(3).standard_normal(len(t))
+    return np.round(p / step) * step if step else p
+
+
+@pytest.mark.parametrize("step", [0.0, 200.0, 1000.0, 5000.0, 20000.0])
+@pytest.mark.parametrize("noise", [0.0, 20.0, 300.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("bottom", [-1e9, 0.0])
+def test_a_steady_pressure_is_not_a_stuck_one(
+    rate: float, noise: float, step: float, bottom: float
+) -> None:
+    channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
+    assert not checks.stuck_pressure(channel).any()
+    assert not checks.saturated(channel).any()
+
+
+@pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
+def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
+    p = application(100.0, 1000.0, 1000.0)
+    stuck = slice(round(100 * at), round(100 * at) + 300)
+    p[stuck] = p[stuck.start]
+    mask = checks.stuck_pressure(pressure(p, 100.0, 1000.0))
+    assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
+    assert mask[stuck.start + 1 : stuck.stop].all()
+    assert mask[stuck.stop + 2 :].sum() == 0
+
+
+def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
+    p = application(10.0, 0.0, 1000.0)
+    dead = p.copy()
+    dead[70:] = dead[70]
+    dead[40:70] = np.linspace(dead[39], dead[70], 30)
+    others = [pressure(p, 10.0, 1000.0), pressure(0.9 * p, 10.0, 900.0)]
+    mask = checks.stuck_pressure(pressure(dead, 10.0, 1000.0), others)
+    assert mask[71:].all()
+    assert not mask[:70].any()
+    assert not checks.stuck_pressure(pressure(dead, 10.0, 1000.0)).any()
+
+
+# --- the page that lists them all ---------------------------------------------------------------
+
+
+def finding_codes() -> set[str]:
+    """Every code in the source: first arguments of what tells findings, and `code = "…"`."""
+    tellers = {"Finding", "tell", "_tell", "_report", "Fault"}
+    kebab = re.compile(r"[a-z]+(-[a-z0-9]+)*")
+    texts: list[object] = []
+    for path in (ROOT / "adhesion_cli").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Name(id=name) | ast.Attribute(attr=name), args=[ast.Constant(c), *_]
+                ) if name in tellers:
+                    texts.append(c)
+                case ast.Tuple(elts=[ast.Constant(c), _, *_]) if "-" in str(c):
+                    texts.append(c)
+                case ast.Assign(targets=[ast.Name(id="code")], value=ast.Constant(c)):
+                    texts.append(c)
+    return {str(t) for t in texts if isinstance(t, str) and kebab.fullmatch(t)} - {"utf-8"}
+
+
+def test_every_finding_is_documented() -> None:
+    page = (ROOT / "docs" / "findings.md").read_text("utf-8")
+    listed = set(re.findall(r"`([a-z0-9-]+)`", page))
+    assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-frozen"} <= finding_codes()
+    assert sorted(finding_codes() - listed) == []

@@ -167,13 +167,13 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     x = pressure.data.value
     top, step = float(x.max()), pressure.step
     changes = np.diff(x[runs.first])
-    small = np.abs(changes) <= max(0.02 * top, 4.0 * step)
+    small = np.abs(changes) <= max(0.02 * top, 2.5 * step)
     turns = (changes[1:] * changes[:-1] < 0.0) & small[1:] & small[:-1]
     turns &= np.maximum(np.abs(changes[1:]), np.abs(changes[:-1])) > 1.5 * step
     short = runs.length < 30
     free = short & (x[runs.first] > x.min())
     samples = int(runs.length[free].sum())
-    if samples < 20 or turns.sum() < 0.03 * samples:
+    if samples < 20 or turns.sum() < max(6.0, 0.03 * samples):
         return np.zeros(len(runs.first), dtype=np.bool_)
     # How often it repeats by chance; more often half way between two steps.
     chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)

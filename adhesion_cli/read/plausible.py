@@ -469,7 +469,7 @@ def _speeds(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
                 f"the train speed is {abs(late):.1f} s {way} the wheel speeds: slip is wrong "
                 "by that; correct its time stamps, or leave it out"
             )
-            found.append(Finding("clock-offset", "warning", text, train.title))
+            found.append(Finding("train-clock-offset", "warning", text, train.title))
     for i, a in enumerate(axles):
         if g.train is not None:
             reference = g.train
