@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from .errors import UserError, unknown
 from .model import Quantity, Wheelset
@@ -93,14 +93,26 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
     return dict(sorted(found.items()))
 
 
-def parameters(est: Estimator) -> list[tuple[str, Quantity, float]]:
+class Tunable(Protocol):
+    """What has named parameters: an estimator, a controller."""
+
+    @property
+    def name(self) -> str:
+        """What users call it."""
+
+    @property
+    def Params(self) -> type[Any]:
+        """The parameters."""
+
+
+def parameters(est: Tunable) -> list[tuple[str, Quantity, float]]:
     """Name, `Quantity` and default of every parameter, in the order of `Params`."""
     hints = typing.get_type_hints(est.Params, include_extras=True)
     defaults = est.Params._field_defaults
     return [(name, hints[name].__metadata__[0], defaults[name]) for name in est.Params._fields]
 
 
-def validated(est: Estimator, overrides: Mapping[str, float]) -> Any:
+def validated(est: Tunable, overrides: Mapping[str, float]) -> Any:
     """`est.Params` with `overrides` in place of defaults.
 
     Raises:

@@ -138,6 +138,34 @@ class Wsp:
 
 
 @dataclass(frozen=True, slots=True)
+class Antiskid:
+    """Sensors and valves of an anti-skid unit; ours, illustrative."""
+
+    period: Annotated[float, Quantity("s", "time between decisions", 1e-3, 0.1)] = 0.01
+    delay: Annotated[float, Quantity("s", "age of what the sensors say", 0.0, 1.0)] = 0.01
+    wheel_noise: Annotated[float, Quantity("rad²/s²", "variance of wheel speed")] = 1e-5
+    pressure_noise: Annotated[float, Quantity("Pa²", "variance of cylinder pressure")] = 1e6
+    train_noise: Annotated[float, Quantity("m²/s²", "variance of train speed")] = 4e-4
+    dead_time: Annotated[float, Quantity("s", "from command to flow", 0.0, 1.0)] = 0.02
+    vent_time: Annotated[float, Quantity("s", "time constant of venting", 1e-3, 5.0)] = 0.25
+    fill_rate: Annotated[float, Quantity("Pa/s", "fastest filling", 1e3, 1e8)] = 3e5
+    volume: Annotated[float, Quantity("m³", "cylinders and pipes of an axle", 1e-6, 1.0)] = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What a stop must keep; none is built in, whoever states one states where it is from."""
+
+    quantity: Literal[
+        "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
+        "mean_slip_error", "slide_s",
+    ]  # fmt: skip
+    source: str
+    most: Annotated[float, Quantity("of the quantity", "largest value allowed", -INF)] = INF
+    least: Annotated[float, Quantity("of the quantity", "least value allowed", -INF)] = -INF
+
+
+@dataclass(frozen=True, slots=True)
 class Rig:
     """A roller rig: constant speed, slip rising evenly from 0, the brake is whatever holds it."""
 
@@ -186,6 +214,8 @@ class Scenario:
     vehicle: Vehicle = field(default_factory=Vehicle)
     contact: Contact = field(default_factory=Contact)
     wsp: Wsp | None = None
+    antiskid: Antiskid = field(default_factory=Antiskid)  # of `adhesion antiskid`, not the log's
+    limit: tuple[Limit, ...] = ()
     rig: Rig | None = None
     dt: Annotated[float, Quantity("s", "step of integration and dense output", 1e-6, 0.02)] = 1e-3
     seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0

@@ -463,7 +463,7 @@ MINIMAL = 'description = ""\nduration = 1.0\n[[rail.section]]\nat = 0.0\nconditi
 
 def test_every_scenario_is_described_and_has_a_log() -> None:
     wanted = {"paper-constant", "paper-varying", "service-brake", "low-adhesion", "leaf-film"}
-    assert wanted | {"four-axles", "roller-rig"} == set(NAMES)
+    assert wanted | {"four-axles", "roller-rig", "slippery-stop"} == set(NAMES)
     for name in NAMES:
         assert simulate.scenarios()[name]
         assert simulated(name).pressure.max() <= 10e5 or name == "roller-rig"

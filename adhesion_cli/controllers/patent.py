@@ -7,10 +7,13 @@ differentiated.
 [S5] True: hold. False: move the point along the curve; beyond the bands vent, below them apply.
 [S6] At every tick until the train stands.
 
-The patent does not say which way each valve goes, nor what holds where the slope cannot be
-observed: there slip alone decides, and within its band the pressure is held.
+The patent does not say which way each valve goes, nor what to do where the slope cannot be
+observed. Within the slip band the pressure is then held, and raised by a tick now and then: that
+moves the point, and a point that moves shows its slope; to hold for good would leave a wheel that
+rolls on a good rail with the pressure of the bad rail before it.
 """
 
+import math
 from typing import Annotated, NamedTuple
 
 from ..model import Quantity
@@ -26,25 +29,34 @@ class Params(NamedTuple):
     slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.1
     slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.3
     horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 0.2
+    patience: Annotated[
+        float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
+    ] = 0.1
 
 
 class State(NamedTuple):
-    """Valve command."""
+    """Clock and valve command."""
 
+    held: float  # so long without a slope [s]
     valve: int
 
 
 def init(p: Params, o: Observed) -> State:
     """Both valves at rest."""
-    return State(APPLY)
+    return State(0.0, APPLY)
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """One tick on."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    where = region(o.slip + p.horizon * o.slip_rate, o.slope, bands)  # [S4]
+    slip = o.slip + p.horizon * o.slip_rate
+    slope = o.slope if slip >= p.slip_low else math.nan  # it was that of the slide just caught
+    where = region(slip, slope, bands)  # [S4]
     if where == 3:  # beyond
-        return State(VENT)  # [S5]
+        return State(0.0, VENT)  # [S5]
     if where == 1:  # below
-        return State(APPLY)  # [S5]
-    return State(HOLD)
+        return State(0.0, APPLY)  # [S5]
+    if where == 2:  # optimal
+        return State(0.0, HOLD)
+    held = s.held + h
+    return State(held, HOLD) if held < p.patience else State(0.0, APPLY)

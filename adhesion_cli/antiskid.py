@@ -1,0 +1,598 @@
+"""Closed loop: a train stops while a controller works the valves of each brake cylinder.
+
+At each of its ticks, the unit of an axle reads train speed, wheel speed and cylinder pressure (late
+and noisy), runs an online estimator and the slope's least squares, asks the controller and sets the
+valves, which answer after their dead time. `online` is that chain sample by sample, for a unit, a
+rig or a log; `run` is the same chain around the simulated train, compiled.
+
+A stop is told in the terms of EN 15595: stopping distance and its extension over that on dry rail,
+use of the adhesion there was, depth and time of slides, standing wheels, air. The limits of the
+standard are not built in: no copy of it could be read.
+"""
+
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from hashlib import sha256
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import physics, slope
+from .controllers import APPLY, VENT, Observed, none, patent, rule
+from .controllers.patent import init as control_init
+from .controllers.patent import step as control_step
+from .errors import UserError, unknown
+from .estimator import Estimator, registry, validated
+from .estimators.kalman import init as estimate_init
+from .estimators.kalman import step as estimate_step
+from .model import Channel, Column, Floats, Log, Vehicle, Wheelset
+from .physics import G
+from .plant import (
+    SOON,
+    Plant,
+    Track,
+    adhesion,
+    advance,
+    cylinder,
+    demand_of,
+    plant_of,
+    radii,
+    rail_at,
+    scratch,
+    track_of,
+)
+from .rail import Patch
+from .scenario import Film, Limit, Rail, Scenario, Section
+from .slope import init as slope_init
+from .slope import step as slope_step
+from .stop import Stop, Verdict
+
+RAILS = {
+    "dry": Rail((Section(0.0, "dry"),)),
+    "wet": Rail((Section(0.0, "wet"),)),
+    "low": Rail((Section(0.0, "low"),)),
+    "very-low": Rail((Section(0.0, "very-low"),)),
+    "sudden": Rail(
+        (
+            Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
+            Section(450.0, "low", 1.6), Section(550.0, "very-low"), Section(700.0, "low"),
+        )
+    ),
+    "film": Rail(
+        (Section(0.0, "wet"),),
+        film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
+    ),
+}  # fmt: skip
+"""Rails of a sweep by name; lengths are ours."""
+
+Settings = Mapping[str, Mapping[str, float]]
+
+
+class Law(NamedTuple):
+    """One controller, as its file in `controllers/` has it; or whatever else has parameters."""
+
+    name: str
+    Params: type[Any]
+    init: Callable[..., Any]
+    step: Callable[..., Any]
+
+
+CONTROLLERS = {
+    name: Law(name, law.Params, law.init, law.step)
+    for name, law in (("patent", patent), ("rule", rule), ("none", none))
+}
+SLOPE = Law("slope", slope.Params, slope.init, slope.step)
+SPREAD = 0.2  # of f0 from seed to seed of a sweep
+ESTIMATOR = "kalman"  # in the loop where none is chosen
+LONGEST = 600.0  # of a stop [s]
+SLOWEST = 1.0  # slip has this floor under it; slides and use of adhesion count above it [m/s]
+SLIDE = 0.05  # slip from which a wheel slides [-]
+STANDING = 0.1  # a rim slower than this stands [m/s]
+_COLUMNS = {  # of a stop, and their units, as they are written
+    "train_speed": "m/s", "distance": "m", "demand": "Pa", "told_train_speed": "m/s",
+    "rim_speed": "m/s", "pressure": "Pa", "force": "N", "peak": "N", "peak_slip": "-",
+    "slip": "-", "valve": "-", "told_wheel_speed": "rad/s", "told_clamping_force": "N",
+    "estimate": "N", "slope": "-", "confidence": "-",
+}  # fmt: skip
+_NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
+_HALVINGS = 30  # in the search for the peak
+
+
+# --- one axle, one tick: plain Python that compiles -----------------------------------------------
+
+
+class Chain(NamedTuple):
+    """What the chain from sensors to controller needs of the wheelset."""
+
+    radius: float  # R [m]
+    mass: float  # m [kg]
+    inertia: float  # I [kg m²]
+    phi: float  # φ [-]
+
+
+def slip_of(c: Chain, v: float, y: float) -> float:
+    """Slip [-] over a speed of at least `SLOWEST`. Source: (2)."""
+    return (v - y * c.radius) / max(v, SLOWEST)
+
+
+def observed(
+    c: Chain, v: float, y: float, K: float, F: float, slowing: float, k: slope.State
+) -> Observed:
+    """What the controller is told. Source: [S1].
+
+    ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
+
+    Args:
+        c: the wheelset.
+        v: train speed [m/s].
+        y: wheel speed [rad/s].
+        K: clamping force [N].
+        F: estimated adhesion force [N].
+        slowing: deceleration of the train that the estimated forces of its axles make [m/s²].
+        k: slope at the operating point.
+    """
+    s = slip_of(c, v, y)
+    rate = c.radius**2 / c.inertia * (c.phi * K - F) - (1.0 - s) * slowing  # (1)
+    if y <= 0.0 and rate > 0.0:
+        rate = 0.0  # the wheel stands
+    mu = F / (c.mass * G)
+    return Observed(y * c.radius, s, rate / max(v, SLOWEST), mu, k.slope, k.confidence)
+
+
+class _Timing(NamedTuple):
+    """Of the unit, in steps of the plant."""
+
+    every: int  # between ticks
+    delay: int  # age of measured values
+    dead: int  # until the valves answer
+
+
+class _Trace(NamedTuple):
+    """Columns of `Stop`, a row per tick: four of shape (ticks,), then (ticks, axles)."""
+
+    speed: Floats
+    distance: Floats
+    demand: Floats
+    told_train_speed: Floats
+    wheel_speed: Floats  # [rad/s]
+    pressure: Floats
+    force: Floats
+    peak: Floats
+    peak_slip: Floats
+    told_wheel_speed: Floats
+    told_clamping_force: Floats
+    estimate: Floats
+    slope: Floats
+    confidence: Floats
+    valve: NDArray[np.int8]
+
+
+class Drives(Protocol):
+    """The two magnet valves of one axle, as a unit or a rig switches them."""
+
+    def set(self, hold: bool, vent: bool) -> None:
+        """Energises them or not; both at rest is the brake's own pressure."""
+
+
+def online(
+    chosen: tuple[Any, ...],
+    wheelset: Wheelset,
+    chain: Chain,
+    samples: Iterable[tuple[int, float, float, float]],
+    drives: Drives | None = None,
+) -> Iterator[int]:
+    """The valves of one axle after each sample, as the samples arrive; needs no compiler.
+
+    Args:
+        chosen: what `choose` returned.
+        wheelset: constants of (1).
+        chain: the same wheelset for the slip.
+        samples: (time [ns], train speed [m/s], wheel speed [rad/s], K [N]), time rising strictly.
+        drives: the valves, if there are any.
+
+    Yields:
+        `controllers.APPLY`, `HOLD` or `VENT`.
+    """
+    est, law, ep, sp, cp = chosen
+    estimate: Any = None
+    k: Any = None
+    control: Any = None
+    before = 0
+    for t, v, y, K in samples:
+        h, before = (t - before) * 1e-9, t
+        if control is None:
+            estimate, k = est.init(ep, wheelset, K, y), slope_init(sp, 0.0, 0.0)
+            control = law.init(cp, observed(chain, v, y, K, 0.0, 0.0, k))
+        else:
+            estimate = est.step(ep, wheelset, estimate, h, K, y)
+            k = slope_step(sp, k, h, slip_of(chain, v, y), estimate.F / (chain.mass * G))
+            o = observed(chain, v, y, K, estimate.F, estimate.F / chain.mass, k)
+            control = law.step(cp, control, h, o)
+        if drives is not None:
+            drives.set(control.valve != APPLY, control.valve == VENT)
+        yield control.valve
+
+
+def _peak(v: float, rail: Floats, patch: Patch) -> float:
+    """Sliding speed [m/s] of the greatest adhesion force: where its slope changes sign."""
+    low, high = math.log(1e-6 * v), math.log(v)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if adhesion(math.exp(middle), v, rail, patch)[1] > 0.0:
+            low = middle
+        else:
+            high = middle
+    return math.exp(low)
+
+
+def _march(
+    plant: Plant, track: Track, demand_t: Floats, demand_p: Floats, v: float, dt: float,
+    timing: _Timing, chain: Chain, w: Wheelset, ep: Any, sp: slope.Params, cp: Any,
+    train_noise: Floats, wheel_noise: Floats, pressure_noise: Floats,
+    trace: _Trace, air: Floats,
+) -> tuple[int, float]:  # fmt: skip
+    """Brakes until the train stands, or `trace` is full.
+
+    `air` receives what each axle's cylinder took in, as a rise of pressure [Pa].
+
+    Returns:
+        Ticks done, and NaN or the time [s] at which Newton's iteration failed.
+    """
+    ticks, axles = trace.pressure.shape
+    p, rim, room = np.zeros(axles), np.full(axles, v), scratch(axles)
+    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
+    before, alone = np.zeros(axles), 0.0
+    size = max(timing.delay, timing.dead) + 1  # of the rings of what was
+    was_v, was_w, was_p = np.zeros(size), np.zeros((size, axles)), np.zeros((size, axles))
+    command = np.zeros((size, axles), np.int64)
+    F = np.zeros(axles)
+    h = timing.every * dt
+    x, segment, timed_knot = 0.0, 0, 0
+    estimates = [estimate_init(ep, w, 0.0, v / chain.radius)] * axles
+    slopes = [slope_init(sp, 0.0, 0.0)] * axles
+    start = observed(chain, v, v / chain.radius, 0.0, 0.0, 0.0, slopes[0])
+    controls = [control_init(cp, start)] * axles
+    for k in range(ticks * timing.every):
+        t, end, now = k * dt, (k + 1) * dt, k % size
+        was_v[now] = v
+        for i in range(axles):
+            was_w[now, i], was_p[now, i] = rim[i] / plant.radius[i], p[i]
+        if k % timing.every == 0:
+            j, then = k // timing.every, max(k - timing.delay, 0) % size
+            v_told = max(was_v[then] + train_noise[j], 0.0) if was_v[then] > 0.0 else 0.0
+            for i in range(axles):
+                y = was_w[then, i]
+                if y > 0.0:  # a sensor at rest gives no pulses
+                    y = max(y + wheel_noise[j, i], 0.0)
+                K = plant.per_pascal * (was_p[then, i] + pressure_noise[j, i]) - plant.at_zero
+                K = max(K, 0.0)  # (15)
+                if j > 0:
+                    estimates[i] = estimate_step(ep, w, estimates[i], h, K, y)
+                F[i] = estimates[i].F
+                trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i] = y, K
+            slowing = F.sum() / (axles * chain.mass)
+            for i in range(axles):
+                y, K = trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i]
+                mu = F[i] / (chain.mass * G)
+                if j > 0:
+                    slopes[i] = slope_step(sp, slopes[i], h, slip_of(chain, v_told, y), mu)
+                o = observed(chain, v_told, y, K, F[i], slowing, slopes[i])
+                if j > 0:
+                    controls[i] = control_step(cp, controls[i], h, o)
+                z = t if track.timed else x - plant.positions[i]
+                knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+                trace.wheel_speed[j, i], trace.pressure[j, i] = rim[i] / plant.radius[i], p[i]
+                trace.force[j, i] = adhesion(v - rim[i], v, room.rails[i], plant.patch)[0]
+                sliding = _peak(v, room.rails[i], plant.patch)
+                trace.peak[j, i] = adhesion(sliding, v, room.rails[i], plant.patch)[0]
+                trace.peak_slip[j, i], trace.valve[j, i] = sliding / v, controls[i].valve
+                trace.estimate[j, i], trace.slope[j, i] = F[i], slopes[i].slope
+                trace.confidence[j, i] = slopes[i].confidence
+            trace.speed[j], trace.told_train_speed[j] = v, v_told
+            trace.distance[j], trace.demand[j] = x, alone
+        for i in range(axles):
+            command[now, i] = controls[i].valve
+            if k >= timing.dead:
+                valve[i] = command[(k - timing.dead) % size, i]
+        while t < end - SOON:
+            while demand_t[segment + 1] <= t + SOON:
+                segment += 1
+            while track.timed and track.knots[timed_knot + 1] <= t + SOON:
+                timed_knot += 1
+            stop = min(end, demand_t[segment + 1])
+            if track.timed:
+                stop = min(stop, track.knots[timed_knot + 1])
+            span = demand_t[segment + 1] - demand_t[segment]
+            rise = (demand_p[segment + 1] - demand_p[segment]) / span
+            c0 = demand_p[segment] + rise * (t - demand_t[segment])
+            before[:] = p
+            alone = cylinder(plant, APPLY, alone, c0, c0 + rise * (stop - t), stop - t)
+            v_new = advance(plant, track, valve, knot, c0, rise, t, stop - t, v, x, rim, p, room)
+            if math.isnan(v_new):
+                return 0, t
+            air += np.maximum(p - before, 0.0)
+            x += 0.5 * (stop - t) * (v + v_new)
+            v, t = v_new, stop
+        if v == 0.0:
+            return k // timing.every + 1, math.nan
+    return ticks, math.nan
+
+
+# --- stops ----------------------------------------------------------------------------------------
+
+
+def run(
+    scenario: Scenario,
+    controller: str,
+    seed: int | None = None,
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+) -> Stop:
+    """One stop.
+
+    Args:
+        scenario: train, brake, rail and unit; its sensors and its simple slide protection are the
+            log's and play no part.
+        controller: a name in `CONTROLLERS`.
+        seed: of the sensors' noise, in place of the scenario's.
+        algo: online estimator in the loop.
+        settings: parameters by name of controller, of estimator, and of "slope".
+
+    Raises:
+        UserError: no such controller or estimator, a parameter unknown or out of range, a scenario
+            that does not end in a stop.
+    """
+    from . import compiled
+
+    if scenario.rig or not scenario.brake.command:
+        raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
+    unit, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
+    timing = _Timing(*(round(x / dt) for x in (unit.period, unit.delay, unit.dead_time)))
+    if timing.every < 1:
+        raise UserError(f"{scenario.name}: dt is longer than the unit's period", "a shorter dt")
+    est, law, ep, sp, cp = choose(controller, algo, settings or {})
+    plant = plant_of(scenario)
+    plant = plant._replace(
+        valve_time=unit.vent_time, fill_rate=min(plant.fill_rate, unit.fill_rate)
+    )
+    h = timing.every * dt
+    ticks = round(LONGEST / h)
+    shape = (ticks, axles)
+    seed = scenario.seed if seed is None else seed
+    random = np.random.Generator(np.random.PCG64(seed))
+    noise = [
+        math.sqrt(variance) * random.standard_normal(size)
+        for variance, size in (
+            (unit.train_noise, ticks), (unit.wheel_noise, shape), (unit.pressure_noise, shape),
+        )
+    ]  # fmt: skip
+    columns = [np.empty(ticks)] * 4 + [np.empty(shape)] * 10
+    trace = _Trace._make([*(x.copy() for x in columns), np.empty(shape, np.int8)])
+    air = np.zeros(axles)
+    march = compiled.function(
+        _march, estimate_init=est.init, estimate_step=est.step,
+        control_init=law.init, control_step=law.step,
+    )  # fmt: skip
+    done, failed = march(
+        plant, track_of(scenario.rail), *demand_of(scenario), scenario.train.speed, dt, timing,
+        chain_of(scenario.vehicle), physics.wheelset(scenario.vehicle, 1), ep, sp, cp, *noise,
+        trace, air,
+    )  # fmt: skip
+    if not math.isnan(failed):
+        raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
+    if done == ticks:
+        raise UserError(
+            f"{scenario.name}: the train does not stand after {LONGEST:g} s",
+            "antiskid needs a brake that is not released before the train stands",
+        )
+    trace = _Trace._make(column[:done].copy() for column in trace)
+    v, rim = trace.speed, trace.wheel_speed * radii(scenario)
+    return Stop(
+        controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
+        v, trace.distance, trace.demand, rim, trace.pressure, trace.force, trace.peak,
+        trace.peak_slip, physics.slip(v[:, None], rim, 1.0, SLOWEST), trace.valve,
+        trace.told_train_speed, trace.told_wheel_speed, trace.told_clamping_force,
+        trace.estimate, trace.slope, trace.confidence,
+        air=float(air.sum()) * unit.volume / _NORMAL * 1e3,
+    )  # fmt: skip
+
+
+def chain_of(vehicle: Vehicle) -> Chain:
+    """The constants of the chain; units know the nominal radius, that of axle 1."""
+    return Chain(
+        vehicle.radius(1).value, vehicle.axle_mass.value, vehicle.wheelset_inertia.value,
+        vehicle.friction.value,
+    )  # fmt: skip
+
+
+def choose(
+    controller: str, algo: str, settings: Settings
+) -> tuple[Estimator, Law, Any, slope.Params, Any]:
+    """Estimator, controller, and the parameters of estimator, slope and controller.
+
+    Raises:
+        UserError: a name that is none, or a parameter unknown or out of range.
+    """
+    estimators = registry()
+    if controller not in CONTROLLERS:
+        raise unknown("controller", controller, list(CONTROLLERS))
+    if algo not in estimators:
+        raise unknown("estimator", algo, list(estimators))
+    for name in settings:
+        if name not in (*CONTROLLERS, *estimators, SLOPE.name):
+            raise unknown("setting", name, [*CONTROLLERS, *estimators, SLOPE.name])
+    est, law = estimators[algo], CONTROLLERS[controller]
+    ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
+    return est, law, ep, sp, cp
+
+
+def dry_distance(scenario: Scenario) -> float:
+    """Stopping distance of the same train and brake on dry rail, without controller [m]."""
+    dry = replace(scenario, rail=RAILS["dry"], train=replace(scenario.train, cleaning=()))
+    return _stopping_distance(run(dry, "none"), dry)
+
+
+def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
+    """What a stop is worth; `dry` is the stopping distance on dry rail [m]."""
+    h = float(stop.t[1] - stop.t[0]) * 1e-9
+    wheel = physics.wheelset(scenario.vehicle, 1)
+    asked = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
+    counted = stop.train_speed >= SLOWEST
+    limited = counted[:, None] & (asked[:, None] > stop.peak)
+    distance, some = _stopping_distance(stop, scenario), bool(limited.any())
+    error = np.abs(stop.slip - stop.peak_slip)[limited]
+    return Verdict(
+        stopping_distance_m=distance,
+        extension=distance / dry - 1.0,
+        utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum()) if some else None,
+        max_slip=float(stop.slip[counted].max()),
+        locked_s=float((stop.rim_speed[counted] < STANDING).sum()) * h,
+        air_nl=stop.air,
+        mean_slip_error=float(error.mean()) if some else None,
+        slide_s=float((stop.slip[counted] > SLIDE).sum()) * h,
+        limited_s=float(limited.sum()) * h,
+    )
+
+
+def _stopping_distance(stop: Stop, scenario: Scenario) -> float:
+    demanded = scenario.brake.command[0].at
+    return float(stop.distance[-1] - np.interp(demanded, stop.t * 1e-9, stop.distance))
+
+
+def against(limits: Sequence[Limit], v: Verdict) -> Iterator[tuple[Limit, bool]]:
+    """Each limit, and whether the stop keeps it; what did not take place breaks none."""
+    for limit in limits:
+        value = getattr(v, limit.quantity)
+        yield limit, value is None or limit.least <= value <= limit.most
+
+
+def document(
+    scenario: Scenario, dry: float, stops: Sequence[tuple[Stop, Verdict]]
+) -> dict[str, Any]:
+    """The `adhesion.antiskid/1` document."""
+    keys = Verdict._fields[:7]
+    return {
+        "schema": "adhesion.antiskid/1",
+        "scenario": scenario.name,
+        "seed": stops[0][0].seed,
+        "dry_distance_m": dry,
+        "controllers": {s.controller: {k: getattr(v, k) for k in keys} for s, v in stops},
+    }
+
+
+def as_log(scenario: Scenario, stops: Sequence[Stop]) -> Log:
+    """The stops as a log to be written: one channel per column, controller and axle."""
+    made_from = repr((scenario, [(s.controller, s.algo, s.seed) for s in stops]))
+    channels = []
+    for s in stops:
+        for name, unit in _COLUMNS.items():
+            column = getattr(s, name).astype(np.float64)
+            per_axle = column.ndim > 1
+            for axle, x in enumerate(column.T if per_axle else [column], 1):
+                place = f"/{s.controller}/axle/{axle}/" if per_axle else f"/{s.controller}/"
+                data = Column(s.t, np.ascontiguousarray(x), np.isfinite(x))
+                number = axle if per_axle else None
+                channels.append(
+                    Channel(place + name, "", None, number, unit, "simulated", data, len(x))
+                )
+    return Log(
+        scenario.name, "closed loop", sha256(made_from.encode()).hexdigest(), False,
+        sum(c.rows for c in channels), tuple(channels), (),
+    )  # fmt: skip
+
+
+# --- a set of rails -------------------------------------------------------------------------------
+
+
+class Row(NamedTuple):
+    """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
+
+    rail: str
+    controller: str
+    dry_distance_m: float
+    values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+    shorter: float  # share of the seeds in which it stops before every other controller
+
+
+def sweep(
+    scenario: Scenario,
+    seeds: int,
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Row]:
+    """Every controller on every rail of `RAILS`, on all cores.
+
+    A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
+    name says, the same for every controller.
+
+    Args:
+        scenario: train, brake and unit.
+        seeds: stops of each controller on each rail.
+        algo: online estimator in the loop.
+        settings: as in `run`.
+        tell: is told the progress.
+    """
+    from concurrent.futures import ThreadPoolExecutor  # compiled loops leave the GIL to the others
+
+    dry = dry_distance(scenario)
+    for controller in CONTROLLERS:  # compile before the threads start
+        run(replace(scenario, rail=RAILS["dry"]), controller, 0, algo, settings)
+
+    def one(job: tuple[str, str, int]) -> Verdict:
+        rail, controller, seed = job
+        factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
+        case = replace(scenario, rail=_scaled(RAILS[rail], factor))
+        return verdict(run(case, controller, seed, algo, settings), case, dry)
+
+    jobs = [(r, c, seed) for r in RAILS for c in CONTROLLERS for seed in range(seeds)]
+    found: dict[tuple[str, str], list[Verdict]] = {}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for n, (job, x) in enumerate(zip(jobs, pool.map(one, jobs), strict=True), 1):
+            found.setdefault(job[:2], []).append(x)
+            tell(f"{n} of {len(jobs)} stops")
+    rows = []
+    for (rail, controller), verdicts in found.items():
+        others = [v for (r, c), v in found.items() if r == rail and c != controller]
+        first = [
+            all(mine.stopping_distance_m < x.stopping_distance_m for x in rivals)
+            for mine, *rivals in zip(verdicts, *others, strict=True)
+        ]
+        columns = zip(*verdicts, strict=True)
+        values = {k: _interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
+        rows.append(Row(rail, controller, dry, values, sum(first) / len(first)))
+    return rows
+
+
+def sweep_document(
+    scenario: Scenario, seeds: int, algo: str, rows: Sequence[Row]
+) -> dict[str, Any]:
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
+    rails: dict[str, dict[str, Any]] = {}
+    for r in rows:
+        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
+    return {
+        "schema": "adhesion.antiskid-sweep/1",
+        "scenario": scenario.name,
+        "seeds": seeds,
+        "estimator": algo,
+        "dry_distance_m": rows[0].dry_distance_m,
+        "rails": rails,
+    }
+
+
+def _scaled(rail: Rail, factor: float) -> Rail:
+    sections = tuple(replace(x, scale=x.scale * factor) for x in rail.section)
+    film = rail.film and replace(rail.film, scale=rail.film.scale * factor)
+    return replace(rail, section=sections, film=film)
+
+
+def _interval(values: Sequence[float | None]) -> tuple[float, float, float] | None:
+    known = [x for x in values if x is not None]
+    if not known:
+        return None
+    low, high = np.quantile(known, [0.025, 0.975])
+    return float(np.mean(known)), float(low), float(high)
