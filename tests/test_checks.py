@@ -209,9 +209,8 @@ def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
     stated = re.search(r"diameter is ([\d.]+) m", told.message)
     assert stated
     assert float(stated[1]) == pytest.approx(0.84 / scale, rel=0.01)  # it creeps on a wet rail
-    for case in ("low-adhesion", "four-axles"):
-        log = simulated.worn(simulated.recordings(case, train=False), 4, scale)
-        told = found(log, tmp_path)[0]
+    for case, train in (("low-adhesion", True), ("four-axles", False)):
+        told = found(simulated.worn(simulated.recordings(case, train=train), 4, scale), tmp_path)[0]
         assert (told.code, told.channel) == ("wheel-diameter", "wheel_speed_4 [km/h]")
 
 
