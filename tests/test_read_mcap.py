@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,50 @@ def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
     for column in read(source).values():
         assert column.valid.tolist() == [True, True, False, False, True]
     assert codes(source) == [("mcap-label-change", 2)]
+
+
+UNIT_SCHEMA = Schema(1, b"float64 x\nstring unit\nfloat64 y_bar", "ros2msg", "p/msg/T")
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf", "protobuf, odd", "cdr"])
+def test_a_unit_that_changes_takes_its_numbers_out(tmp_path: Path, encoding: str) -> None:
+    units = ["bar", "bar", "kPa", "", "bars", "bar"]
+    of = double_message()
+    of.field.add(name="unit", number=2, type=F.TYPE_STRING, label=F.LABEL_OPTIONAL)
+    kind, _, odd = encoding.partition(", ")
+    schema = UNIT_SCHEMA if kind == "cdr" else proto_schema(proto_file([of]), "D")
+    log = Log([] if kind == "json" else [schema], [Channel(1, "/a", kind, {}, kind != "json")])
+    group = b"\x1b\x08\x01\x1c" if odd else b""  # makes the library read the message
+    for i, unit in enumerate(units):
+        body = {
+            "json": json.dumps({"value": 1.0, "unit": unit} if unit else {"value": 1.0}).encode(),
+            "protobuf": b"\x09" + struct.pack("<d", 1.0) + group
+            + (b"\x12" + bytes([len(unit)]) + unit.encode() if unit else b""),
+            "cdr": cdr(UNIT_SCHEMA, {"x": 1.0, "unit": unit, "y_bar": 2.0}),
+        }[kind]  # fmt: skip
+        log.messages.append(message(1, START + i, body))
+    source = opened(tmp_path, log)
+    assert {f.unit for f in source.fields} == {"bar"}
+    for column in read(source).values():
+        assert column.valid.tolist() == [True, True, False, True, False, True]
+    (finding,) = source.findings
+    assert (finding.code, finding.severity, finding.count) == ("mcap-unit-change", "error", 2)
+    assert finding.first_s == 2e-9
+    with pytest.raises(UserError, match="unit says another than 'bar'"):
+        read(opened(tmp_path, log, strict=True))
+
+
+def test_a_unit_of_its_own_per_element(tmp_path: Path) -> None:
+    first, second = {"v": [1, 2], "units": ["m", "s"]}, {"v": [3, 4], "units": ["m", "ms"]}
+    structs = [[{"name": "a", "w": 1}, {"name": n, "w": 2}] for n in "bc"]
+    rows = [(0, first | {"in": structs[0]}), (1, second | {"in": structs[1]})]
+    source = opened(tmp_path, json_log(rows))
+    valid = {name: column.valid.tolist() for name, column in read(source).items()}
+    assert valid == {
+        "/0 v[0]": [True, True], "/0 v[1]": [True, False],
+        "/0 in[0].w": [True, True], "/0 in[1].w": [True, False],
+    }  # fmt: skip
+    assert codes(source) == [("mcap-label-change", 1), ("mcap-unit-change", 1)]
 
 
 def test_structs_are_named_by_their_own_name(tmp_path: Path) -> None:
@@ -375,6 +420,112 @@ def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
     assert int(next(iter(read(opened(tmp_path, log)).values())).t[0]) == START + 500
 
 
+@pytest.mark.parametrize("place", ["timestamp", "stamp", "time", "ts", "header.stamp"])
+@pytest.mark.parametrize("kind", ["Z", "+01:00", "s", "ms", "us", "ns"])
+def test_stamps_as_text_or_one_number(tmp_path: Path, place: str, kind: str) -> None:
+    """As doubles carry them: exact to the microsecond."""
+    rows: list[tuple[int, Any]] = []
+    for i in range(6):
+        micros = START // 1000 + 20_001 * i
+        own: Any
+        if kind in ("Z", "+01:00"):
+            zone = UTC if kind == "Z" else timezone(timedelta(hours=1))
+            time = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=micros)
+            own = time.astimezone(zone).isoformat().replace("+00:00", "Z")
+        else:
+            own = {"s": micros / 1e6, "ms": micros / 1e3, "us": micros, "ns": micros * 1000}[kind]
+        for name in reversed(place.split(".")):
+            own = {name: own}
+        rows.append((20_001_000 * i + 7_000_000 * (i % 2), own | {"x": i}))
+    source = opened(tmp_path, json_log(rows))
+    column = read(source)["/0 x"]
+    np.testing.assert_array_equal(column.t, START + 20_001_000 * np.arange(6))
+    assert column.valid.all()
+    assert source.time_reason.startswith("stamp inside the messages")
+    assert source.findings == []
+
+
+def test_a_number_as_stamp_in_protobuf(tmp_path: Path) -> None:
+    of = double_message()
+    of.field.add(name="timestamp", number=2, type=F.TYPE_UINT64, label=F.LABEL_OPTIONAL)
+    log = Log([proto_schema(proto_file([of]), "D")], [Channel(1, "/a", "protobuf", {}, 1)])
+    for i in range(4):
+        micros, raw = START // 1000 + 500 * i if i != 2 else 0, b"\x10"
+        while micros > 0x7F:
+            raw, micros = raw + bytes([micros & 0x7F | 0x80]), micros >> 7
+        log.messages.append(message(1, START + i, raw + bytes([micros])))
+    source = opened(tmp_path, log)
+    columns = read(source)
+    assert (columns["/a value"].t - START).tolist() == [0, 500_000, 2, 1_500_000]
+    assert columns["/a value"].valid.tolist() == [True, True, False, True]
+    assert columns["/a timestamp"].value[1] == START // 1000 + 500
+    assert codes(source) == [("mcap-no-stamp", 1)]
+
+
+@pytest.mark.parametrize(
+    "own", ["2023-11-14T22:13:20Z", "2023-11-14", "yesterday", 1_700_000_000, 12.5, True, None]
+)
+def test_what_is_no_stamp(tmp_path: Path, own: Any) -> None:
+    """A date, whole seconds and other numbers do not tell when a sample was taken."""
+    source = opened(tmp_path, json_log([(i * 10**7, {"time": own, "x": i}) for i in range(30)]))
+    column = read(source)["/0 x"]
+    np.testing.assert_array_equal(column.t, START + 10**7 * np.arange(30))
+    assert column.valid.all()
+    assert source.time_reason.startswith("log time: ")
+    repeats = own in ("2023-11-14T22:13:20Z", 1_700_000_000)
+    assert codes(source) == [("mcap-stamp-unused", 1)] * repeats
+
+
+def test_only_channels_that_are_asked_for_decide_on_the_clock(tmp_path: Path) -> None:
+    rows = [(7 + i, {"ts": (START + i * 10**6) / 1e9, "x": i}) for i in range(3)]
+    source = opened(tmp_path, json_log(rows, [(0, {"cabin": 21})]))
+    _, x, cabin = source.fields
+    for _ in range(2):
+        assert source.columns([x])[0].t.tolist() == [START + i * 10**6 for i in range(3)]
+        assert source.time_reason.startswith("stamp inside the messages")
+        assert source.stated["time"] == source.time_reason
+    assert source.findings == []
+    assert [c.t[0] for c in source.columns([x, cabin])] == [START + 7, START]
+    assert source.time_reason == "log time: /1 carries no stamp of its own"
+    assert [(f.code, f.severity, f.channel) for f in source.findings] == [
+        ("mcap-stamp-unused", "info", "/0")
+    ]
+
+
+def test_a_first_stamp_that_is_not_set_is_said(tmp_path: Path) -> None:
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + i, stamped(START + i if i else 0, i)) for i in range(4)]
+    source = opened(tmp_path, log)
+    (column,) = read(source).values()
+    assert column.valid.all()
+    reason = "log time: the stamp inside the first message of /a is not set"
+    assert source.time_reason == reason
+    assert codes(source) == [("mcap-stamp-unused", 1)]
+
+
+def test_python_s_nan_costs_only_its_own_field(tmp_path: Path) -> None:
+    texts = [
+        b'{"x": NaN, "y": 1, "s": "NaN"}', b'{"x": 2, "y": 3, "s": "\\"NaN"}',
+        b'{"x": -Infinity, "y": [NaN]}', b'{"x": Infinity, "y": 4}', b'{"x": NaN, "y": 5',
+        b'{"x": xNaN, "y": 6}', b'{"x": "NaN", "y": 7}', b'{"x": "NaN',
+    ]  # fmt: skip
+    log = json_log([])
+    log.messages = [message(0, START + i, text) for i, text in enumerate(texts)]
+    source = opened(tmp_path, log)
+    columns = read(source)
+    np.testing.assert_array_equal(columns["/0 x"].value, [np.nan, 2] + [np.nan] * 6)
+    np.testing.assert_array_equal(
+        columns["/0 y"].value, [1, 3, np.nan, 4] + [np.nan] * 2 + [7, np.nan]
+    )
+    assert sum(n for code, n in codes(source) if code == "mcap-bad-message") == 3
+    assert {("mcap-not-a-number", 4), ("mcap-type-change", 1)} <= set(codes(source))
+
+
+def test_a_log_without_messages_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="the log has no messages"):
+        opened(tmp_path, json_log([]))
+
+
 @pytest.mark.parametrize(
     ("ahead", "source", "told"),
     [(10**6, "header", 0), (5 * 10**9, "header", 1), (2 * 86_400 * 10**9, "log", 1)],
@@ -428,7 +579,28 @@ def test_publish_time_and_a_clock_of_its_own(tmp_path: Path) -> None:
     source = opened(tmp_path, log, time_source="publish")
     assert not source.absolute
     assert read(source)["/0 x"].t.tolist() == [3, 9]
-    assert read(opened(tmp_path, log))["/0 x"].t.tolist() == [5, 4]
+    assert read(opened(tmp_path, log))["/0 x"].t.tolist() == [4, 5]
+
+
+def test_order_in_the_file_is_not_order_in_time(tmp_path: Path) -> None:
+    """The container orders log times by its indexes; the order of stamps is the sender's."""
+    order = [0, 10, 30, 20, 40, 5, 30]
+    log = json_log([(t, {"x": i}) for i, t in enumerate(order)], [(t, {"x": t}) for t in (1, 2)])
+    source = opened(tmp_path, log)
+    columns = read(source)
+    assert (columns["/0 x"].t - START).tolist() == [0, 5, 10, 20, 30, 30, 40]
+    assert columns["/0 x"].value.tolist() == [0, 5, 1, 3, 2, 6, 4]
+    assert columns["/1 x"].value.tolist() == [1, 2]
+    (finding,) = source.findings
+    assert (finding.code, finding.severity, finding.channel) == ("mcap-unordered", "warning", "/0")
+    assert (finding.count, finding.first_s) == (3, 20e-9)
+
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START + t, stamped(START + t, t)) for t in order]
+    source = opened(tmp_path, log)
+    (column,) = read(source).values()
+    assert (column.t - START).tolist() == order
+    assert source.findings == []
 
 
 # ---------------------------------------------------------------------- cost

@@ -1,5 +1,6 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
+import re
 from operator import itemgetter
 from typing import Any
 
@@ -19,10 +20,24 @@ from .tree import (
     at,
     label_fault,
     length_faults,
+    microseconds,
     path,
+    said_fault,
 )
 
 _NUMBERS = {int, float, bool}
+# Python writes these although JSON has none of them; strings are matched to be left alone.
+_NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
+
+
+def _loads(raw: bytes, no_number: bytes) -> Tree:
+    """A JSON text; NaN and Infinity in it are what `no_number` says."""
+    try:
+        return orjson.loads(raw)
+    except orjson.JSONDecodeError:
+        if b"NaN" not in raw and b"Infinity" not in raw:
+            raise
+        return orjson.loads(_NO_NUMBER.sub(lambda m: m[1] or no_number, raw))
 
 
 class JsonDecoder:
@@ -45,7 +60,7 @@ class JsonDecoder:
     def tree(self, message: bytes) -> Tree:
         """One message as plain values."""
         try:
-            return orjson.loads(message)
+            return _loads(message, b"0")  # a number, whichever
         except orjson.JSONDecodeError as e:
             raise UndecodableError(f"not JSON: {e}") from None
 
@@ -83,19 +98,23 @@ class JsonDecoder:
             messages, bad = [], {}
             for i, (a, b) in enumerate(spans):
                 try:
-                    messages.append(loads(raw[a:b]))
+                    messages.append(_loads(bytes(raw[a:b]), b'"NaN"'))
                 except orjson.JSONDecodeError as e:
                     bad[i] = f"not JSON: {e.msg}"
             faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
             rows = np.delete(rows, list(bad))
         values = np.full((len(wanted.leaves), len(spans)), np.nan)
+        spread = _Spread(wanted, values, faults)
         if messages:
-            _Spread(wanted, values, faults).walk(messages, rows, self._known, ())
+            spread.walk(messages, rows, self._known, ())
         for steps, named in wanted.labels.items():
             other = np.zeros(len(spans), np.bool_)
             other[rows] = [at(m, steps) != named for m in messages]
             if other.any():
                 faults.append(label_fault(wanted, steps, other, values))
+        for steps, other in spread.other.items():
+            if other.any():
+                faults.append(said_fault(wanted, steps, other, values))
         return values, faults
 
 
@@ -105,6 +124,8 @@ class _Spread:
     def __init__(self, wanted: Wanted, values: Floats, faults: list[Fault]) -> None:
         self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
         self._wanted, self._values, self._faults = wanted, values, faults
+        self.other = {steps: np.zeros(values.shape[1], np.bool_) for steps in wanted.said}
+        self._places = self._columns.keys() | self.other.keys()
 
     def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         """Takes what the messages `rows` have at a place.
@@ -121,8 +142,14 @@ class _Spread:
         elif isinstance(known, list):
             if len(known) <= LONG_ARRAY and (found := self._only(list, nodes, rows, steps)):
                 self._array(*found, known, steps)
+        elif steps in self.other:
+            text = self._wanted.said[steps].text
+            self.other[steps][rows] = [node != text and node not in ("", None) for node in nodes]
         elif (i := self._columns.get(steps)) is not None:
-            self._number(nodes, rows, i, steps)
+            if steps == self._wanted.iso:
+                self._values[i, rows] = list(map(microseconds, nodes))
+            else:
+                self._number(nodes, rows, i, steps)
 
     def _only(
         self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
@@ -148,7 +175,7 @@ class _Spread:
             self._faults.append(Fault("mcap-late-field", text, rows[late]))
         for key, child in known.items():
             place = (*steps, key)
-            if not isinstance(child, (dict, list)) and place not in self._columns:
+            if not isinstance(child, (dict, list)) and place not in self._places:
                 continue
             try:
                 self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
@@ -164,7 +191,7 @@ class _Spread:
             self._faults.append(Fault(fault.code, fault.text, rows[fault.rows]))
         for k, child in enumerate(known):
             place = (*steps, k)
-            if not isinstance(child, (dict, list)) and place not in self._columns:
+            if not isinstance(child, (dict, list)) and place not in self._places:
                 continue
             has = count > k
             below = [node[k] for node in nodes if len(node) > k]
@@ -177,5 +204,9 @@ class _Spread:
             return
         number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
         self._values[i, rows[number]] = [node for node in nodes if type(node) in _NUMBERS]
-        other = ~number & np.array([node is not None for node in nodes], np.bool_)
+        nan = np.array([node == "NaN" for node in nodes], np.bool_)
+        if nan.any():
+            text = f"{path(steps)} is NaN or infinite"
+            self._faults.append(Fault("mcap-not-a-number", text, rows[nan]))
+        other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
         self._type_fault(rows[other], steps)

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -16,10 +17,9 @@ from .tree import (
     Decoder,
     Fault,
     Leaf,
-    Steps,
+    Stamp,
     Tree,
     UndecodableError,
-    at,
     leaves,
     merged,
     repeated,
@@ -33,7 +33,9 @@ _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
     "mcap-type-change": "error",
     "mcap-label-change": "error",
+    "mcap-unit-change": "error",
     "mcap-array-length": "warning",
+    "mcap-not-a-number": "warning",
     "mcap-late-field": "warning",
     "mcap-no-stamp": "error",
 }
@@ -55,8 +57,9 @@ class _Series:
     decoder: Decoder | None = None
     tree: Tree = None
     leaves: dict[str, Leaf] = field(default_factory=dict)
-    stamp: tuple[Steps, Steps] | None = None
+    stamp: Stamp | None = None
     stamp_time: int = 0  # of the first message, 0 where it has none
+    stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
 
     @property
     def name(self) -> str:
@@ -67,10 +70,17 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
     """Opens an MCAP log: walks all records, checks them, and lists the numbers in its messages.
 
     Raises:
-        UserError: where the file is no MCAP, nothing in it is whole, or it is damaged and
-            options.strict is set; "FILE: byte N: what".
+        UserError: where the file is no MCAP, nothing in it is whole, it has no messages, or it
+            is damaged and options.strict is set; "FILE: byte N: what".
     """
-    return McapSource(Path(path), options)
+    source = McapSource(Path(path), options)
+    if not source.rows:
+        channels = len(source.walk.channels)
+        raise UserError(
+            f"{path}: the log has no messages ({channels} channels are defined)",
+            "check that the logger recorded anything",
+        )
+    return source
 
 
 def copy_whole(path: Path, out: BinaryIO, options: ReadOptions) -> list[Finding]:
@@ -108,7 +118,6 @@ class McapSource:
         self._tell_of_walk()
         self._series = self._group()
         self._discover()
-        self._source, self.time_reason, self.absolute = self._clock()
         self.fields: Sequence[Field] = [
             Field(s.topic, p, leaf.label, s.group, leaf.unit, leaf.unit_from, s.name, s.encoding)
             for s in self._series
@@ -120,8 +129,8 @@ class McapSource:
             "chunks": self.walk.chunks,
             "compression": ", ".join(sorted(self.walk.compressions)) or "none",
             "attachments": len(self.walk.attachments),
-            "time": self.time_reason,
         }
+        self._take_clock([s for s in self._series if s.leaves])
 
     # ------------------------------------------------------------------ what is in it
 
@@ -209,16 +218,17 @@ class McapSource:
                 )
                 continue
             why = "" if s.heads else "first message is too large"
+            trees = []
             for head in s.heads:
                 try:
-                    tree = s.decoder.tree(head)
+                    trees.append(s.decoder.tree(head))
                 except UndecodableError as e:
                     why = why or str(e)
-                    continue
-                if s.encoding != "json":
-                    s.tree = tree
-                    break
-                s.tree = merged(s.tree, tree)
+            if s.encoding == "json":
+                for tree in trees:
+                    s.tree = merged(s.tree, tree)
+            elif trees:
+                s.tree = trees[0]
             s.heads = []
             if s.tree is None:
                 text = f"the first messages do not decode, so none is read: {why}"
@@ -235,10 +245,11 @@ class McapSource:
                     f"not offered as single series: {', '.join(p[:80] for p in left_out[:3])}",
                     s.topic, len(left_out),
                 )  # fmt: skip
-            if (of := stamp(s.tree)) is not None:
-                s.stamp = of
-                seconds, nanos = (at(s.tree, steps) for steps in of)
-                s.stamp_time = int(seconds) * _SECOND + int(nanos)
+            if (of := stamp(s.tree, texts=s.encoding == "json")) is not None:
+                s.stamp, s.stamp_time = of, of.first(s.tree)
+                stamps = [of.first(tree) for tree in trees]
+                repeats = sum(a == b for a, b in pairwise(stamps))
+                s.stamps_repeat = 2 * repeats > len(stamps) - 1
 
     def _decoder(self, s: _Series) -> Decoder | None:
         schema = s.schema
@@ -264,33 +275,49 @@ class McapSource:
 
     # ------------------------------------------------------------------ time
 
-    def _clock(self) -> tuple[Literal["log", "publish", "header"], str, bool]:
+    def _take_clock(self, of: Sequence[_Series]) -> None:
+        """Decides on one clock for these series."""
+        self._source, self.time_reason, self.absolute = self._clock(of)
+        self.stated["time"] = self.time_reason
+
+    def _clock(
+        self, of: Sequence[_Series]
+    ) -> tuple[Literal["log", "publish", "header"], str, bool]:
         """Which of a message's times is the time of its values, why, and whether since 1970."""
         first, last = self.walk.times
         calendar = first >= _YEAR_1990
         asked = self._options.time_source
+        stamps = [s.stamp_time for s in of if s.stamp_time]
         if asked == "header":
-            stamps = [s.stamp_time for s in self._series if s.stamp and s.stamp_time]
             since_1970 = bool(stamps) and min(stamps) >= _YEAR_1990
             return "header", "stamp inside the messages, as asked for", since_1970
         if asked is not None:
             return asked, f"{asked} time, as asked for", calendar
-        offering = [s for s in self._series if s.leaves]
-        stamped = [s for s in offering if s.stamp and s.stamp_time]
-        if not stamped:
-            return "log", "log time: no message carries a stamp of its own", calendar
-        if len(stamped) < len(offering):
-            without = next(s for s in offering if s not in stamped)
-            return "log", f"log time: {without.topic} carries no stamp of its own", calendar
-        stands_still = first == last and self.rows > len(stamped)
-        apart = max(abs(s.stamp_time - s.head_time) for s in stamped)
-        if stands_still and min(s.stamp_time for s in stamped) >= _YEAR_1990:
+        if why_not := self._without_stamps(of):
+            return "log", f"log time: {why_not}", calendar
+        stands_still = first == last and self.rows > len(of)
+        apart = max(abs(s.stamp_time - s.head_time) for s in of)
+        if stands_still and min(stamps) >= _YEAR_1990:
             return "header", "stamp inside the messages: the log time stands still", True
         if apart > _DAY:
             reason = f"log time: stamps inside the messages are {apart / 1e9:.0f} s away from it"
             return "log", reason, calendar
         reason = f"stamp inside the messages, at first {apart / 1e9:.6f} s from log time"
         return "header", reason, calendar
+
+    def _without_stamps(self, of: Sequence[_Series]) -> str:
+        """Why stamps inside the messages cannot be the clock of these series, "" if they can."""
+        if not any(s.stamp for s in of):
+            return "no message carries a stamp of its own"
+        for s in of:
+            if s.stamp is None:
+                return f"{s.topic} carries no stamp of its own"
+        for s in of:
+            if not s.stamp_time:
+                return f"the stamp inside the first message of {s.topic} is not set"
+            if s.stamps_repeat:
+                return f"the stamps inside the first messages of {s.topic} repeat"
+        return ""
 
     # ------------------------------------------------------------------ columns
 
@@ -304,15 +331,18 @@ class McapSource:
                     f"{self.path}: no field {f.path!r} in {f.channel!r}",
                     "`adhesion inspect` lists the fields of a log",
                 )
-            if self._source == "header" and s.stamp is None:
-                raise UserError(
-                    f"{self.path}: {f.channel}: messages carry no stamp",
-                    "state another time source, log or publish",
-                )
             taker = takers.setdefault(id(s), _Taker(s))
             if f.path not in taker.paths:
                 taker.paths.append(f.path)
+        if takers:
+            self._take_clock([taker.series for taker in takers.values()])
+            self._tell_of_unused_stamps([taker.series for taker in takers.values()])
         for taker in takers.values():
+            if self._source == "header" and taker.series.stamp is None:
+                raise UserError(
+                    f"{self.path}: {taker.series.topic}: messages carry no stamp",
+                    "state another time source, log or publish",
+                )
             taker.prepare(self._source)
         for block, records in self.walk.again():
             for taker in takers.values():
@@ -326,7 +356,22 @@ class McapSource:
             self._report(taker)
         return [by_field[f.channel, f.group, f.path] for f in wanted]
 
+    def _tell_of_unused_stamps(self, of: Sequence[_Series]) -> None:
+        stamped = [s.topic for s in of if s.stamp]
+        why_not = self._without_stamps(of)
+        if stamped and why_not and self._options.time_source is None:
+            text = f"stamps inside the messages are not used, as {why_not}: log time is used"
+            self._tell("mcap-stamp-unused", "info", text, stamped[0], len(stamped))
+
     def _report(self, taker: "_Taker") -> None:
+        if taker.late:
+            count, first, most = taker.late
+            text = (
+                f"messages stand behind later ones, up to {most / 1e9:.6f} s: put in the order of "
+                f"{self._source} time"
+            )
+            first_s = (first - self.walk.times[0]) / 1e9
+            self._tell("mcap-unordered", "warning", text, taker.series.topic, count, first_s)
         for (code, text), found in sorted(taker.found.items()):
             self._tell(
                 code, _SEVERITY[code], f"{text}; first in the block at byte {found.at}",
@@ -357,13 +402,14 @@ class _Taker:
         self.rows = 0
         self.found: dict[tuple[str, str], _Found] = {}
         self.ahead = (1 << 62, -(1 << 62))  # lowest and highest of stamp minus log time [ns]
+        self.late: tuple[int, int, int] | None = None  # how many, first one's time, most [ns]
 
     def prepare(self, source: Literal["log", "publish", "header"]) -> None:
         s = self.series
         self._source = source
-        steps = [s.leaves[p].steps for p in self.paths]
-        self._stamped = s.stamp is not None
-        self._wanted = repeated(s.tree, [*steps, *(s.stamp or ())])
+        self._wanted = repeated(s.tree, [s.leaves[p] for p in self.paths], s.stamp)
+        places = list(self._wanted.leaves)
+        self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
         self._ids = np.array(s.ids)
         self._t: Times = np.empty(s.rows, np.int64)
         self._values: Floats = np.empty((len(self.paths), s.rows))
@@ -386,15 +432,10 @@ class _Taker:
             values, faults = decoder.columns(records.data, begin, records.end, self._wanted)
         here = slice(self.rows, self.rows + n)
         self.rows += n
-        k = len(self.paths)
-        self._values[:, here] = values[:k]
+        self._values[:, here] = values[: len(self.paths)]
         t = records.publish_time if self._source == "publish" else log
-        if self._stamped:
-            seconds, nanos = values[k], values[k + 1]
-            known = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
-            known &= (seconds != 0) | (nanos != 0)
-            own = np.where(known, seconds, 0).astype(np.int64) * _SECOND
-            own += np.where(known, nanos, 0).astype(np.int64)
+        if stamp := self.series.stamp:
+            own, known = stamp.times(values[self._stamp_at])
             if known.any():
                 ahead = (own - log)[known]
                 self.ahead = (
@@ -418,5 +459,17 @@ class _Taker:
             found.count += len(fault.rows)
 
     def columns(self) -> list[Column]:
-        """One column per path, all with the same time array."""
-        return [Column(self._t, v, np.isfinite(v) & self._timed) for v in self._values]
+        """One column per path, all with the same time array.
+
+        Messages may stand in any order in the file: their log or publish time is what orders
+        them. Stamps inside them are the sender's, whose order is left to be judged.
+        """
+        values = list(self._values)
+        newest = np.maximum.accumulate(self._t) if self._source != "header" else self._t
+        if (late := self._t < newest).any():
+            first = int(self._t[np.argmax(late)])
+            self.late = int(late.sum()), first, int((newest - self._t).max())
+            order = np.argsort(self._t, kind="stable")
+            self._t = self._t[order]
+            values = [v[order] for v in values]
+        return [Column(self._t, v, np.isfinite(v) & self._timed) for v in values]

@@ -31,6 +31,8 @@ from .tree import (
     Wanted,
     label_fault,
     length_faults,
+    other_text,
+    said_fault,
 )
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -191,6 +193,16 @@ def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
     return tree
 
 
+def _at(message: Any, steps: Steps, absent: Any) -> Any:
+    """What a message holds at a place."""
+    for step in steps:
+        if isinstance(step, int):
+            message = message[step] if step < len(message) else absent
+        else:
+            message = getattr(message, step, absent)
+    return message
+
+
 def _number(message: Any, steps: Steps) -> float:
     for step in steps:
         if isinstance(step, int):
@@ -214,6 +226,7 @@ class _Slot:
     repeated: bool
     steps: Steps
     columns: dict[int, int] = field(default_factory=dict)  # element (0 if single) to column
+    said: dict[int, Steps] = field(default_factory=dict)  # element (0 if single) to its place
     inside: dict[int, "_Node"] = field(default_factory=dict)  # element (0 if single) to message
     count: Offsets | None = None  # elements seen so far, per message of the batch
     labels: list[str] | None = None
@@ -242,8 +255,10 @@ class _LockStep:
         self._rounds = 0
         self._slots: list[_Slot] = []
         self._relabelled = {steps: np.zeros(n, np.bool_) for steps in wanted.labels}
+        self._resaid = {steps: np.zeros(n, np.bool_) for steps in wanted.said}
         self._terminators: Offsets | None = None
-        self._root = self._node(decoder._type, (), list(enumerate(wanted.leaves)))
+        texts = [(-1, steps) for steps in wanted.said]
+        self._root = self._node(decoder._type, (), [*enumerate(wanted.leaves), *texts])
 
     def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:
         node = _Node({}, [], np.zeros(len(self._start), np.bool_))
@@ -269,7 +284,10 @@ class _LockStep:
                 for i, leaf in mine:
                     element = leaf[-1] if repeated else 0
                     assert isinstance(element, int)
-                    slot.columns[element] = i
+                    if i < 0:
+                        slot.said[element] = leaf
+                    else:
+                        slot.columns[element] = i
                 if slot.columns and not repeated and not f.has_presence:
                     node.zeros += slot.columns.values()
             slot.labels = self._wanted.labels.get(steps)
@@ -279,7 +297,7 @@ class _LockStep:
                 self._slots.append(slot)
             if f.containing_oneof is not None:
                 others = {o.name for o in f.containing_oneof.fields} - {f.name}
-                slot.clears = [i for name in others for i, _ in by_name.get(name, [])]
+                slot.clears = [i for name in others for i, _ in by_name.get(name, []) if i >= 0]
             node.slots[f.number] = slot
         return node
 
@@ -314,20 +332,22 @@ class _LockStep:
             for steps, other in self._relabelled.items()
             if (other & good).any()
         ]
+        faults += [
+            said_fault(self._wanted, steps, other & good, self._values)
+            for steps, other in self._resaid.items()
+            if (other & good).any()
+        ]
         return self._values, faults
 
     def _recount(self, message: bytes, row: int) -> None:
-        """Array lengths and names of a message that the library read."""
+        """Array lengths, names and units of a message that the library read."""
         parsed = self._decoder._parse(message)
+        for steps, other in self._resaid.items():
+            other[row] = _at(parsed, steps, "") not in ("", self._wanted.said[steps].text)
         for slot in self._slots:
             if slot.count is None:
                 continue
-            array: Any = parsed
-            for step in slot.steps:
-                if isinstance(step, int):
-                    array = array[step] if step < len(array) else ()
-                else:
-                    array = getattr(array, step, ())
+            array = _at(parsed, slot.steps, ())
             slot.count[row] = len(array)
             if slot.labels is not None:
                 self._relabelled[slot.steps][row] = list(array) != slot.labels
@@ -412,7 +432,7 @@ class _LockStep:
         packed = wire == _LEN and slot.wire not in (_LEN, 3) and slot.repeated
         if wire != slot.wire and not packed:
             after = np.full(len(q), _NOWHERE)
-        if not (slot.columns or slot.inside or slot.count is not None or slot.clears):
+        if not (slot.columns or slot.inside or slot.said or slot.count is not None or slot.clears):
             return after
         if not (whole := after <= end).all():
             self._odd[rows[~whole]] = True
@@ -470,10 +490,12 @@ class _LockStep:
 
     def _label(self, slot: _Slot, k: int, rows: Offsets, q: Offsets, end: Offsets) -> None:
         if slot.labels is not None and k < len(slot.labels):
-            raw = np.frombuffer(slot.labels[k].encode(), np.uint8)
-            same = end - q == len(raw)
-            where = np.where(same, q, 0)[:, None] + np.arange(len(raw))
-            self._relabelled[slot.steps][rows] |= ~(same & (self._buffer[where] == raw).all(1))
+            other = other_text(self._buffer, q, end - q, slot.labels[k])
+            self._relabelled[slot.steps][rows] |= other
+        if place := slot.said.get(k):
+            text = self._wanted.said[place].text
+            other = (end > q) & other_text(self._buffer, q, end - q, text)
+            self._resaid[place][rows] = other
 
     def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets) -> None:
         assert slot.count is not None

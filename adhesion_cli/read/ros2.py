@@ -22,6 +22,8 @@ from .tree import (
     Wanted,
     label_fault,
     length_faults,
+    other_text,
+    said_fault,
 )
 
 _DTYPES = {
@@ -174,6 +176,7 @@ class Ros2Decoder:
             else:
                 scalars_at[steps] = i
         relabelled = {steps: np.zeros(len(start), np.bool_) for steps in wanted.labels}
+        resaid = {steps: np.zeros(len(start), np.bool_) for steps in wanted.said}
 
         def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
             if (i := scalars_at.get(steps)) is not None:
@@ -189,13 +192,14 @@ class Ros2Decoder:
                 values[i] = np.where(has, walk.gather(dtype, place), values[i])
 
         def text(steps: Steps, where: Offsets, length: Offsets) -> None:
+            length = np.maximum(length - 1, 0)  # without the 0 behind it
+            if said := wanted.said.get(steps):
+                other = (length > 0) & other_text(buffer, where, length, said.text)
+                resaid[steps] |= other if walk.active is None else other & walk.active
             if steps and isinstance(steps[-1], int) and (named := wanted.labels.get(steps[:-1])):
                 k = steps[-1]
                 if k < len(named):
-                    raw = np.frombuffer(named[k].encode(), np.uint8)
-                    same = np.maximum(length - 1, 0) == len(raw)
-                    place = np.where(same, where, 0)[:, None] + np.arange(len(raw))
-                    other = ~(same & (buffer[place] == raw).all(1))
+                    other = other_text(buffer, where, length, named[k])
                     relabelled[steps[:-1]] |= other if walk.active is None else other & walk.active
 
         def array(steps: Steps, count: _Place) -> None:
@@ -208,6 +212,11 @@ class Ros2Decoder:
         faults += [
             label_fault(wanted, steps, other & ~walk.bad, values)
             for steps, other in relabelled.items()
+            if (other & ~walk.bad).any()
+        ]
+        faults += [
+            said_fault(wanted, steps, other & ~walk.bad, values)
+            for steps, other in resaid.items()
             if (other & ~walk.bad).any()
         ]
         if walk.bad.any():

@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from itertools import zip_longest
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from ..model import Floats
+from ..model import Bools, Floats, Times
 
 Tree = Any  # dict[str, Tree] | list[Tree] | float | int | bool | str | None
 Steps = tuple[str | int, ...]  # the way from the root of a message to a value
@@ -27,7 +29,14 @@ _STAMP_AT: tuple[Steps, ...] = (
     ("header", "timestamp"),
     ("timestamp",),
     ("stamp",),
+    ("time",),
+    ("ts",),
 )
+_SECOND = 10**9
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+_CALENDAR = (631_152_000 * 10**6, 4_102_444_800 * 10**6)  # 1990 to 2100 [us]
+_UNITS = (1e6, 1e3, 1.0, 1e-3)  # microseconds in what clocks count: s, ms, us, ns
 
 
 class UndecodableError(Exception):
@@ -42,6 +51,8 @@ class Leaf:
     label: str = ""
     unit: str = ""
     unit_from: str = ""
+    label_at: Steps = ()  # the string that is the label; () where it is an array's, or none
+    unit_at: Steps = ()  # the string that is the unit; () where no string of the message is
 
     @property
     def path(self) -> str:
@@ -59,12 +70,55 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class Stamp:
+    """Where messages keep their own time: seconds and nanoseconds, or one number or text."""
+
+    places: tuple[Steps, ...]
+    unit: float = 0.0  # microseconds in the unit of one number
+    text: bool = False  # ISO 8601, which decoders give as microseconds since 1970
+
+    def times(self, values: Floats) -> tuple[Times, Bools]:
+        """Stamps [ns] from values of shape (len(places), n), and which of them are stamps.
+
+        One number is taken to the microsecond, which is what a double carries.
+        """
+        if len(self.places) == 2:
+            seconds, nanos = values
+            known = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
+            known &= (seconds != 0) | (nanos != 0)
+            own = np.where(known, seconds, 0).astype(np.int64) * _SECOND
+            return own + np.where(known, nanos, 0).astype(np.int64), known
+        micros = np.rint(values[0] * self.unit)
+        known = (micros >= _CALENDAR[0]) & (micros < _CALENDAR[1])
+        return np.where(known, micros, 0).astype(np.int64) * 1000, known
+
+    def first(self, tree: Tree) -> int:
+        """The stamp of one message [ns], 0 where it has none."""
+        found = [at(tree, steps) for steps in self.places]
+        if self.text:
+            found = [microseconds(text) for text in found]
+        values = [[float(v)] if is_number(v) else [np.nan] for v in found]
+        return int(self.times(np.array(values))[0][0])
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A string of the first message that gives wanted numbers their unit or name."""
+
+    text: str
+    leaves: list[int]  # whose it is, in the order of Wanted.leaves
+    code: str  # of the fault where a later message says another; to say none is no fault
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """The numbers asked for, and what the first message said that later ones must repeat."""
 
     leaves: Sequence[Steps]
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers
     labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
+    said: dict[Steps, Said]
+    iso: Steps | None = None  # the one of `leaves` that is a time as text
 
     def under(self, parent: Steps) -> list[int]:
         """Which wanted numbers stand in arrays directly inside `parent`."""
@@ -143,11 +197,36 @@ def at(tree: Tree, steps: Steps) -> Tree:
     return tree
 
 
-def stamp(tree: Tree) -> tuple[Steps, Steps] | None:
-    """Where a message keeps its own time: the places of its seconds and nanoseconds."""
+def microseconds(text: Tree) -> float:
+    """Microseconds since 1970 of an ISO 8601 time with a date, UTC unless it says another zone.
+
+    NaN where it is none.
+    """
+    if not isinstance(text, str) or text[10:11] not in ("T", " "):
+        return float("nan")
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return float("nan")
+    return float(((time if time.tzinfo else time.replace(tzinfo=UTC)) - _EPOCH) // _MICROSECOND)
+
+
+def stamp(tree: Tree, texts: bool) -> Stamp | None:
+    """Where a message keeps its own time.
+
+    That is under one of the usual names a pair of seconds and nanoseconds, a number that counts
+    s, ms, us or ns since 1970 (by its size: 1990 to 2100), or, if `texts`, an ISO 8601 time.
+    """
     for steps in _STAMP_AT:
-        if keys := stamp_keys(at(tree, steps)):
-            return (*steps, keys[0]), (*steps, keys[1])
+        value = at(tree, steps)
+        if keys := stamp_keys(value):
+            return Stamp(((*steps, keys[0]), (*steps, keys[1])))
+        if is_number(value):
+            for unit in _UNITS:
+                if _CALENDAR[0] <= value * unit < _CALENDAR[1]:
+                    return Stamp((steps,), unit)
+        elif texts and _CALENDAR[0] <= microseconds(value) < _CALENDAR[1]:
+            return Stamp((steps,), 1.0, text=True)
     return None
 
 
@@ -171,30 +250,31 @@ def leaves(
     found: list[Leaf] = []
     left_out: list[str] = []
 
-    def unit(steps: Steps) -> tuple[str, str]:
+    def unit(steps: Steps) -> tuple[str, str, Steps]:
         where = steps
         while where:
             *above, name = where
             if isinstance(name, str):
                 beside = at(tree, tuple(above))
                 for key in (f"{name}_unit", f"{name}_units", "unit", "units"):
-                    stated = at(beside, (key,))
+                    stated, place = at(beside, (key,)), (*above, key)
                     if isinstance(stated, list) and isinstance(steps[-1], int):
-                        stated = at(stated, (steps[-1],))
+                        stated, place = at(stated, (steps[-1],)), (*place, steps[-1])
                     if isinstance(stated, str) and stated:
-                        return stated, f"field {path((*above, key))}"
+                        return stated, f"field {path((*above, key))}", place
             if len(steps) - len(where) > 2:
                 break
             where = tuple(above)
         for key in (f"unit.{path(steps)}", "unit", "units"):
             if metadata.get(key):
-                return metadata[key], f"channel metadata {key!r}"
-        return schema_unit(steps)
+                return metadata[key], f"channel metadata {key!r}", ()
+        return *schema_unit(steps), ()
 
-    def walk(node: Tree, steps: Steps, label: str) -> None:
+    def walk(node: Tree, steps: Steps, label: str, label_at: Steps) -> None:
         if is_number(node):
             if len(found) < MOST_LEAVES:
-                found.append(Leaf(steps, label, *unit(steps)))
+                stated, where, unit_at = unit(steps)
+                found.append(Leaf(steps, label, stated, where, label_at, unit_at))
             elif len(found) == MOST_LEAVES and path(steps) not in left_out[-1:]:
                 left_out[:] = [*left_out[:20], f"all after {found[-1].path}"]
         elif isinstance(node, (dict, list)) and len(steps) >= DEEPEST:
@@ -204,25 +284,30 @@ def leaves(
                 return
             own = node.get("name")
             if steps and isinstance(steps[-1], int) and isinstance(own, str):
-                label = own
+                label, label_at = own, (*steps, "name")
             for key, value in node.items():
                 if isinstance(value, list):
-                    walk_list(value, (*steps, key), names(node, len(value)), label)
+                    walk_list(value, (*steps, key), names(node, len(value)), label, label_at)
                 else:
-                    walk(value, (*steps, key), label)
+                    walk(value, (*steps, key), label, label_at)
         elif isinstance(node, list):
-            walk_list(node, steps, None, label)
+            walk_list(node, steps, None, label, label_at)
 
-    def walk_list(node: list[Tree], steps: Steps, named: list[str] | None, label: str) -> None:
+    def walk_list(
+        node: list[Tree], steps: Steps, named: list[str] | None, label: str, label_at: Steps
+    ) -> None:
         if not any(isinstance(value, (int, float, dict, list)) for value in node):
             return
         if len(node) > LONG_ARRAY:
             left_out.append(f"{path(steps)} ({len(node)} elements)")
             return
         for i, value in enumerate(node):
-            walk(value, (*steps, i), named[i] if named else label)
+            if named:
+                walk(value, (*steps, i), named[i], ())
+            else:
+                walk(value, (*steps, i), label, label_at)
 
-    walk(tree, (), "")
+    walk(tree, (), "", ())
     return found, left_out
 
 
@@ -249,8 +334,10 @@ def merged(first: Tree, second: Tree) -> Tree:
     return second if first is None else first
 
 
-def repeated(tree: Tree, wanted: Sequence[Steps]) -> Wanted:
+def repeated(tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None) -> Wanted:
     """What a first message says about wanted numbers that later ones must repeat."""
+    wanted = [leaf.steps for leaf in leaves]
+    wanted += [steps for steps in (stamp.places if stamp else ()) if steps not in wanted]
     lengths: dict[Steps, int] = {}
     labels: dict[Steps, list[str]] = {}
     for steps in wanted:
@@ -264,7 +351,16 @@ def repeated(tree: Tree, wanted: Sequence[Steps]) -> Wanted:
                 if parent is not None and (named := names(parent, len(array))):
                     key = "name" if parent.get("name") is named else "names"
                     labels[(*steps[: i - 1], key)] = named
-    return Wanted(tuple(wanted), lengths, labels)
+    said: dict[Steps, Said] = {}
+    for i, leaf in enumerate(leaves):
+        for place, text, code in (
+            (leaf.label_at, leaf.label, "mcap-label-change"),
+            (leaf.unit_at, leaf.unit, "mcap-unit-change"),
+        ):
+            if place:
+                said.setdefault(place, Said(text, [], code)).leaves.append(i)
+    iso = stamp.places[0] if stamp and stamp.text else None
+    return Wanted(tuple(wanted), lengths, labels, said, iso)
 
 
 def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int) -> Iterator[Fault]:
@@ -280,9 +376,27 @@ def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int)
             )
 
 
-def label_fault(wanted: Wanted, steps: Steps, other: NDArray[np.bool_], values: Floats) -> Fault:
+def label_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fault:
     """Takes out the numbers of messages in which an array of names differs from the first's."""
     rows = np.flatnonzero(other)
     for i in wanted.under(steps[:-1]):
         values[i, rows] = np.nan
     return Fault("mcap-label-change", f"{path(steps)} names other elements than at first", rows)
+
+
+def said_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fault:
+    """Takes out the numbers of messages in which their unit or name differs from the first's."""
+    said, rows = wanted.said[steps], np.flatnonzero(other)
+    for i in said.leaves:
+        values[i, rows] = np.nan
+    text = f"{path(steps)} says another than {said.text[:40]!r}, which it says at first"
+    return Fault(said.code, text, rows)
+
+
+def other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
+    """Where the bytes at `start` are not this text; shape (n,)."""
+    raw = np.frombuffer(text.encode(), np.uint8)
+    other: Bools = length != len(raw)
+    if len(raw) and len(same := np.flatnonzero(~other)):
+        other[same] = (sliding_window_view(buffer, len(raw))[start[same]] != raw).any(1)
+    return other
