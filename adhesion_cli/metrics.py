@@ -45,7 +45,9 @@ def applications(record: AxleRecord) -> tuple[slice, ...]:
         return ()
     low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
     base = low if low < 0.5 * top else 0.0
-    noise = math.sqrt(white_noise([record.clamping_force[s] for s in runs]))
+    # What bends from one sample to the next is noise, but on a slow log it is the brake itself.
+    bend = math.sqrt(white_noise([record.clamping_force[s] for s in runs]))
+    noise = min(bend, 0.025 * (top - base))
     on = base + max(0.05 * (top - base), 8.0 * noise, _SLIGHT)
     off = base + max(0.02 * (top - base), 4.0 * noise, _LEAST)
     return tuple(a for s in runs for a in _applied(record, K, s, on, off))
@@ -323,22 +325,26 @@ def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
 def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
     """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
 
-    Only axles on which it was scored count. What has no sound mean over axles is None.
+    Only axles on which it was scored count, those against truth and those against the reference
+    apart. What has no sound mean over axles is None.
     """
-    by_algo: dict[str, list[Score]] = {}
-    for group in groups:
-        for score in group:
-            if score.rmse_n is not None:
-                by_algo.setdefault(score.algo, []).append(score)
-    found = []
-    for algo, scored in by_algo.items():
-        square = np.mean([s.rmse_n**2 for s in scored if s.rmse_n is not None])
-        mean = np.mean([s.bias_n for s in scored if s.bias_n is not None])
-        worst = max((s.max_error_n for s in scored if s.max_error_n is not None), key=abs)
-        found.append(
-            Score(
-                algo, scored[0].against, math.sqrt(float(square)), float(mean), worst,
-                lag_s=None, gain=None, response_s=None, noise_gain=None,
-            )
-        )  # fmt: skip
-    return ranked(found)
+    found: list[Score] = []
+    every = [s for group in groups for s in group if s.rmse_n is not None]
+    for against in dict.fromkeys(s.against for s in every):
+        pooled = []
+        for algo in dict.fromkeys(s.algo for s in every):
+            own = [s for s in every if (s.algo, s.against) == (algo, against)]
+            if not own:
+                continue
+            errors = [s.max_error_n for s in own if s.max_error_n is not None]
+            pooled.append(
+                Score(
+                    algo, against,
+                    math.sqrt(float(np.mean([s.rmse_n**2 for s in own if s.rmse_n is not None]))),
+                    float(np.mean([s.bias_n for s in own if s.bias_n is not None])),
+                    max(errors, key=abs),
+                    lag_s=None, gain=None, response_s=None, noise_gain=None,
+                )
+            )  # fmt: skip
+        found += ranked(pooled)
+    return tuple(found)

@@ -96,6 +96,11 @@ class Log:
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
 
+    def find(self, meaning: Meaning, axle: int) -> Channel | None:
+        """An axle's own channel, else the one that is nobody's: a train may have one pressure."""
+        own = [c for c in self.channels if c.meaning == meaning and len(c.data.t)]
+        return next((c for wanted in (axle, None) for c in own if c.axle == wanted), None)
+
     def start_ns(self) -> int:
         """First time stamp of any channel with a meaning, else of any channel [ns]."""
         of = [c for c in self.channels if c.meaning] or list(self.channels)

@@ -176,3 +176,13 @@ def test_the_pressures_resolution_reaches_the_clamping_force() -> None:
     (record,), _ = align.records(log(coarse, channel("wheel_speed", t, y)), Vehicle())
     force = clamping_force(np.array([3e5, 3.1e5]), Vehicle())
     assert record.clamping_force_step == pytest.approx(force[1] - force[0])
+
+
+def test_running_backwards_brakes_all_the_same() -> None:
+    t, p, y = brake()
+    forward, backward = (
+        align.records(log(channel("pressure", t, p), channel("wheel_speed", t, x)), Vehicle())
+        for x in (y, -y)
+    )
+    np.testing.assert_array_equal(forward[0][0].wheel_speed, backward[0][0].wheel_speed)
+    assert [f.code for f in backward[1]] == ["reverse-running"]

@@ -236,3 +236,4 @@ def test_a_real_log_of_three_trains(run: Run) -> None:
     assert done.returncode == 3
     axles = json.loads(done.stdout)["results"][0]["axles"]
     assert [a["axle"] for a in axles] == [1, 2]
+    assert all(e["rmse_n"] is not None for a in axles for e in a["estimators"])

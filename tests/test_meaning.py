@@ -129,3 +129,30 @@ def test_a_mapping_to_one_of_several_fields_must_say_which() -> None:
     fields = [Field("/brake", "front"), Field("/brake", "rear")]
     with pytest.raises(UserError, match="several fields"):
         understood(fields, (Mapping("pressure", 1, "/brake", unit="bar"),))
+
+
+def test_lists_in_lists_are_counted_through() -> None:
+    paths = ["bogies[0].bc_pressure_bar", "bogies[1].bc_pressure_bar"]
+    paths += [f"bogies[{b}].wheel_speed_rpm[{w}]" for b in (0, 1) for w in (0, 1)]
+    meant, findings = understood([Field("/brake", p) for p in paths], ())
+    found = {(m.field.path, m.axle) for m in meant}
+    assert found == {
+        ("bogies[0].bc_pressure_bar", 1), ("bogies[0].bc_pressure_bar", 2),
+        ("bogies[1].bc_pressure_bar", 3), ("bogies[1].bc_pressure_bar", 4),
+        ("bogies[0].wheel_speed_rpm[0]", 1), ("bogies[0].wheel_speed_rpm[1]", 2),
+        ("bogies[1].wheel_speed_rpm[0]", 3), ("bogies[1].wheel_speed_rpm[1]", 4),
+    }  # fmt: skip
+    assert [f.code for f in findings] == ["axles-nested"]
+
+
+def test_a_column_name_used_twice_is_no_second_axle() -> None:
+    fields = [Field("wheel speed [km/h]"), Field("wheel speed [km/h] (2)")]
+    meant, findings = understood(fields, ())
+    assert [(m.meaning, m.axle) for m in meant] == [(WHEEL, None), (None, None)]
+    assert [f.code for f in findings] == ["channel-ambiguous"]
+
+
+def test_a_topic_and_field_in_one_column_header() -> None:
+    assert seen("/axle/1/input.train_speed [m/s]", "/axle/1/input.wheel_speed [rad/s]") == [
+        (TRAIN, 1, "m/s"), (WHEEL, 1, "rad/s"),
+    ]  # fmt: skip

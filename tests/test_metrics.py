@@ -253,3 +253,7 @@ def test_overall_pools_axles_and_passes_over_those_without_a_score() -> None:
     assert best.rmse_n == pytest.approx(np.sqrt(1250.0))
     assert (best.bias_n, best.max_error_n, best.relative) == (17.5, -90.0, 1.0)
     assert second.relative == pytest.approx(np.sqrt(1300.0 / 1250.0))
+    mixed = [*groups, [Score("a", "reference", 5.0, 0.0, 9.0, None, None, None, None)]]
+    assert [(s.algo, s.against) for s in metrics.overall(mixed)] == [
+        ("a", "truth"), ("b", "truth"), ("a", "reference"),
+    ]  # fmt: skip

@@ -45,6 +45,8 @@ def test_finds_the_unit_in_a_name(name: str, base: str, unit: str) -> None:
         ("MPa", 0.35, 3.5e5),
         ("psi", 50.0, 344737.8646584181),
         ("bara", 1.01325, 0.0),
+        ("kPa abs", 101.325, 0.0),
+        ("kPa(a)", 401.325, 3e5),
         ("km/h", 72.0, 20.0),
         ("mph", 10.0, 4.4704),
         ("rpm", 60.0, 2.0 * math.pi),

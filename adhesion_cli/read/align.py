@@ -25,6 +25,7 @@ from . import checks, plausible, timeaxis
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
+_REVERSE = 1.0  # wheel speed that no noise around standstill reaches [rad/s]
 SHORTEST = 3  # samples: fewer give no derivative with an error
 
 
@@ -138,7 +139,7 @@ def _without(channel: Channel, left_out: Bools) -> Channel:
 
 
 def _by_axle(log: Log, meaning: Meaning) -> dict[int | None, Channel]:
-    return {c.axle: c for c in log.channels if c.meaning == meaning}
+    return {c.axle: c for c in log.channels if c.meaning == meaning and len(c.data.t)}
 
 
 def _of(channels: dict[int | None, Channel], axle: int) -> Channel | None:
@@ -181,6 +182,7 @@ def _record(
 ) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
     at = _aligned(speed, brake, train, truth)
+    backwards = y < -max(_REVERSE, speed.step)
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
     frozen = checks.stuck_speed(speed, at.held, others)
@@ -210,9 +212,16 @@ def _record(
         "check the sensor, or name another channel in [channels]",
         frozen & inside & at.fresh,
     )  # fmt: skip
+    tell(
+        "reverse-running", "info",
+        "the train runs backwards: speeds taken without their sign, forces positive when braking",
+        backwards & inside,
+    )  # fmt: skip
     tell("too-short", "warning", f"pieces of fewer than {SHORTEST} samples: left out", keep & ~kept)
     if not segments:
         return None, findings
+    if backwards.any():
+        y, at = np.abs(y), at._replace(train=np.abs(at.train))
     is_pressure = brake.meaning == "pressure"
     K, K_smooth = (
         clamping_force(x[kept], vehicle) if is_pressure else x[kept] for x in (at.held, at.smooth)

@@ -64,7 +64,7 @@ _VOCABULARY = {
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
     "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",
-    "bogie": "bogie truck drehgestell dg 转向架",
+    "bogie": "bogie bogies truck drehgestell dg 转向架",
     "true": "true truth wahr actual real 真 实际",
     "estimated": """
         estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak
@@ -81,7 +81,7 @@ _GENERIC = set(
 # Units that a message type fixes by its definition, not by its name.
 _CONVENTIONS: tuple[tuple[str, str, str], ...] = (
     (r"sensor_msgs(/msg)?/JointState|sensor_msgs\.JointState", r"^velocity", "rad/s"),
-    (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),
+    (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),  # says absolute, see checks
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
     (r"adhesion\.AxleInput", r"^brake_cylinder_pressure$", "Pa"),
@@ -136,6 +136,8 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
                 text, reason = by_definition, f"by definition of {field.message_type}"
     measured = units.unit(text)
     dimension = measured.dimension if measured else ""
+    if not path and (last := re.search(r"[/.]([^/.]{3,})$", base)):
+        path = last[1]  # a topic and field written as one column header
     own = [w for w in _words(path) if not w.isdigit() and w not in _GENERIC]
     around = _words(base) + _words(label) + _words(field.group)
     words = (own or []) + around
@@ -216,6 +218,7 @@ def understood(
     by_hand = {_find(fields, m): m for m in mappings}
     mapped = {m.meaning for m in mappings}
     meant: list[Meant] = []
+    repeated = {f for f in fields if _first_name(f.channel) in {g.channel for g in fields}}
     for field in fields:
         if m := by_hand.get(field):
             unit = m.unit or field.unit
@@ -226,12 +229,16 @@ def understood(
             meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap))
             continue
         meaning, axle, unit, reason = _guess(field)
+        if field in repeated:  # "(2)" is the reader's, for a name the log uses twice
+            axle = _axle(replace(field, channel=_first_name(field.channel)))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         meant.append(Meant(field, meaning, axle, unit, reason))
     guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
     _prefer_the_qualified(meant, guesses)
-    findings = _count_from_one(meant, guesses)
+    _own_stamps(meant, guesses)
+    findings = _nested(meant, guesses)
+    findings += _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
     findings += _one_each(meant, guesses)
     return meant, findings
@@ -269,6 +276,45 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         if (axle := meant[i].axle) is not None:
             meant[i] = replace(meant[i], axle=axle + 1)
     return [Finding("axles-from-zero", "info", "the log numbers axles from 0; here from 1")]
+
+
+def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Lists in lists, as bogies[1].wheel_speed[0]: wheels are counted through, in order.
+
+    A pressure that stands once per outer element serves all wheels of that element.
+    """
+    findings = []
+    topics = dict.fromkeys(meant[i].field.channel for i in guesses)
+    for topic in topics:
+        own = [i for i in guesses if meant[i].field.channel == topic]
+        places = {i: tuple(map(int, re.findall(r"\[(\d+)\]", meant[i].field.path))) for i in own}
+        wheels = sorted({places[i] for i in own if meant[i].meaning == "wheel_speed"})
+        if not wheels or len(wheels[0]) < 2:
+            continue
+        for i in own:
+            served = [n for n, w in enumerate(wheels, 1) if w[: len(places[i])] == places[i]]
+            if not places[i] or not served:
+                continue
+            meant[i] = replace(meant[i], axle=served[0])
+            for axle in served[1:]:
+                guesses.append(len(meant))
+                meant.append(replace(meant[i], axle=axle))
+        text = f"lists in lists: {len(wheels)} wheels counted through as axles 1 to {len(wheels)}"
+        findings.append(Finding("axles-nested", "info", text, topic))
+    return findings
+
+
+def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
+    """In a result of ours the pressure at its own stamps beats the one held at the wheel's."""
+    own = {
+        (m.meaning, m.axle)
+        for m in (meant[i] for i in guesses)
+        if m.field.message_type == "adhesion.Scalar"
+    }
+    for i in guesses:
+        m = meant[i]
+        if m.field.message_type == "adhesion.AxleInput" and (m.meaning, m.axle) in own:
+            meant[i] = replace(m, meaning=None, reason="held; logged at its own stamps as well")
 
 
 def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -317,6 +363,12 @@ def name(field: Field) -> str:
 def title(field: Field) -> str:
     """A field's name for people: topic and place, or the column header."""
     return f"{name(field)} {field.path}".strip()
+
+
+def _first_name(channel: str) -> str:
+    """The name of which "name (2)" is a repetition; "" where it is none."""
+    match = re.fullmatch(r"(.*) \(\d+\)", channel)
+    return match[1] if match else ""
 
 
 def _find(fields: Sequence[Field], m: Mapping) -> Field:

@@ -21,6 +21,7 @@ class Unit(NamedTuple):
     offset: float = 0.0
 
 
+ATMOSPHERE = 101325.0  # standard [Pa]
 _RPM = 2.0 * math.pi / 60.0
 _DEGREE = math.pi / 180.0
 
@@ -30,7 +31,7 @@ _SPELLINGS: dict[tuple[Dimension, float, float], str] = {
     ("pressure", 1e2, 0.0): "mbar millibar millibars hpa 毫巴",
     ("pressure", 1e3, 0.0): "kPa kilopascal kilopascals 千帕",
     ("pressure", 1e5, 0.0): "bar bars barg bar(g) bar_g 巴",
-    ("pressure", 1e5, -101325.0): "bara bar(a) bar_a",
+    ("pressure", 1e5, -ATMOSPHERE): "bara",
     ("pressure", 1e6, 0.0): "MPa megapascal megapascals n/mm2 n/mm² 兆帕",
     ("pressure", 6894.757293168361, 0.0): "psi psig lbf/in2 lb/in2",
     ("pressure", 98066.5, 0.0): "kgf/cm2 kg/cm2 kgf/cm² kg/cm² at",
@@ -96,11 +97,17 @@ _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))
 
 
 def unit(text: str) -> Unit | None:
-    """The unit a text spells, None where it spells none."""
-    key = re.sub(r"[\s\^·*]", "", text).strip("[](){}（）【】").lower()
+    """The unit a text spells, None where it spells none; "kPa abs", "kPa(a)" count from vacuum."""
+    key = re.sub(r"[\s\^·*]", "", text).lower()
     if text.strip() == "mPa":  # a thousandth of a pascal is nobody's brake pressure
         return None
-    return UNITS.get(key) or UNITS.get(text.strip().lower())
+    if found := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
+        return found
+    absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs\.?|_a)", key)
+    gauge = UNITS.get(absolute[1]) if absolute else None
+    if gauge is None or gauge.dimension != "pressure":
+        return None
+    return gauge._replace(name=f"{gauge.name} abs", offset=-ATMOSPHERE)
 
 
 def known_units(meaning: Meaning) -> list[str]:

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from .. import __version__, physics
 from ..errors import UserError
-from ..model import AxleResult, Floats, Log, Result, Times
+from ..model import AxleResult, Column, Floats, Log, Result, Times
 from ..text import printable
 from . import descriptors, names
 
@@ -142,13 +142,10 @@ def write_log(path: Path, log: Log) -> None:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
-    scalar = descriptors.message("Scalar")
-    streams = []
-    for (name, unit), channel in zip(names.channels(log), log.channels, strict=True):
-        known = channel.data.valid
-        tail = scalar(unit=unit).SerializeToString()
-        columns = {"value": (unit, channel.data.value[known])}
-        streams.append(_Stream(name, "Scalar", channel.data.t[known], columns, (tail,), unit=unit))
+    streams = [
+        _scalar(name, unit, channel.data)
+        for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
+    ]
     shift = _shift([log])
     _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
 
@@ -196,6 +193,13 @@ def _damaged(what: str) -> UserError:
 # ---- what goes into the file
 
 
+def _scalar(topic: str, unit: str, data: Column) -> _Stream:
+    """A channel at its own stamps, one message per sample that has a value."""
+    tail = descriptors.message("Scalar")(unit=unit).SerializeToString()
+    columns = {"value": (unit, data.value[data.valid])}
+    return _Stream(topic, "Scalar", data.t[data.valid], columns, (tail,), unit=unit)
+
+
 def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     streams: list[_Stream] = []
     for axle in result.axles:
@@ -221,6 +225,12 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
         wheel_speed=("rad/s", record.wheel_speed),
         train_speed=("m/s", record.train_speed),
     )  # fmt: skip
+    brake = result.log.find("pressure", record.axle) or result.log.find(
+        "clamping_force", record.axle
+    )
+    if brake and brake.meaning and not np.isin(record.t, brake.data.t).all():
+        # Between its own stamps the reference interpolates: held values alone would not do again.
+        yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
     yield stream(
         "reference", "Reference",
         force=("N", reference.force),
