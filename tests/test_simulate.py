@@ -132,7 +132,8 @@ def test_rolling_force_of_the_papers_vehicle() -> None:
     assert slowing == pytest.approx(1.121, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", [n for n in NAMES if n != "roller-rig"])
+# Without the rig, which knows no brake, and a stop in which wheels lock: a kink within a step.
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in ("roller-rig", "slippery-stop")])
 def test_truth_satisfies_the_equations(name: str) -> None:
     r, dt = simulated(name), 1e-3
     vehicle, n = r.scenario.vehicle, r.scenario.train.axles
