@@ -186,3 +186,16 @@ def test_running_backwards_brakes_all_the_same() -> None:
     )
     np.testing.assert_array_equal(forward[0][0].wheel_speed, backward[0][0].wheel_speed)
     assert [f.code for f in backward[1]] == ["reverse-running"]
+
+
+def test_a_locked_wheel_is_told_from_a_train_that_stands() -> None:
+    t, p, y = brake()
+    slides = np.where((t > 4.0) & (t < 5.0), 0.0, y)
+    channels = [channel("wheel_speed", t, x, n) for n, x in ((1, slides), (2, y), (3, y))]
+    _, findings = align.records(log(channel("pressure", t, p), *channels), Vehicle())
+    (locked,) = [f for f in findings if f.code == "wheel-locked"]
+    assert (locked.severity, locked.count, locked.first_s) == ("info", 99, pytest.approx(4.01))
+    stops = np.maximum(y - 32.0, 0.0)
+    channels = [channel("wheel_speed", t, stops, n) for n in (1, 2)]
+    _, findings = align.records(log(channel("pressure", t, p), *channels), Vehicle())
+    assert "wheel-locked" not in {f.code for f in findings}

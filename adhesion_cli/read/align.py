@@ -213,6 +213,11 @@ def _record(
         frozen & inside & at.fresh,
     )  # fmt: skip
     tell(
+        "wheel-locked", "info",
+        "the wheel stands while the train moves: it is locked, and no force can be known there",
+        checks.locked(speed, others) & keep,
+    )  # fmt: skip
+    tell(
         "reverse-running", "info",
         "the train runs backwards: speeds taken without their sign, forces positive when braking",
         backwards & inside,

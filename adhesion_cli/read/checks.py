@@ -94,6 +94,22 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
     return _repeats(len(y), runs, stuck)
 
 
+def locked(speed: Channel, others: Sequence[Channel]) -> Bools:
+    """Samples at which the wheel stands while most of the rest of the train moves, shape (n,).
+
+    Args:
+        speed: wheel speed [rad/s].
+        others: speeds of other axles [rad/s] and the train [m/s].
+    """
+    if not others or not len(speed.data.t):
+        return np.zeros(len(speed.data.t), dtype=np.bool_)
+    rest = np.array([timeaxis.interpolated(timeaxis.Over(speed.data.t, 0, 1), c) for c in others])
+    known = np.isfinite(rest).any(axis=0)
+    moves = np.zeros(len(speed.data.t), dtype=np.bool_)
+    moves[known] = np.nanmedian(rest[:, known], axis=0) > 2.0 * _SLOW
+    return moves & (np.abs(speed.data.value) <= max(0.1 * _SLOW, speed.step / 2.0))
+
+
 def _expected(speed: Channel, brake: Floats, runs: _Runs) -> Floats:
     """By how much the speed would have changed within each run, judged by itself; shape (k,)."""
     t, y = speed.data.t, speed.data.value
