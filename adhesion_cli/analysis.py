@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import compiled, estimator, metrics, physics, reference
+from . import compiled, estimator, metrics, physics, reference, slip
 from . import settings as settings_module
 from .errors import unknown
 from .estimator import Estimator
@@ -45,6 +45,7 @@ def analyze(
     axles: Sequence[int] = (),
     window: align.Window = (None, None),
     tell: Callable[[str], None] = lambda _: None,
+    train_speed: bool = False,
 ) -> Result:
     """Analyses one log.
 
@@ -55,6 +56,7 @@ def analyze(
         axles: axles to analyse, all if empty.
         window: seconds after the log's start, from and to.
         tell: is told what is being done.
+        train_speed: whether a log that has none gets one made of its axles.
 
     Raises:
         UserError: where the log cannot be read or holds nothing to analyse.
@@ -71,12 +73,16 @@ def analyze(
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
     records, findings = align.records(log, vehicle, axles, window)
+    if train_speed and all(r.train_speed is None for r in records):
+        every = align.records(log, vehicle, (), window)[0] if axles else records
+        records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())
+        findings += told
     done = []
     for record in records:
         tell(f"{path.name}: axle {record.axle}")
-        result, told = _axle(record, settings, estimators, log.start_ns())
+        result, more = _axle(record, settings, estimators, log.start_ns())
         done.append(result)
-        findings += told
+        findings += more
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
         log,
@@ -105,17 +111,17 @@ def _axle(
     findings = _told(record, vehicle, ref.force, applications, start_ns)
     lost = [s for s in applications if _drowned(ref, s)]
     if lost:
-        ref, told = _refused(record, ref, lost, start_ns)
-        findings.append(told)
+        ref, refused = _refused(record, ref, lost, start_ns)
+        findings.append(refused)
         applications = tuple(s for s in applications if s not in lost)
     scores = metrics.scores(record, ref, estimates, applications)
-    slip = None
-    if record.train_speed is not None:
-        radius = vehicle.radius(record.axle).value
-        slip = physics.slip(
-            record.train_speed, record.wheel_speed, radius, settings.analysis.slowest
-        )
-    return AxleResult(record, ref, estimates, scores, applications, slip), findings
+    result = AxleResult(record, ref, estimates, scores, applications)
+    if record.train_speed is None:
+        return result, findings
+    result, told = slip.observed(
+        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
+    )
+    return result, findings + told
 
 
 def _drowned(ref: Reference, application: slice) -> bool:

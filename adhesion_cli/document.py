@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .model import Finding, Floats, Result
+from .slip import Summary
 
 
 def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -55,6 +56,35 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
         "outputs": outputs,
         "axles": axles,
         "findings": findings_document(result.findings),
+    }
+
+
+def slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
+    """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
+    rail = summary.rail
+    peak, mu = (rail.peak_slip, rail.peak_mu) if rail else (None, None)
+    fit = None
+    if rail and rail.told:
+        fit = {name: {"value": x.value, "ci": [x.low, x.high]} for name, x in rail.told.items()}
+    return {
+        "log": log,
+        "axle": summary.axle,
+        "peak_slip": peak and peak.value,
+        "peak_slip_ci": peak and [peak.low, peak.high],
+        "peak_mu": mu and mu.value,
+        "regions": summary.regions,
+        "utilisation": summary.utilisation,
+        "slides": [
+            {
+                "start_s": (x.start - start_ns) / 1e9,
+                "duration_s": x.duration,
+                "distance_m": x.distance,
+                "max_slip": x.max_slip,
+                "energy_j": x.energy,
+            }
+            for x in summary.slides
+        ],
+        "fit": fit,
     }
 
 

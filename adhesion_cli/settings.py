@@ -19,6 +19,7 @@ from .estimator import Estimator
 from .model import Parameter, Quantity, Vehicle
 from .read.meaning import Mapping
 from .read.source import ReadOptions, TimeSource
+from .slope import Bands, Params
 
 _CSV = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 _MCAP = {"max_inflated": int, "max_record": int}
@@ -63,6 +64,8 @@ class Settings:
     mappings: tuple[Mapping, ...] = ()
     read: ReadOptions = field(default_factory=ReadOptions)
     analysis: Analysis = field(default_factory=Analysis)
+    slope: Params = field(default_factory=Params)
+    bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def params(self, est: Estimator) -> Any:
@@ -107,6 +110,7 @@ def tree(settings: Settings, algos: Sequence[Estimator]) -> dict[str, Any]:
         of = [dict(p._asdict()) for p in (value if f.name == "wheel_radius" else (value,))]
         plain[f.name] = of if len(of) > 1 else of[0]
     out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
+    out |= {"slope": settings.slope._asdict(), "bands": settings.bands._asdict()}
     for est in algos:
         out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
     return out
@@ -185,7 +189,7 @@ def _halved(value: Any) -> Any:
 
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     registry = estimator.registry()
-    sections = ["vehicle", "channels", "csv", "mcap", "analysis", *registry]
+    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", *registry]
     overrides: dict[str, dict[str, float]] = {}
     for key, value in tree.items():
         if key not in sections:
@@ -202,15 +206,42 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         **_fields("mcap", tree.get("mcap", {}), _MCAP),
         **{k: v for k, v in read.items() if v is not None},
     }
-    hints = _hints(Analysis)
     kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
-    analysis = _fields("analysis", tree.get("analysis", {}), kinds)
-    for name, value in analysis.items():
-        if isinstance(value, float):
-            _in_range(f"analysis.{name}", value, hints[name])
     return Settings(
-        _vehicle(vehicle), tuple(mappings), ReadOptions(**options), Analysis(**analysis), overrides
+        _vehicle(vehicle),
+        tuple(mappings),
+        ReadOptions(**options),
+        Analysis(**_checked("analysis", tree, Analysis, kinds)),
+        Params(**_checked("slope", tree, Params, _floats(Params))),
+        _bands(Bands(**_checked("bands", tree, Bands, _floats(Bands)))),
+        overrides,
     )
+
+
+def _checked(
+    section: str, tree: dict[str, Any], of: type, kinds: dict[str, type]
+) -> dict[str, Any]:
+    """A section's entries, numbers within the range that stands beside each."""
+    hints = _hints(of)
+    values = _fields(section, tree.get(section, {}), kinds)
+    for name, value in values.items():
+        if isinstance(value, float):
+            _in_range(f"{section}.{name}", value, hints[name])
+    return values
+
+
+def _floats(of: type) -> dict[str, type]:
+    return dict.fromkeys(_hints(of), float)
+
+
+def _bands(b: Bands) -> Bands:
+    for name, low, high in (
+        ("slip", b.slip_low, b.slip_high), ("slope", b.slope_low, b.slope_high),
+    ):  # fmt: skip
+        if low >= high:
+            text = f"bands.{name}_low = {low:g} is not below bands.{name}_high = {high:g}"
+            raise UserError(text, "a band is from low to high", code=2)
+    return b
 
 
 def _hints(of: type) -> dict[str, Quantity]:

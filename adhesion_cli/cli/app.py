@@ -12,7 +12,18 @@ from typing import Any, NoReturn
 import typer
 
 from ..errors import UserError
-from . import analyze, compare, convert, estimators, inspect, recover, reproduce, simulate, view
+from . import (
+    analyze,
+    compare,
+    convert,
+    estimators,
+    inspect,
+    recover,
+    reproduce,
+    simulate,
+    slip,
+    view,
+)
 
 app = typer.Typer(
     name="adhesion",
@@ -22,7 +33,18 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for module in (inspect, analyze, compare, simulate, reproduce, convert, recover, view, estimators):
+for module in (
+    inspect,
+    analyze,
+    compare,
+    slip,
+    simulate,
+    reproduce,
+    convert,
+    recover,
+    view,
+    estimators,
+):
     app.command(module.__name__.rpartition(".")[2])(module.command)
 
 # typer carries click inside, or uses the installed one, by version: reach its classes either way

@@ -9,7 +9,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from .. import __version__, physics
 from ..errors import UserError
 from ..model import AxleResult, Column, Floats, Log, Result, Times
+from ..slope import REGIONS
 from ..text import printable
 from . import descriptors, names
 
@@ -247,11 +248,22 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
     if record.truth is not None:
         yield stream("truth", "Truth", force=("N", record.truth))
     if axle.slip is not None:
-        yield stream("slip", "Slip", slip=("-", axle.slip), coefficient=("-", mu(reference.force)))
+        slip = stream(
+            "slip", "Slip",
+            slip=("-", axle.slip),
+            coefficient=("-", mu(reference.force)),
+            slope=("-", axle.slope),
+            slope_confidence=("-", axle.slope_confidence),
+        )  # fmt: skip
+        if axle.region is not None:
+            message = descriptors.message("Slip")
+            regions = tuple(message(region=name).SerializeToString() for name in REGIONS)
+            slip = replace(slip, tails=regions, tail=axle.region.astype(np.int64))
+        yield slip
 
 
 def _events(result: Result, prefix: str) -> list[_Stream]:
-    """Findings and brake applications on one topic, in the order of their time."""
+    """Findings, brake applications, slides and regions on one topic, in the order of their time."""
     event, start = descriptors.message("Event"), result.log.start_ns()
     events = []
     for f in result.findings:
@@ -266,6 +278,9 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
                 text = f"axle {N}: brake {what}"
                 told = event(code=f"brake-{what}", severity="info", axle=N, message=text)
                 events.append((int(axle.record.t[i]), told))
+        for x in axle.events:
+            told = event(code=x.code, severity="info", axle=N, message=x.message)
+            events.append((x.t, told))
     if not events:
         return []
     events.sort(key=lambda e: e[0])

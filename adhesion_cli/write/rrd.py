@@ -33,6 +33,7 @@ _SCATTER = 20_000  # points of one slip-adhesion scatter
 
 _REFERENCE, _TRUTH = 0xC8C8C8FF, 0x54A24BFF
 _TRAIN, _WHEEL, _PRESSURE, _CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
+_SLOPE = 0xF2A33AFF
 _ESTIMATORS = (
     0x4C9BE8FF, 0xF2A33AFF, 0xE45756FF, 0xB98AE0FF, 0x3FBFB2FF,
     0xEBD03CFF, 0xFF8FB3FF, 0xA8794FFF, 0x8BD450FF, 0x7C83FFFF,
@@ -131,7 +132,7 @@ class _Page:
         started = [int(a.record.t[a.applications[0].start]) for a in result.axles if a.applications]
         self.start = result.log.start_ns()
         self.zero = min(started, default=self.start)  # brake start
-        points = sum(len(a.record) * (2 * len(a.estimates) + 7) for a in result.axles)
+        points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
 
     # -- data
@@ -202,6 +203,12 @@ class _Page:
         if algos:
             yield _lines("force/estimates", estimates)
             yield _lines("error", errors)
+        if axle.slope is not None and axle.slope_confidence is not None:
+            slope = [
+                ("slope dµ/ds", _SLOPE, computed(axle.slope)),
+                ("confidence", _REFERENCE, computed(axle.slope_confidence)),
+            ]
+            yield _lines("slope", slope)
 
     def _send_plot(self, rec: rr.RecordingStream, path: str, t: Times, plot: _Plot) -> int:
         style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
@@ -229,6 +236,7 @@ class _Page:
                 for i, what in ((s.start, "applied"), (s.stop - 1, "released")):
                     text = f"axle {axle.record.axle}: brake {what}"
                     events.append((int(axle.record.t[i]), "INFO", text))
+            events += [(x.t, "INFO", x.message) for x in axle.events]
         if not events:
             return 0
         events.sort(key=lambda e: e[0])
@@ -274,6 +282,10 @@ class _Page:
             title = f"Axle {N}: estimate minus {against} [N]"
             rows.append(_chart(f"{path}/error", title, error, legend=None))
             shares.append(3.0)
+        if axle.slope is not None:
+            span = _span([], [axle.slope, np.ones(1)])
+            rows.append(_chart(f"{path}/slope", f"Axle {N}: slope of µ over slip", span))
+            shares.append(2.0)
         side: list[rrb.View] = []
         shares_beside: list[float] = []
         if axle.slip is not None:

@@ -1,0 +1,114 @@
+"""`adhesion slip`: the slip-adhesion curve of a log."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import Logs, Shared, loader, shared
+
+if TYPE_CHECKING:
+    from ..slip import Summary
+
+
+@shared
+def command(logs: Logs, shared: Shared) -> int:
+    """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
+
+    Without a train speed, one is made of all axles.
+
+    Example: adhesion slip log.mcap --set bands.slip_high=0.15
+    """
+    from ..analysis import analyze
+    from ..document import dumps, findings_document, slip_axle
+    from ..slip import summary
+    from ..write import files
+    from . import show
+    from .analyze import outputs, write
+
+    paths = [outputs(shared.out or Path(), log, "slip") for log in logs]
+    files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
+    axles, found = [], []
+    for log, pair in zip(logs, paths, strict=True):
+        tell = show.progress(shared.quiet)
+        result = analyze(
+            log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to), tell,
+            train_speed=True,
+        )  # fmt: skip
+        findings, summaries = list(result.findings), []
+        for axle in result.axles:
+            tell(f"{log.name}: rail under axle {axle.record.axle}")
+            one, told = summary(axle, result.vehicle)
+            summaries.append(one)
+            findings += told
+        start = result.log.start_ns()
+        write(result, pair, shared.force)
+        axles += [slip_axle(str(log), start, s) for s in summaries]
+        found += findings
+        if not shared.json:
+            print(f"{log}\n{table(summaries, start)}")
+            print("\n".join(f"wrote {path}" for path in pair))
+            show.message(show.findings(findings), shared.quiet or not findings)
+    if shared.json:
+        document = {"schema": "adhesion.slip/1", "axles": axles}
+        print(dumps({**document, "findings": findings_document(found)}))
+    if shared.view:
+        from .view import show_recording
+
+        show_recording(paths[-1][1])
+    return 3 if show.lossy(found) else 0
+
+
+def table(summaries: "list[Summary]", start_ns: int) -> str:
+    """Peak, shares and utilisation of every axle, then every slide, then the rails."""
+    from ..slope import REGIONS
+    from . import show
+
+    def spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
+        if x is None:
+            return "not told"
+        value, low, high = (show.number(factor * v, digits) for v in x)
+        return f"{value} ({low} to {high})"
+
+    head = [
+        "axle",
+        "peak slip [%]",
+        "peak µ",
+        "utilisation",
+        "slides",
+        *(f"{r} [%]" for r in REGIONS),
+    ]
+    rows = [
+        [
+            str(s.axle), spread(s.rail.peak_slip if s.rail else None, 2, 100.0),
+            spread(s.rail.peak_mu if s.rail else None, 3), show.number(s.utilisation, 3),
+            str(len(s.slides)),
+            *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in REGIONS),
+        ]
+        for s in summaries
+    ]  # fmt: skip
+    parts = [show.table(head, rows)]
+    head = [
+        "axle",
+        "slide at [s]",
+        "duration [s]",
+        "distance [m]",
+        "largest slip [%]",
+        "energy [kJ]",
+    ]
+    rows = [
+        [
+            str(s.axle), show.number((x.start - start_ns) / 1e9, 2), show.number(x.duration, 2),
+            show.number(x.distance, 1), show.number(100.0 * x.max_slip, 1),
+            show.number(x.energy / 1e3, 1),
+        ]
+        for s in summaries
+        for x in s.slides
+    ]  # fmt: skip
+    parts += [show.table(head, rows)] if rows else []
+    head = ["axle", "f0", "A", "B [s/m]", "kA", "kS"]
+    rows = [
+        [str(s.axle), *(spread(s.rail.told.get(n), 3) for n in ("f0", "A", "B", "k_a", "k_s"))]
+        for s in summaries
+        if s.rail
+    ]
+    parts += [show.table(head, rows)] if rows else []
+    return "\n".join(parts)

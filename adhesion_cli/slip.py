@@ -1,0 +1,354 @@
+"""Slip of every axle, its slope and region, slides, and what they say of the rail: [S1] to [S4].
+
+μ is the offline reference's, F/(m g): the estimators lag, and a lag in μ alone bends every slope.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from . import compiled, physics, railfit
+from .model import (
+    AxleRecord,
+    AxleResult,
+    Bools,
+    Event,
+    Finding,
+    Floats,
+    Parameter,
+    Regions,
+    Times,
+    Vehicle,
+)  # fmt: skip
+from .slope import REGIONS, Bands, Params, State, init, region, step
+
+_FREE = 60.0  # clamping force that brakes nothing [N]
+_EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
+_FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
+_COASTING = 2.0  # of it are needed for a calibration [s]
+_LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
+_GRADIENT = 0.4  # deceleration without a brake: 4 % [m/s²]
+_RISE = 3.0  # no train accelerates harder [m/s²]
+_BEHIND = 0.03  # all axles this far below the reference speed slide together
+_SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
+_SHORT = 0.1  # a slide lasts longer [s]
+_LASTS = 0.5  # and so does a change of region that is an event [s]
+
+
+class Slide(NamedTuple):
+    """One slide of one axle, from `_CAUGHT` to `_CAUGHT` with more than `_SLIDE` between."""
+
+    where: slice  # of the record
+    start: int  # [ns]
+    duration: float  # [s]
+    distance: float  # run by the train meanwhile [m]
+    max_slip: float  # [-]
+    energy: float  # ∫ F (v − ωR) dt, turned into heat and wear of tread and rail [J]
+
+
+def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
+    """True over stated wheel radius, and its 1 sigma, from coasting; None where there is none.
+
+    A wheel that is neither braked nor driven rolls: v = ωR. A driven one creeps too; it is left
+    out by its acceleration, as far as that shows.
+    """
+    if record.train_speed is None:
+        return None
+    v, rim = record.train_speed, record.wheel_speed * radius
+    ratios, seconds = [], 0.0
+    for s in record.segments:
+        t = (record.t[s] - record.t[s.start]) * 1e-9
+        change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
+        free = (record.clamping_force[s] < _FREE) & (rim[s] > _FAST) & (np.abs(change) < _EVEN)
+        free &= v[s] > _FAST
+        ratios.append(v[s][free] / rim[s][free])
+        seconds += float(np.diff(t, prepend=t[0])[free].sum())
+    ratio = np.concatenate(ratios)
+    if seconds < _COASTING or len(ratio) < 10:
+        return None
+    # one independent value a second: what is held or interpolated repeats itself
+    return float(np.median(ratio)), float(np.std(ratio)) / math.sqrt(max(seconds, 1.0))
+
+
+def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
+    """Wheel radius [m] at which the axle coasts without slip, and what is told of it."""
+    stated = vehicle.radius(record.axle)
+    radius = stated.value
+    found = calibration(record, radius)
+    if found is None:
+        text = "no coasting: slip counts on the stated wheel diameter"
+        return stated, [Finding("wheel-not-calibrated", "info", text, f"axle {record.axle}")]
+    ratio, sigma = found
+    if abs(ratio - 1.0) > _LARGEST:
+        return stated, []
+    if abs(ratio - 1.0) < 2.0 * sigma:
+        return Parameter(radius, min(radius * sigma, stated.tolerance)), []
+    text = (
+        f"while coasting the wheel rolls as one of {2e3 * radius * ratio:.1f} mm "
+        f"(± {2e3 * radius * sigma:.1f}), not {2e3 * radius:.1f}: slip counts on that"
+    )
+    rolling = Parameter(radius * ratio, radius * sigma)
+    return rolling, [Finding("wheel-calibrated", "info", text, f"axle {record.axle}")]
+
+
+# Train speed from the axles
+
+
+def _follow(t: Floats, fastest: Floats, limit: Floats, v: Floats) -> None:
+    """Fills v: the fastest axle, its fall limited by `limit` and its rise by what a train does."""
+    v[0] = fastest[0]
+    for i in range(1, len(t)):
+        if not (math.isfinite(v[i - 1]) and math.isfinite(fastest[i])):
+            v[i] = fastest[i]
+            continue
+        h = t[i] - t[i - 1]
+        v[i] = min(max(fastest[i], v[i - 1] - limit[i] * h), v[i - 1] + _RISE * h)
+
+
+def with_reference_speed(
+    records: Sequence[AxleRecord], every: Sequence[AxleRecord], vehicle: Vehicle, start_ns: int
+) -> tuple[list[AxleRecord], list[Finding]]:
+    """Records without a train speed get one made of all axles, as slide protection does it.
+
+    The fastest axle is the train, and the train slows no harder than all brakes together and a
+    gradient can make it: where every axle does, all slide, and the speed goes on at that limit.
+
+    Args:
+        records: the axles that need it.
+        every: all axles of the log.
+        vehicle: for the brake's deceleration, and the radii.
+        start_ns: the log's start.
+    """
+    if any((np.diff(r.t) <= 0).any() for r in every):
+        text = "the clock jumps back: no train speed can be made of the axles"
+        return list(records), [Finding("no-train-speed", "warning", text)]
+    t = np.unique(np.concatenate([r.t for r in every]))
+    rim, K = (np.full((len(every), len(t)), np.nan) for _ in range(2))
+    for i, r in enumerate(every):
+        rim[i] = _at(t, r, r.wheel_speed * vehicle.radius(r.axle).value)
+        K[i] = _at(t, r, r.clamping_force)
+    middle = _finite_median(rim)
+    for i, r in enumerate(every):
+        own = replace(r, train_speed=np.interp(r.t, t, middle))
+        found = calibration(own, vehicle.radius(r.axle).value) if len(every) > 1 else None
+        if found and abs(found[0] - 1.0) < _LARGEST:
+            rim[i] *= found[0]
+    known = np.isfinite(rim).any(axis=0)
+    fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
+    w = physics.wheelset(vehicle, every[0].axle)
+    radius = vehicle.radius(every[0].axle).value
+    brake = w.a * w.phi * (1.0 - w.rolling) * radius * np.nan_to_num(_finite_median(K))  # (1)
+    v = np.empty(len(t))
+    seconds = (t - t[0]) * 1e-9
+    compiled.function(_follow)(seconds, fastest, 1.2 * brake + _GRADIENT, v)
+    count = f"{len(every)} axles" if len(every) > 1 else "one axle"
+    text = f"no train speed: made of {count}, the fastest one, falling no harder than braked"
+    findings = [Finding("reference-speed", "info", text)]
+    behind = (fastest < (1.0 - _BEHIND) * v) & (v > _FAST)
+    if behind.any():
+        findings.append(
+            Finding(
+                "all-axles-slide", "warning",
+                "every axle slows harder than the brakes can slow the train: the train speed, and "
+                "so slip, is a guess there", "", int(behind.sum()),
+                (int(t[np.argmax(behind)]) - start_ns) / 1e9,
+            )
+        )  # fmt: skip
+    return [replace(r, train_speed=np.interp(r.t, t, v)) for r in records], findings
+
+
+def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
+    """A column at other times, NaN outside the record's segments; shape of t."""
+    found = np.full(len(t), np.nan)
+    for s in record.segments:
+        inside = (t >= record.t[s.start]) & (t <= record.t[s.stop - 1])
+        found[inside] = np.interp(t[inside], record.t[s], values[s])
+    return found
+
+
+def _finite_median(x: Floats) -> Floats:
+    """Median over the axles that have a value; NaN where none has."""
+    known = np.isfinite(x).any(axis=0)
+    found = np.full(x.shape[1], np.nan)
+    found[known] = np.nanmedian(x[:, known], axis=0)
+    return found
+
+
+# Slope and region
+
+
+def _march(
+    p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slope: Floats, sure: Floats,
+    code: Regions,
+) -> None:  # fmt: skip
+    """`slope.step` over one segment."""
+    s: State = init(p, slip[0], mu[0])
+    for i in range(len(t)):
+        if i > 0:
+            s = step(p, s, (t[i] - t[i - 1]) * 1e-9, slip[i], mu[i])
+        slope[i] = s.slope
+        sure[i] = s.confidence
+        code[i] = region(slip[i], s.slope, bands)
+
+
+def observed(
+    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands
+) -> tuple[AxleResult, list[Finding]]:
+    """The result of an axle with a train speed, with its slip, slope, regions and their events.
+
+    The slip's own noise raises the excitation that a slope needs.
+
+    Args:
+        axle: as far as it is computed.
+        vehicle: for μ and the wheel radius.
+        slowest: no slip below this train speed [m/s].
+        p: of the slope.
+        bands: of the AND-test.
+    """
+    record = axle.record
+    assert record.train_speed is not None
+    radius, findings = calibrated(record, vehicle)
+    slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
+    mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
+    known = [slip[s][np.isfinite(slip[s])] for s in record.segments]
+    noise = math.sqrt(physics.white_noise(known))
+    p = p._replace(least=max(p.least, 2.0 * noise))
+    n = len(record)
+    slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
+    march = compiled.function(_march)
+    for s in record.segments:
+        march(p, bands, record.t[s], slip[s], mu[s], slope[s], sure[s], code[s])
+    done = replace(axle, slip=slip, slope=slope, slope_confidence=sure, region=code)
+    return replace(done, events=_events(done)), findings
+
+
+def _events(axle: AxleResult) -> tuple[Event, ...]:
+    """Slides, and changes of region that last; in the order of time."""
+    assert axle.region is not None
+    name, found = f"axle {axle.record.axle}", []
+    for x in slides(axle):
+        text = (
+            f"{name}: slide of {x.duration:.2f} s over {x.distance:.0f} m, slip up to "
+            f"{x.max_slip:.0%}, {x.energy / 1e3:.1f} kJ into tread and rail"
+        )
+        found.append(Event(x.start, "slide", text))
+    for segment in axle.record.segments:
+        t, code = axle.record.t[segment], axle.region[segment]
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])
+        lasts = np.diff(t[starts], append=t[-1]) * 1e-9 >= _LASTS
+        before = REGIONS[0]
+        for i in starts[lasts].tolist():
+            after = REGIONS[code[i]]
+            if after != before:
+                text = f"{name}: region {after}, was {before}"
+                found.append(Event(int(t[i]), "region-change", text))
+            before = after
+    return tuple(sorted(found))
+
+
+# Slides and shares
+
+
+def slides(axle: AxleResult) -> list[Slide]:
+    """Slides of an axle, in the order of time; none reaches across segments."""
+    record, s, F = axle.record, axle.slip, axle.reference.force
+    if s is None or record.train_speed is None:
+        return []
+    found = []
+    for segment in record.segments:
+        for first, past in physics.true_runs(s[segment] > _CAUGHT):
+            where = slice(segment.start + first, segment.start + past)
+            t, v = (record.t[where] - record.t[where.start]) * 1e-9, record.train_speed[where]
+            deep: Bools = s[where] > _SLIDE
+            if float(np.diff(t, prepend=t[0])[deep].sum()) < _SHORT:
+                continue
+            heat = np.nan_to_num(F[where]) * s[where] * v  # v − ωR = s v
+            found.append(
+                Slide(
+                    where, int(record.t[where.start]), float(t[-1]), float(np.trapezoid(v, t)),
+                    float(s[where].max()), float(np.trapezoid(heat, t)),
+                )
+            )  # fmt: skip
+    return found
+
+
+def shares(axle: AxleResult) -> dict[str, float]:
+    """Share of the braked time, above the speed limit for slip, in each region."""
+    if axle.region is None or axle.slip is None:
+        return {}
+    time = np.zeros(len(REGIONS))
+    for s in axle.applications:
+        h = np.diff(axle.record.t[s], append=axle.record.t[s.stop - 1]) * 1e-9
+        h = np.where(np.isfinite(axle.slip[s]), h, 0.0)
+        time += np.bincount(axle.region[s], weights=h, minlength=len(REGIONS))
+    total = float(time.sum())
+    if total == 0.0:
+        return {}
+    return {name: float(x) / total for name, x in zip(REGIONS, time, strict=True)}
+
+
+class Summary(NamedTuple):
+    """What `adhesion slip` says of one axle; None where the log does not show it."""
+
+    axle: int
+    regions: dict[str, float]  # shares of the braked time
+    slides: list[Slide]
+    rail: railfit.RailFit | None
+    utilisation: float | None  # mean μ of the slides over the peak's
+
+
+def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
+    """Slides, shares, peak, rail and adhesion utilisation of an axle.
+
+    Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over
+    time of μ in the slides over the largest μ of the rail's fitted curve: the share that was used
+    of what could have been. Without a slide the rail had more than was asked for, and how much
+    more is not known.
+    """
+    name, found = f"axle {axle.record.axle}", slides(axle)
+
+    def told(
+        rail: railfit.RailFit | None, used: float | None, text: str
+    ) -> tuple[Summary, list[Finding]]:
+        findings = [Finding("rail-not-observable", "info", text, name)] if text else []
+        return Summary(axle.record.axle, shares(axle), found, rail, used), findings
+
+    if not found:
+        return told(None, None, "no slide: neither peak nor rail can be told")
+    points, mu_error = _points(axle, vehicle, found)
+    radius = calibrated(axle.record, vehicle)[0]
+    rail = railfit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
+    if rail is None:
+        return told(None, None, "slides too short, or on a rail that changed: no curve fits them")
+    missing = [n for n in rail.best._fields if n not in rail.told]
+    used, text = None, ""
+    if rail.peak_mu:
+        h = np.diff(points.t, append=points.t[-1])
+        h[h > 1.0] = 0.0  # from slide to slide
+        used = float(np.average(points.mu, weights=h)) / rail.peak_mu.value
+    else:
+        text = "the slides do not show both sides of the peak. "
+    if missing:
+        text += f"cannot be told apart or from the wheel's diameter: {', '.join(missing)}"
+    return told(rail, used, text)
+
+
+def _points(
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]
+) -> tuple[railfit.Points, float]:
+    """Operating points of the slides, and the 1 sigma of μ's scale by the vehicle's tolerances."""
+    record, ref = axle.record, axle.reference
+    assert axle.slip is not None
+    assert record.train_speed is not None
+    at = np.concatenate([np.arange(x.where.start, x.where.stop) for x in found])
+    at = at[np.isfinite(ref.force[at]) & np.isfinite(axle.slip[at])]
+    mu = physics.coefficient(ref.force[at], vehicle)
+    half = (ref.upper[at] - ref.lower[at]) / 2.0 / 1.96
+    scale = np.sqrt(np.maximum(half**2 - ref.sigma[at] ** 2, 0.0)) / np.maximum(ref.force[at], 1.0)
+    mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
+    t = (record.t[at] - record.t[0]) * 1e-9
+    return railfit.Points(t, record.train_speed[at], axle.slip[at], mu), error

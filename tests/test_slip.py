@@ -1,0 +1,264 @@
+"""Slip, slides, peak and rail against simulations that know them."""
+
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from simulated import recordings, simulation, write
+
+from adhesion_cli import analysis, rail, railfit, settings, slip, slope
+from adhesion_cli.model import AxleRecord, AxleResult, Result, Vehicle
+from adhesion_cli.physics import G
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@cache
+def analysed(name: str, train: bool | None = None, *stated: str) -> Result:
+    with TemporaryDirectory() as folder:
+        log = write(Path(folder) / f"{name}.csv", recordings(name, train=train))
+
+        def load(**more: object) -> settings.Settings:
+            return settings.load(None, stated, **more)  # type: ignore[arg-type]
+
+        return analysis.analyze(log, load, ["leso"], train_speed=True)
+
+
+@cache
+def told(name: str, axle: int, *stated: str) -> slip.Summary:
+    result = analysed(name, None, *stated)
+    return slip.summary(result.axles[axle - 1], result.vehicle)[0]
+
+
+def true_slip(name: str, axle: AxleResult) -> np.ndarray:
+    true = simulation(name)
+    return np.interp(axle.record.t, true.t, np.nan_to_num(true.slip[:, axle.record.axle - 1]))
+
+
+def true_curve(name: str, cleaning: float, speed: float) -> tuple[float, float]:
+    """Slip and μ of the true curve's peak."""
+    condition = rail.condition(name)
+    condition = condition._replace(f0=condition.f0 * cleaning)
+    load = Vehicle().axle_mass.value * G
+    patch = rail.Contact().patch(load)
+    grid = np.linspace(1e-3, 0.3, 3000)
+    mu = [rail.creep_force(s * speed, speed, condition, patch)[0] / load for s in grid.tolist()]
+    return float(grid[np.argmax(mu)]), max(mu)
+
+
+def codes(result: Result) -> set[str]:
+    return {f.code for f in result.findings}
+
+
+def test_slip_follows_the_true_one() -> None:
+    (axle, *_) = analysed("low-adhesion").axles
+    known = np.isfinite(axle.slip)
+    error = (axle.slip - true_slip("low-adhesion", axle))[known & (axle.record.train_speed > 3.0)]
+    assert np.sqrt(np.mean(error**2)) < 3e-3
+    assert not np.isfinite(axle.slip[axle.record.train_speed < 1.0]).any()
+
+
+def test_slope_follows_the_true_curve_on_a_roller_rig() -> None:
+    (axle,) = analysed("roller-rig").axles
+    speed, load = 10.0, Vehicle().axle_mass.value * G
+    patch, wet = rail.Contact().patch(load), rail.condition("wet")
+    at = np.flatnonzero(axle.slip > 0.05)
+    true = np.array(
+        [rail.creep_force(s * speed, speed, wet, patch)[1] * speed / load for s in axle.slip[at]]
+    )
+    error = axle.slope[at] - true
+    assert np.isfinite(error).mean() > 0.98
+    assert np.sqrt(np.nanmean(error**2)) < 0.06
+    order = [e.message.split("region ")[1].split(",")[0] for e in axle.events if "region" in e.code]
+    assert order == ["below", "optimal", "beyond"]
+
+
+def test_slides_are_those_of_the_simulation() -> None:
+    name = "low-adhesion"
+    true = simulation(name)
+    found = slip.slides(analysed(name).axles[0])
+    first = found[0]
+    i, j = np.searchsorted(true.t, [first.start, first.start + int(first.duration * 1e9)])
+    sliding = true.train_speed - true.wheel_speed[:, 0] * 0.42
+    energy = np.trapezoid((true.adhesion_force[:, 0] * sliding)[i:j], true.t[i:j] * 1e-9)
+    assert first.energy == pytest.approx(energy, rel=0.03)
+    assert first.distance == pytest.approx(true.distance[j] - true.distance[i], rel=0.01)
+    assert first.max_slip == pytest.approx(true.slip[i:j, 0].max(), abs=0.01)
+    assert not slip.slides(analysed(name).axles[2])
+
+
+@pytest.mark.parametrize(("axle", "cleaning"), [(1, 1.0), (2, 1.15)])
+def test_peak_and_rail_lie_in_their_intervals(axle: int, cleaning: float) -> None:
+    s = told("low-adhesion", axle)
+    assert s.rail is not None
+    assert s.rail.peak_slip is not None
+    assert s.rail.peak_mu is not None
+    peak, mu = true_curve("low", cleaning, s.rail.speed)
+    assert s.rail.peak_slip.low < peak < s.rail.peak_slip.high
+    assert s.rail.peak_slip.high < 1.5 * s.rail.peak_slip.low
+    assert s.rail.peak_mu.value == pytest.approx(mu, rel=0.01)
+    true = rail.condition("low")
+    for name, value in true._replace(f0=true.f0 * cleaning)._asdict().items():
+        if name in s.rail.told:
+            _, low, high = s.rail.told[name]
+            assert 0.98 * low < value < 1.02 * high, name
+    assert {"f0", "B"} <= set(s.rail.told)
+    force = simulation("low-adhesion").adhesion_force[:, axle - 1]
+    t = simulation("low-adhesion").t
+    used = np.concatenate(
+        [force[(t >= x.start) & (t <= x.start + x.duration * 1e9)] for x in s.slides]
+    )
+    load = Vehicle().axle_mass.value * G
+    assert s.utilisation == pytest.approx(np.mean(used) / load / mu, rel=0.01)
+
+
+def test_a_wheel_of_known_radius_tells_the_whole_rail() -> None:
+    exact = "vehicle.wheel_radius={value=0.42, tolerance=0.0}"
+    loose, sure = (told("roller-rig", 1, *more).rail for more in ((), (exact,)))
+    assert loose is not None
+    assert sure is not None
+    assert set(loose.told) < set(sure.told)
+    assert {"k_a", "k_s", "f0", "B"} <= set(sure.told)
+    for name, interval in sure.told.items():
+        assert interval.value == pytest.approx(getattr(rail.condition("wet"), name), rel=0.05)
+
+
+def test_what_the_log_does_not_show_is_refused() -> None:
+    result = analysed("low-adhesion")
+    summary, findings = slip.summary(result.axles[2], result.vehicle)
+    assert summary.rail is None
+    assert summary.utilisation is None
+    assert not summary.slides
+    assert [f.code for f in findings] == ["rail-not-observable"]
+
+
+def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    creep = 0.002 + 0.0005 * np.sin(t)
+    load = Vehicle().axle_mass.value * G
+    patch, wet = rail.Contact().patch(load), rail.condition("wet")
+    mu = np.array([rail.creep_force(s * 15.0, 15.0, wet, patch)[0] / load for s in creep])
+    mu += np.random.default_rng(1).normal(0.0, 1e-3, len(mu))
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu)
+    found = railfit.fit(points, Vehicle(), 0.0, 0.0)
+    assert found is not None
+    assert found.peak_slip is None
+    assert not {"A", "B"} & set(found.told)
+
+
+def test_a_rail_that_changes_has_no_curve() -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    creep = 0.05 + 0.04 * np.sin(3.0 * t)
+    mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu)
+    assert railfit.fit(points, Vehicle(), 0.0, 0.0) is None
+
+
+def test_wheel_diameters_come_from_coasting() -> None:
+    result = analysed("four-axles")
+    for axle in result.axles:
+        radius, _ = slip.calibrated(axle.record, result.vehicle)
+        true = simulation("four-axles").scenario.vehicle.radius(axle.record.axle).value
+        assert abs(radius.value - true) < 3.0 * radius.tolerance + 1e-3
+    calibrated = [f.channel for f in result.findings if f.code == "wheel-calibrated"]
+    assert calibrated == ["axle 3", "axle 4"]
+
+
+def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
+    result = analysed("low-adhesion", False)
+    assert "reference-speed" in codes(result)
+    assert "all-axles-slide" not in codes(result)
+    true = simulation("low-adhesion")
+    (axle, *_) = result.axles
+    v = np.interp(axle.record.t, true.t, true.train_speed)
+    assert np.abs(axle.record.train_speed - v).max() < 0.15
+    assert slip.slides(axle)[0].energy == pytest.approx(
+        slip.slides(analysed("low-adhesion").axles[0])[0].energy, rel=0.1
+    )
+
+
+def test_all_axles_sliding_is_told() -> None:
+    t = np.arange(0, 20 * 10**9, 2 * 10**7)
+    seconds = t * 1e-9
+    v = 20.0 - 0.5 * np.maximum(seconds - 3.0, 0.0)
+    slide = np.interp(seconds, [4.0, 6.0, 9.0, 10.0], [0.0, 0.25, 0.25, 0.0])
+    K = np.where(seconds > 3.0, 8000.0, 0.0)
+    records = [
+        AxleRecord(n, t, K, K, v * (1.0 - slide) / 0.42, (slice(0, len(t)),)) for n in (1, 2)
+    ]
+    made, findings = slip.with_reference_speed(records, records, Vehicle(), 0)
+    assert [f.code for f in findings] == ["reference-speed", "all-axles-slide"]
+    assert 3.9 < findings[1].first_s < 5.5
+    assert np.abs(made[0].train_speed - v)[seconds < 4.0].max() < 0.01
+    assert (made[0].train_speed > 0.8 * v).all()
+
+
+def test_a_spike_does_not_become_the_train() -> None:
+    t = np.arange(0, 10 * 10**9, 2 * 10**7)
+    wheel, K = np.full(len(t), 40.0), np.zeros(len(t))
+    wheel[250] = 80.0
+    record = AxleRecord(1, t, K, K, wheel, (slice(0, len(t)),))
+    ((made,), _) = slip.with_reference_speed([record], [record], Vehicle(), 0)
+    assert np.abs(made.train_speed - 40.0 * 0.42).max() < 0.1
+
+
+def test_slope_settings_are_checked() -> None:
+    with pytest.raises(settings.UserError, match="not below"):
+        settings.load(None, ["bands.slip_low=0.5"])
+    with pytest.raises(settings.UserError, match="outside"):
+        settings.load(None, ["slope.delta=-1"])
+    stated = settings.load(None, ["bands.slip_high=0.1", "slope.rho=5"])
+    assert stated.bands.slip_high == 0.1
+    assert settings.load(base=settings.tree(stated, [])).slope.rho == 5.0
+
+
+def test_the_command(tmp_path: Path) -> None:
+    log = write(tmp_path / "stop.csv", recordings("low-adhesion"))
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "adhesion_cli", "slip", *arguments],
+            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        )  # fmt: skip
+
+    done = run(log.name, "--json", "--axle", "1", "--axle", "3", "-a", "leso")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["schema"] == "adhesion.slip/1"
+    first, third = document["axles"]
+    assert first["axle"] == 1
+    assert first["peak_slip_ci"][0] < first["peak_slip"] < first["peak_slip_ci"][1]
+    assert sum(first["regions"].values()) == pytest.approx(1.0)
+    assert set(first["regions"]) == set(slope.REGIONS)
+    assert first["fit"]["f0"]["ci"][0] < 0.06 < first["fit"]["f0"]["ci"][1]
+    assert first["slides"][0]["energy_j"] > 5e4
+    assert third["peak_slip"] is None
+    assert third["fit"] is None
+    assert third["slides"] == []
+    again = run(log.name, "--force", "--axle", "1", "-a", "leso")
+    assert again.returncode == 0, again.stderr
+    assert "utilisation" in again.stdout
+    assert "wrote stop.slip.mcap" in again.stdout
+    messages = _messages(tmp_path / "stop.slip.mcap", "/axle/1/slip")
+    known = [m for m in messages if math.isfinite(m.slope)]
+    assert len(known) > 0.5 * len(messages)
+    assert {m.region for m in messages} == set(slope.REGIONS)
+    assert all(0.0 <= m.slope_confidence <= 1.0 for m in messages)
+    told = {m.code for m in _messages(tmp_path / "stop.slip.mcap", "/events")}
+    assert {"slide", "region-change"} <= told
+
+
+def _messages(path: Path, topic: str) -> list:
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [m for _, _, _, m in reader.iter_decoded_messages(topics=[topic])]
