@@ -20,6 +20,7 @@ from .physics import moving, true_runs, wheelset, white_noise
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
+_FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
@@ -129,10 +130,11 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     clamping = _clamping(runs)
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
     wheel = [_rolling(r, k, w) for r, k in zip(runs, clamping, strict=True)]
-    floor = runs[0].wheel_speed_step ** 2 / 12.0 + 1e-12
-    rolling = smoother.Noise(white_noise([r.y for r in wheel]), 1e-3, scale**2 * np.array([1e-5]))
+    rounding = runs[0].wheel_speed_step ** 2 / 12.0
+    white = max(white_noise([r.y for r in wheel]) - rounding, 1e-3 * rounding)
+    rolling = smoother.Noise(white, 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-    fitted, regimes = _fit_either(wheel, floor, scale, rolling, changing)
+    fitted, regimes = _fit_either(wheel, scale, rolling, changing)
     return [
         Parts(k.level, x.rate, np.hypot(x.rate_sigma / w.a, w.phi * k.level_sigma))
         for k, x in zip(
@@ -146,7 +148,44 @@ def _rolling(run: AxleRecord, clamping: smoother.Smooth, w: Wheelset) -> smoothe
     K, t = clamping.level, _seconds(run)
     u = -w.a * w.phi * (1.0 - w.rolling) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
-    return smoother.Run(t, run.wheel_speed, u, w.a * w.phi * w.rolling * K, lost**2)
+    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_step)
+    return smoother.Run(t, y, u, w.a * w.phi * w.rolling * K, lost**2, known)
+
+
+def _unstepped(t: Floats, y: Floats, step: float) -> tuple[Floats, Floats]:
+    """What a rounded signal tells, and its variance, shape (n,); inf where nothing new.
+
+    Rounding errors are independent only where the signal moves a step per sample. Where it stays on
+    each level for several, it is known best as it passes from one to the next: half way between
+    both, to within what it moves in one interval. Back and forth between two levels the errors are
+    independent again: noise, or a pulse counter.
+    """
+    n = len(y)
+    known = np.full(n, step**2 / 12.0)
+    first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
+    if step == 0.0 or len(first) == n:
+        return y, known
+    past = np.append(first[1:], n)
+    length = past - first
+    jump = np.diff(y[first])
+    back = np.zeros(len(first) + 2, dtype=bool)  # runs that end where they came from
+    back[2:-2] = jump[1:] * jump[:-1] < 0.0
+    dither = back[1:-1] & (back[:-2] | back[2:])
+    told = known * np.repeat(length, length)
+    lasts = np.append(t[past[:-1]], t[-1]) - t[first]
+    shorter = np.minimum(lasts[1:], lasts[:-1])
+    slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step)
+    at = first[1:]
+    told[at[~slow]] = told[at[~slow] - 1] = step**2 / 12.0
+    at, shorter, jump = at[slow], shorter[slow], jump[slow]
+    share = np.minimum((t[at] - t[at - 1]) / np.maximum(shorter, 1e-9), 1.0)
+    found = y.copy()
+    found[at] += 0.5 * jump * (share - 1.0)
+    told[at] = known[at] * share**2
+    for i in np.flatnonzero(dither):
+        part = slice(first[i], past[i])
+        found[part], told[part] = y[part], known[part]
+    return found, told
 
 
 def _bend(x: Floats) -> Floats:
@@ -160,7 +199,7 @@ def _bend(x: Floats) -> Floats:
 
 
 def _fit_either(
-    runs: list[smoother.Run], floor: float, scale: float,
+    runs: list[smoother.Run], scale: float,
     rolling: smoother.Noise, changing: smoother.Noise,
 ) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
     """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
@@ -169,11 +208,11 @@ def _fit_either(
     """
     some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
-    only, likely = smoother.fit(some, one, floor, rolling, [2.0, 2.0, 2.0])
+    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 2.0, 2.0])
     if _step(runs) > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
-    both, likelier = smoother.fit(some, three, floor, changing, [2.0, 2.0, 2.0, 1.5, 0.7])
+    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 2.0, 2.0, 1.5, 0.7])
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
 
 
@@ -221,7 +260,7 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
     held, K, t = run.clamping_force[s], run.clamping_force_smooth[s], _seconds(run)[s]
     own = (np.diff(held, prepend=np.nan) != 0.0) | (held == K)
     own[[0, -1]] = True
-    return smoother.Run((t - t[0])[own], K[own], *np.zeros((3, np.sum(own))))
+    return smoother.Run((t - t[0])[own], K[own], *np.zeros((4, np.sum(own))))
 
 
 def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:

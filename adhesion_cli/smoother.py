@@ -33,6 +33,7 @@ class Run(NamedTuple):
     u: Floats  # known part of the rate
     s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
     lost: Floats  # variance of ∫u from the sample before, which u at the samples does not show
+    known: Floats  # variance of y's own that adds to the fitted noise
 
 
 class Regimes(NamedTuple):
@@ -150,7 +151,7 @@ def _forward(run: Run, regimes: Regimes, noise: Noise, kept: Floats | None) -> f
     """Log-likelihood of the run; fills `kept` (n, M, 6) where given."""
     table = np.empty((0, len(regimes.follow), 6)) if kept is None else kept
     value: float = compiled.function(_filter)(
-        *_arguments(run, regimes, noise), run.y, noise.measurement, regimes.start,
+        *_arguments(run, regimes, noise), run.y, noise.measurement + run.known, regimes.start,
         regimes.spread**2, table,
     )  # fmt: skip
     return value
@@ -189,7 +190,7 @@ def _predict(
 def _filter(
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats,
-    y: Floats, r: float, start: Floats, spread: float, kept: Floats,
+    y: Floats, r: Floats, start: Floats, spread: float, kept: Floats,
 ) -> float:  # fmt: skip
     """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
     n, M = len(t), len(follow)
@@ -197,7 +198,7 @@ def _filter(
     T, off = np.empty((M, M)), np.empty((M, M))
     for j in range(M):
         now[j, 0], now[j, 1] = y[0], 0.0
-        now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r, 0.0, spread, start[j]
+        now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
     if len(kept) == n:
         kept[0] = now
     total, last_h = 0.0, -1.0
@@ -216,10 +217,10 @@ def _filter(
                     h, gain, ds, follow[j], q,
                 )  # fmt: skip
                 P00 += lost[k]
-                e, S = y[k] - m0, P00 + r
+                e, S = y[k] - m0, P00 + r[k]
                 g0, g1 = P00 / S, P01 / S
                 pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
-                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * r, g1 * r, P11 - g1 * P01
+                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * r[k], g1 * r[k], P11 - g1 * P01
                 off[i, j] = 0.5 * e * e / S
                 W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
                 least = min(least, off[i, j])
@@ -287,7 +288,9 @@ def _backward(
                     G00, G01 = (c0 * P11 - F01 * P01) / det, (F01 * P00 - c0 * P01) / det
                     G10, G11 = (c1 * P11 - F11 * P01) / det, (F11 * P00 - c1 * P01) / det
                     e0, e1 = now[j, 0] - m0, now[j, 1] - m1
-                    D00, D01, D11 = now[j, 2] - P00, now[j, 3] - P01, now[j, 4] - P11
+                    D00, D01, D11 = _gained(
+                        now[j, 2] - P00, now[j, 3] - P01, now[j, 4] - P11, P00, P01, P11, det
+                    )
                     pair[i, j, 0] = f0 + G00 * e0 + G01 * e1
                     pair[i, j, 1] = f1 + G10 * e0 + G11 * e1
                     pair[i, j, 2] = F00 + G00 * G00 * D00 + 2.0 * G00 * G01 * D01 + G01 * G01 * D11
@@ -318,6 +321,24 @@ def _backward(
                 mean += now[j, 5] / mass * now[j, i]
             out[k, 2 * i] = mean
             out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / _Z95
+
+
+def _gained(
+    D00: float, D01: float, D11: float, P00: float, P01: float, P11: float, det: float
+) -> tuple[float, float, float]:
+    """What later samples change of the covariance P (its determinant `det`): D without growth.
+
+    Knowing more never widens what one regime before and one after it leave open; a merged mixture
+    can be wider all the same, and passed on it would grow without end where y tells little. Of
+    D = λ₁PvvᵀP + λ₂PwwᵀP the positive part is left out.
+    """
+    half = (P11 * D00 - 2.0 * P01 * D01 + P00 * D11) / (2.0 * det)
+    root = math.sqrt(max(half * half - (D00 * D11 - D01 * D01) / det, 0.0))
+    high, low = half + root, half - root
+    if high <= 0.0:
+        return D00, D01, D11
+    part = min(low, 0.0) / (high - low + 1e-300)
+    return part * (high * P00 - D00), part * (high * P01 - D01), part * (high * P11 - D11)
 
 
 def _half_width(now: Floats, i: int, mean: float, mass: float) -> float:

@@ -359,7 +359,8 @@ def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.Run, Flo
     step = h * (u[1:] + u[:-1] + delta[1:] + delta[:-1]) / 2.0
     step += random.normal(0.0, np.sqrt(q * h**3 / 12.0))
     level = np.concatenate([[5.0], 5.0 + np.cumsum(step)])
-    return smoother.Run(t, level + random.normal(0.0, math.sqrt(r), n), u, s, s), u + delta
+    y = level + random.normal(0.0, math.sqrt(r), n)
+    return smoother.Run(t, y, u, s, s, s), u + delta
 
 
 ONE = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), 10.0)
@@ -431,7 +432,8 @@ def test_sigma_tells_calm_from_rough() -> None:
     delta = np.cumsum(random.normal(0.0, 1.0, n) * np.sqrt(np.where(rough, 20.0, 1e-4) * h))
     level = np.concatenate([[0.0], np.cumsum(h * (delta[1:] + delta[:-1]) / 2.0)])
     zero = np.zeros(n)
-    run = smoother.Run(t, level + random.normal(0.0, math.sqrt(r), n), zero, zero, zero)
+    y = level + random.normal(0.0, math.sqrt(r), n)
+    run = smoother.Run(t, y, zero, zero, zero, zero)
     leave = np.array([[0.0, 0.1], [0.1, 0.0]])
     two = smoother.Regimes(np.zeros(2), leave, np.array([0.5, 0.5]), 10.0)
     guess = smoother.Noise(1e-3, 0.0, np.array([1e-3, 1.0]))
@@ -451,7 +453,7 @@ def test_compiled_and_plain_loops_agree() -> None:
     noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
     plain_kept, plain = np.empty((30, 2, 6)), np.empty((30, 4))
     arguments = smoother._arguments(run, two, noise)
-    smoother._filter(*arguments, run.y, 0.01, two.start, 100.0, plain_kept)
+    smoother._filter(*arguments, run.y, 0.01 + run.known, two.start, 100.0, plain_kept)
     smoother._backward(*arguments, plain_kept, plain)
     found = smoother.smooth(run, two, noise)
     assert found.level == pytest.approx(plain[:, 0], rel=1e-12)
