@@ -256,9 +256,22 @@ def _pressed(run: AxleRecord) -> list[slice]:
 
 
 def _piece(run: AxleRecord, s: slice) -> smoother.Run:
-    """The pressure's own samples of a piece, not those interpolated to the wheel's times."""
+    """The pressure's own samples of a piece, not those interpolated to the wheel's times.
+
+    Of a slow pressure that repeats its value no one can tell how often it was sampled: as often as
+    where it changes.
+    """
     held, K, t = run.clamping_force[s], run.clamping_force_smooth[s], _seconds(run)[s]
-    own = (np.diff(held, prepend=np.nan) != 0.0) | (held == K)
+    own = np.diff(held, prepend=np.nan) != 0.0
+    same = held == K
+    changes = t[own]
+    if same.all() or len(changes) < 3:
+        own |= same
+    else:
+        interval = float(np.median(np.diff(changes)))
+        for first, past in true_runs(same):
+            count = max(round((t[past - 1] - t[first]) / interval), 1) + 1
+            own[first + np.round(np.linspace(0, past - 1 - first, count)).astype(int)] = True
     own[[0, -1]] = True
     return smoother.Run((t - t[0])[own], K[own], *np.zeros((4, np.sum(own))))
 
@@ -267,7 +280,7 @@ def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smoot
     """Found at the times `known`, at the times t: straight lines, sigma with what they may miss."""
     after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
     part = (t - known[after - 1]) / (known[after] - known[after - 1])
-    missed = _bend(found.level)[after] / 8.0 * 4.0 * part * (1.0 - part)
+    missed = _bend(found.level)[after] * part * (1.0 - part)
     return smoother.Smooth(
         np.interp(t, known, found.level),
         np.hypot(np.interp(t, known, found.level_sigma), missed),
