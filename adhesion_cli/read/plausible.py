@@ -479,6 +479,9 @@ def _speeds(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
             reference = g.rim[1 - i] if i == 0 and len(axles) == 2 else np.full(0, np.nan)
         if not len(reference):
             continue
+        if not 0.8 < (highest := _highest_share(g, i)) < 1.25:
+            found.append(_odd_wheel(a, 1.0 / max(highest, 1e-3), True, vehicle))
+            continue
         m = _match(reference, g.rim[i], g.step, late)
         R = vehicle.radius(a.record.axle)
         allowed = _SIGMAS * R.tolerance / R.value
@@ -491,10 +494,29 @@ def _speeds(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
     return found
 
 
+def _highest_share(g: Grid, i: int) -> float:
+    """A wheel's share of the train's speed when it is highest, for a second; 1 where not known.
+
+    However much it slides, it once comes near the train's speed, and braked it is never beyond.
+    """
+    if g.train is None:
+        return 1.0
+    fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), _CRAWL)
+    share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
+    second = max(3, round(1.0 / g.step))
+
+    def highest(x: Floats) -> float:
+        known = np.sort(x[np.isfinite(x)])
+        return float(known[-second]) if len(known) >= max(second, _LEAST) else 1.0
+
+    braked, any_time = highest(share[g.clamping[i] > 0.0]), highest(share)
+    return any_time if any_time < 1.0 else max(braked, 1.0)
+
+
 def _odd_wheel(a: Axle, scale: float, by_train: bool, vehicle: Vehicle) -> Finding:
     """A wheel speed that is always the same share of what it should be."""
     other = "the train speed" if by_train else "the other axles"
-    text = f"the wheel speed is {1.0 / scale:.3g} times that of {other}, all the time"
+    text = f"the wheel speed is {1.0 / scale:.3g} times that of {other}"
     if not 0.8 < scale < 1.25:
         likely = _others(a.speed, vehicle, lambda x: 0.87 < x / scale < 1.15)
         text += f": state the unit in [channels] speed{_listed(likely)}"
