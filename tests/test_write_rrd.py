@@ -264,3 +264,13 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
     assert {t.name for t in shown.timelines} == {"time", "clock"}
+
+
+def test_a_new_estimator_shifts_no_colour_it_does_not_collide_with() -> None:
+    five = rrd._colours(ALGORITHMS)
+    assert len(set(five.values())) == 5
+    assert rrd._colours(ALGORITHMS[::-1]) == five
+    six = rrd._colours([*ALGORITHMS, "zeta"])  # last in the alphabet: it gives way
+    assert {a: six[a] for a in ALGORITHMS} == five
+    assert len(set(six.values())) == 6
+    assert len(rrd._colours([f"a{i}" for i in range(30)])) == 30  # more names than colours

@@ -9,6 +9,7 @@ import math
 import re
 import textwrap
 import warnings
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,7 +79,7 @@ def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence
 def _write(path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str]) -> None:
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
-    colours = {a: _ESTIMATORS[i % len(_ESTIMATORS)] for i, a in enumerate(dict.fromkeys(known))}
+    colours = _colours(known)
     pages = [_Page(name, result, colours) for name, result in logs]
     identity = hashlib.sha256(" ".join(r.log.sha256 for _, r in logs).encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
@@ -92,6 +93,20 @@ def _write(path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str]
     finally:
         rec.disconnect()
     _verify(path, rows)
+
+
+def _colours(algorithms: Sequence[str]) -> dict[str, int]:
+    """A colour for each name, by the name: another estimator shifts only what it collides with.
+
+    Where two names fall on one colour, the later in the alphabet moves on to the next free one.
+    """
+    places: dict[str, int] = {}
+    n = len(_ESTIMATORS)
+    for name in sorted(set(algorithms)):
+        wanted = zlib.crc32(name.encode()) % n
+        taken = set(places.values())
+        places[name] = next((p for i in range(n) if (p := (wanted + i) % n) not in taken), wanted)
+    return {name: _ESTIMATORS[places[name]] for name in dict.fromkeys(algorithms)}
 
 
 def _verify(path: Path, rows: int) -> None:
