@@ -79,3 +79,8 @@ def test_a_millipascal_is_no_megapascal() -> None:
 def test_any_name_splits_without_loss_of_sense(name: str) -> None:
     _, unit = units.in_name(name)
     assert unit == "" or units.unit(unit) is not None
+
+
+def test_a_unit_nobody_knows_is_told_by_its_name() -> None:
+    assert units.unknown_in("bc_pressure_1 [foo]") == "foo"
+    assert units.unknown_in("bc_pressure_1 [bar]") == units.unknown_in("bc_pressure_1") == ""

@@ -62,19 +62,24 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
         UserError: where the log cannot be read, a unit that is needed cannot be known, or a
             channel has no usable sample.
     """
-    meant, findings = understood(source.fields, mappings)
+    meant, findings = _understood(source, mappings)
     chosen = [m for m in meant if m.meaning]
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):
         spare = m.meaning == "clamping_force" and m.axle in braked  # K comes from p by (15)
         if not m.unit and (spare or m.meaning in _WITHOUT):
             chosen.remove(m)
-            text = f"looks like {m.meaning}, but its unit is not stated: left out"
+            text = f"looks like {m.meaning}, but {_lacks(m)}: left out"
             findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
         else:
             _unit_of(m, source.path)
     log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
     return _without_empty(log)
+
+
+def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
+    """`understood`; a result of ours says itself what it holds, mappings are about raw logs."""
+    return understood(source.fields, () if "adhesion.settings" in source.metadata else mappings)
 
 
 def _without_empty(log: Log) -> Log:
@@ -105,13 +110,13 @@ def _without_empty(log: Log) -> Log:
 
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
-    meant, findings = understood(source.fields, mappings)
+    meant, findings = _understood(source, mappings)
     return _log(source, meant, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, 0))
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     """Every numeric channel of an opened log as it is, in its own unit: for `convert`."""
-    meant, findings = understood(source.fields, mappings)
+    meant, findings = _understood(source, mappings)
 
     def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.
@@ -140,6 +145,14 @@ def _log(
     )  # fmt: skip
 
 
+def _lacks(m: Meant) -> str:
+    """What is wrong with the unit of a channel without one."""
+    for text in (m.field.path, m.field.label, m.field.channel):
+        if wrong := units.unknown_in(text):
+            return f"its name states an unknown unit {wrong!r}"
+    return "its unit is not stated"
+
+
 def _unit_of(m: Meant, path: Path) -> units.Unit:
     """The unit of a channel with a meaning.
 
@@ -154,7 +167,7 @@ def _unit_of(m: Meant, path: Path) -> units.Unit:
         field = f', field = "{m.field.path}"' if m.field.path else ""
         raise UserError(
             f"{path}: channel {title(m.field)!r} looks like the {m.meaning.replace('_', ' ')}, "
-            "but its unit is not stated",
+            f"but {_lacks(m)}",
             f"state it in a TOML given with -c: [channels] {place} = "
             f'{{channel = "{m.field.channel}"{field}, unit = "…"}}; one of {known}',
         )

@@ -132,6 +132,12 @@ def stated(text: str, meaning: Meaning, channel: str) -> Unit:
     return found
 
 
+def unknown_in(name: str) -> str:
+    """What a name has in its last brackets that is no unit we know, "" for nothing."""
+    inside = [text.strip() for text in _BRACKETS.findall(name)]
+    return inside[-1] if inside and not unit(inside[-1]) else ""
+
+
 def in_name(name: str) -> tuple[str, str]:
     """Splits a channel name into its base and the unit written in it, "" where there is none.
 
