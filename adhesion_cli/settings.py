@@ -4,8 +4,10 @@ The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`
 parameters of each estimator in the registry: nothing is listed here a second time.
 """
 
+import copy
 import dataclasses
 import json
+import re
 import tomllib
 from collections.abc import Mapping as Tree
 from collections.abc import Sequence
@@ -28,6 +30,7 @@ _GROUP = {"channel": str, "equals": str}
 _MAPPING = {
     "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
 }  # fmt: skip
+_OF_LOG = ("channels", "csv", "mcap", "selection")  # of the log a result was made from
 _MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -77,32 +80,53 @@ def load(
     config: Path | None = None,
     assignments: Sequence[str] = (),
     base: Tree[str, Any] | None = None,
+    folder: bool = True,
     **read: Any,
 ) -> Settings:
     """Settings from files and `--set`.
 
     Args:
-        config: the `-c` file; None takes `./adhesion.toml` where there is one.
+        config: the `-c` file; what it does not state, `./adhesion.toml` does where there is one.
         assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
-        base: settings a result file carries, weaker than every other.
+        base: settings a result file carries, weaker than every other; how its log was read and
+            what was taken of it is on record there, but nothing of that concerns the result.
+        folder: whether `./adhesion.toml` counts.
         read: reading options from flags.
 
     Raises:
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
     here = Path("adhesion.toml")
-    layers: list[Tree[str, Any]] = [base] if base else []
-    if config or here.is_file():
-        layers.append(_toml(config or here))
-    layers += [_assignment(text) for text in assignments]
+    layers: list[Tree[str, Any]] = []
+    if base:
+        layers.append({k: v for k, v in base.items() if k not in _OF_LOG})
+    if folder and here.is_file():
+        layers.append(_toml(here))
+    if config:
+        layers.append(_toml(config))
+    flags: dict[str, Any] = {}
+    for text in assignments:
+        _merge(flags, _assignment(text))
     tree: dict[str, Any] = {}
-    for layer in layers:
+    for layer in (*layers, flags):
         _merge(tree, _one_spelling(layer))
     return _typed(tree, read)
 
 
-def tree(settings: Settings, algos: Sequence[Estimator]) -> dict[str, Any]:
-    """Every parameter in force, as a TOML would state it; `load(base=…)` takes it back."""
+def tree(
+    settings: Settings,
+    algos: Sequence[Estimator],
+    axles: Sequence[int] = (),
+    window: tuple[float | None, float | None] = (None, None),
+) -> dict[str, Any]:
+    """Every parameter in force, as a TOML would state it; `load(base=…)` takes it back.
+
+    Args:
+        settings: the settings.
+        algos: the estimators that ran.
+        axles: `--axle`, as given.
+        window: `--from` and `--to`, as given.
+    """
     v = settings.vehicle
     plain: dict[str, Any] = {}
     for f in dataclasses.fields(v):
@@ -113,7 +137,31 @@ def tree(settings: Settings, algos: Sequence[Estimator]) -> dict[str, Any]:
     out |= {"slope": settings.slope._asdict(), "bands": settings.bands._asdict()}
     for est in algos:
         out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
-    return out
+    return out | _of_log(settings, axles, window)
+
+
+def _of_log(
+    settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
+) -> dict[str, Any]:
+    """How the log was read and what was taken of it: the sections `_OF_LOG`, where stated."""
+    read = settings.read
+    channels: dict[str, Any] = {}
+    for owner, known in (("time", _TIME), ("group", _GROUP)):
+        stated = {k: getattr(read, f"{owner}_{k}") for k in known}
+        channels[owner] = {k: v for k, v in stated.items() if v is not None}
+    for m in settings.mappings:
+        entry = {k: v for k in _MAPPING if (v := getattr(m, k))}
+        place = channels.setdefault(m.meaning, {})
+        place.update({f"axle {m.axle}": entry} if m.axle else entry)
+    first, last = window
+    taken: dict[str, Any] = {"from": first, "to": last, "axles": list(axles) or None}
+    sections = {
+        "channels": channels,
+        "csv": {k: getattr(read, k) for k in _CSV},
+        "mcap": {k: getattr(read, k) for k in _MCAP},
+        "selection": {**taken, "strict": read.strict},
+    }
+    return {s: {k: v for k, v in of.items() if v not in (None, {})} for s, of in sections.items()}
 
 
 def nested(flat: Tree[str, str]) -> dict[str, Any]:
@@ -145,7 +193,9 @@ def _assignment(text: str) -> dict[str, Any]:
     try:
         parsed = tomllib.loads(f"x = {value}")["x"]
     except tomllib.TOMLDecodeError:
-        parsed = value.strip()  # a bare word is a text
+        value = value.strip()
+        # as people write numbers and TOML does not; else a bare word is a text
+        parsed = float(value) if re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value) else value
     *sections, key = name.strip().split(".")
     out: dict[str, Any] = {key: parsed}
     for section in reversed(sections):
@@ -156,10 +206,17 @@ def _assignment(text: str) -> dict[str, Any]:
 def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
     """Lays `new` over `into`; tables merge, a number laid over `{value, tolerance}` replaces it."""
     for key, value in new.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            _merge(into[key], value)
+        known = into.get(key)
+        if isinstance(value, dict) and isinstance(known, dict) and _alike(known, value):
+            _merge(known, value)
         else:
-            into[key] = dict(value) if isinstance(value, dict) else value
+            into[key] = copy.deepcopy(value)
+
+
+def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
+    """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
+    tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
+    return not tables or ("channel" in a) == ("channel" in b)
 
 
 def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
@@ -172,7 +229,7 @@ def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
         if key not in keys:
             raise unknown("vehicle parameter", key, list(keys))
         if keys[key] in vehicle:
-            message = f"vehicle.{keys[key]} is stated twice, the second time as {key!r}"
+            message = f"vehicle.{keys[key]} is stated twice in one place, once as {key!r}"
             raise UserError(message, "keep one of them", code=2)
         vehicle[keys[key]] = _halved(value) if key == "wheel_diameter" else value
     return {**out, "vehicle": vehicle} if vehicle else out

@@ -27,7 +27,8 @@ def test_precedence_is_set_then_file_then_folder_then_base(tmp_path: Path) -> No
     )
     given = tmp_path / "given.toml"
     given.write_text("friction = 0.25\n")
-    assert settings.load(given).vehicle.axle_mass.value == 4797.0
+    both = settings.load(given).vehicle  # what the file is silent on, the folder's says
+    assert (both.axle_mass.value, both.friction.value) == (5000, 0.25)
     assert settings.load(given, ["vehicle.phi=0.28"]).vehicle.friction.value == 0.28
 
 
@@ -104,3 +105,25 @@ def test_a_broken_file_is_named() -> None:
         settings.load(Path("bad.toml"))
     with pytest.raises(UserError, match="no such file"):
         settings.load(Path("missing.toml"))
+
+
+def test_numbers_as_people_write_them() -> None:
+    assert settings.load(assignments=["vehicle.phi=.35"]).vehicle.friction.value == 0.35
+    assert settings.load(assignments=["vehicle.n=4."]).vehicle.discs.value == 4.0
+    assert settings.load(assignments=["channels.group={channel='a'}", "channels.group.equals=007"])
+    stated = settings.load(assignments=["channels.group.equals=007"]).read.group_equals
+    assert stated == "007"  # a name
+
+
+def test_flags_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(UserError, match="wheel_radius is stated twice"):
+        settings.load(assignments=["vehicle.wheel_diameter=0.9", "vehicle.wheel_radius=0.4"])
+    v = settings.load(assignments=["vehicle.phi=0.2", "vehicle.phi=0.3"]).vehicle
+    assert v.friction.value == 0.3  # the same flag again: the last one counts, as everywhere
+
+
+def test_one_channel_for_all_axles_gives_way_to_one_per_axle() -> None:
+    Path("adhesion.toml").write_text('[channels]\nspeed = {channel = "v", unit = "km/h"}\n')
+    Path("c.toml").write_text('[channels]\nspeed."axle 2" = {channel = "w", unit = "rad/s"}\n')
+    (m,) = settings.load(Path("c.toml")).mappings
+    assert (m.axle, m.channel, m.unit) == (2, "w", "rad/s")
