@@ -38,6 +38,17 @@ def chosen(algos: Sequence[str]) -> list[Estimator]:
     return [known[name] for name in dict.fromkeys(algos)] or list(known.values())
 
 
+def checked(settings: Settings) -> Settings:
+    """The settings, if the methods they name exist.
+
+    Raises:
+        UserError: for a reference nobody knows.
+    """
+    if settings.analysis.reference not in reference.METHODS:
+        raise unknown("reference", settings.analysis.reference, list(reference.METHODS))
+    return settings
+
+
 def analyze(
     path: Path,
     load: Callable[..., Settings],
@@ -67,10 +78,10 @@ def analyze(
     source = open_source(path, settings.read)
     if carried := source.metadata.get("adhesion.settings"):
         settings = load(base=settings_module.nested(carried))
-    if settings.analysis.reference not in reference.METHODS:
-        raise unknown("reference", settings.analysis.reference, list(reference.METHODS))
+    checked(settings)
     vehicle = settings.vehicle
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
+    axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
     records, findings = align.records(log, vehicle, axles, window)
     if train_speed and all(r.train_speed is None for r in records):
@@ -89,7 +100,7 @@ def analyze(
         vehicle,
         tuple(done),
         tuple(dict.fromkeys((*log.findings, *findings))),
-        settings_module.tree(settings, estimators),
+        settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
 
@@ -172,7 +183,7 @@ def _told(
     tell("no-reference", "warning", text, turning & ~np.isfinite(force))
     if not applications:
         text = "no brake application found: estimators are not scored"
-        findings.append(Finding("no-application", "warning", text, f"axle {record.axle}"))
+        findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))
     mu = np.abs(np.nan_to_num(physics.coefficient(force, vehicle)))
     text = f"adhesion coefficient up to {mu.max():.1f}: units or vehicle parameters are wrong"
     tell("implausible", "warning", text, mu > 1.0)

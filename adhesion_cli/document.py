@@ -32,13 +32,15 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
     axles = []
     for axle in result.axles:
         ref = axle.reference
+        # Where the wheel only rolls, force and errors are next to nothing: of no interest.
+        braked = np.r_[axle.applications] if axle.applications else slice(None)
         axles.append(
             {
                 "axle": axle.record.axle,
                 "reference": {
                     "method": ref.method,
-                    "sigma_n": _median(ref.sigma),
-                    "band_n": _median((ref.upper - ref.lower) / 2.0),
+                    "sigma_n": _median(ref.sigma[braked]),
+                    "band_n": _median((ref.upper - ref.lower)[braked] / 2.0),
                 },
                 "estimators": [asdict(s) for s in axle.scores],
             }
@@ -55,6 +57,17 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
         },
         "outputs": outputs,
         "axles": axles,
+        "channels": [
+            {
+                "name": c.name,
+                "field": c.field,
+                "meaning": c.meaning,
+                "axle": c.axle,
+                "unit": c.unit,
+                "reason": c.reason,
+            }
+            for c in used
+        ],
         "findings": findings_document(result.findings),
     }
 

@@ -1,12 +1,13 @@
 """What is in a log, without judging it: the `adhesion.inspect/1` document."""
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from .document import iso
 from .errors import UserError
-from .model import Finding
+from .model import Finding, Log
 from .read import align
 from .read.log import open_source, survey
 from .settings import Settings
@@ -39,6 +40,7 @@ def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], 
         "format": log.format,
         "status": "damaged" if "error" in worst else "ok",
         "rows_read": log.rows_read,
+        "start": iso(first) if log.absolute and log.channels else None,
         "duration_s": (last - first) / 1e9,
         "time": source.time_reason,
         "stated": source.stated,
@@ -56,9 +58,10 @@ def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], 
     return doc, 3 if worst - {"info"} else 0
 
 
-def _of_records(log: Any, settings: Settings) -> list[Finding]:
+def _of_records(log: Log, settings: Settings) -> list[Finding]:
     """What only the channels together show, as a frozen speed; or why there is no record."""
+    full = replace(log, channels=tuple(c for c in log.channels if len(c.data.t)))
     try:
-        return align.records(log, settings.vehicle)[1]
+        return align.records(full, settings.vehicle)[1]
     except UserError as error:
         return [Finding("not-analysable", "info", f"{error.text}; {error.hint}")]

@@ -1,5 +1,6 @@
 """The command as users run it: real processes, real files."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -7,6 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from adhesion_cli import settings
+from adhesion_cli.read.log import open_source
+from adhesion_cli.read.source import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "sample_logs"
@@ -145,7 +150,7 @@ GOOD = "analyze a.csv"
         (GOOD, HEADER + "0.0,1.0,70.0\n", 1, "a.csv"),
         (GOOD, HEADER + "".join(f"{i},nan,nan\n" for i in range(50)), 1, "no usable"),
         (GOOD, HEADER + "".join(f"1.0,{i},{70 - i}\n" for i in range(50)), 1, "a.csv"),
-        (GOOD, rows().replace("[bar]", "[furlong]"), 1, "unit"),
+        (GOOD, rows().replace("[bar]", "[furlong]"), 1, "unknown unit 'furlong'"),
         (GOOD, rows().replace(" [bar]", ""), 1, "unit"),
         (GOOD, rows().replace("bc pressure", "temperature").replace("bar", "degC"), 1, "pressure"),
         (GOOD + " --algo nesso", rows(), 2, "neso"),
@@ -237,3 +242,139 @@ def test_a_real_log_of_three_trains(run: Run) -> None:
     axles = json.loads(done.stdout)["results"][0]["axles"]
     assert [a["axle"] for a in axles] == [1, 2]
     assert all(e["rmse_n"] is not None for a in axles for e in a["estimators"])
+
+
+def test_options_a_command_has_no_use_for_are_refused(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows(40))
+    for command in (
+        "inspect a.csv --algo neso", "convert a.csv b.mcap --from 1", "view a.rrd --set neso.k=1",
+        "convert a.csv b.mcap --axle 1", "estimators --view", "recover a.mcap -o b.mcap --algo td",
+    ):  # fmt: skip
+        done = run(*command.split())
+        assert done.returncode == 2, command
+        assert "No such option" in done.stderr
+    assert {p.name for p in tmp_path.iterdir()} == {"a.csv"}
+
+
+def test_debug_adds_the_traceback_and_changes_nothing_else(run: Run) -> None:
+    for command in ("analyze missing.csv --json", "analyze missing.csv", "analyze --bogus"):
+        plain, debug = run(*command.split()), run(*command.split(), "--debug")
+        assert (debug.returncode, debug.stdout) == (plain.returncode, plain.stdout)
+        assert debug.stderr.endswith(plain.stderr)
+        assert "Traceback" in debug.stderr
+        assert "Traceback" not in plain.stderr
+
+
+@pytest.mark.parametrize(
+    "wrong", ["--algo nesso", "--set nesso.k=1", "--reference s", "--axle 0", "--from 5 --to 5"]
+)
+def test_wrong_arguments_are_told_before_existing_results(
+    run: Run, tmp_path: Path, wrong: str
+) -> None:
+    (tmp_path / "a.csv").write_text(rows(40))
+    for kind in ("adhesion", "compare"):
+        (tmp_path / f"a.{kind}.mcap").write_text("kept")
+    for command in ("analyze", "compare"):
+        assert run(command, "a.csv", *wrong.split()).returncode == 2
+
+
+def test_of_several_logs_all_are_analysed_or_none_is_written(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    (tmp_path / "b.csv").write_text(rows(start=7.0))
+    (tmp_path / "bare.csv").write_text(rows().replace(" [bar]", ""))  # opens, says no unit
+    (tmp_path / "empty.csv").write_text("")
+    before = {p.name for p in tmp_path.iterdir()}
+    for bad in ("bare.csv", "empty.csv", "missing.csv"):
+        done = run("analyze", "a.csv", bad, "b.csv", "--json")
+        assert done.returncode == 1
+        assert bad in json.loads(done.stdout)["error"]
+        assert {p.name for p in tmp_path.iterdir()} == before
+    done = run("analyze", "a.csv", "b.csv", "--json", "--algo", "td", "--algo", "td")
+    assert done.returncode == 0, done.stderr
+    results = json.loads(done.stdout)["results"]
+    assert [r["outputs"]["mcap"] for r in results] == ["a.adhesion.mcap", "b.adhesion.mcap"]
+    assert all((tmp_path / path).exists() for r in results for path in r["outputs"].values())
+    assert [e["algo"] for e in results[0]["axles"][0]["estimators"]] == ["td"]
+
+
+def test_an_axle_named_twice_is_analysed_once(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    once, twice = (
+        json.loads(run("compare", "a.csv", *axles, "--json", "--force").stdout)
+        for axles in (("--axle", "1"), ("--axle", "1", "--axle", "1"))
+    )
+    assert once == twice
+
+
+def test_mappings_of_raw_logs_do_not_concern_results(run: Run, tmp_path: Path) -> None:
+    text = rows().replace("bc pressure [bar]", "x").replace("wheel speed [km/h]", "y")
+    (tmp_path / "raw.csv").write_text(text)
+    (tmp_path / "map.toml").write_text(
+        '[channels]\npressure = {channel = "x", unit = "bar"}\nspeed."axle 1" = '
+        '{channel = "y", unit = "km/h"}\n[vehicle]\nfriction = 0.2\n'
+    )
+    chosen = ("-c", "map.toml", "--algo", "td", "--json")
+    first = run("analyze", "raw.csv", *chosen, "--from", "1", "--axle", "1")
+    assert first.returncode == 0, first.stderr + first.stdout
+    (result,) = json.loads(first.stdout)["results"]
+    assert [(c["name"], c["meaning"], c["unit"]) for c in result["channels"]] == [
+        ("x", "pressure", "bar"), ("y", "wheel_speed", "km/h"),
+    ]  # fmt: skip
+    done = run("compare", "raw.adhesion.mcap", "raw.csv", *chosen, "--from", "1")
+    assert done.returncode == 0, done.stderr + done.stdout
+    seen = run("inspect", "raw.adhesion.mcap", "-c", "map.toml", "--json")
+    assert seen.returncode == 0, seen.stdout
+
+    metadata = open_source(tmp_path / "raw.adhesion.mcap", ReadOptions()).metadata
+    carried = settings.nested(metadata["adhesion.settings"])
+    assert carried["channels"]["pressure"] == {"channel": "x", "unit": "bar"}
+    assert carried["channels"]["wheel_speed"]["axle 1"] == {"channel": "y", "unit": "km/h"}
+    assert carried["selection"] == {"from": 1.0, "axles": [1], "strict": False}
+    again = settings.load(base=carried, folder=False)
+    assert again.mappings == ()
+    assert again.vehicle.friction.value == 0.2
+    metrics = json.loads(metadata["adhesion.metrics"]["json"])
+    assert metrics["results"][0]["channels"] == result["channels"]
+
+
+def test_errors_of_the_reference_are_those_while_braking(run: Run, tmp_path: Path) -> None:
+    lines = rows(3000).splitlines()
+    lines[501:] = [line.rsplit(",", 2)[0] + ",0.0,54.0" for line in lines[501:]]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    done = run("analyze", "a.csv", "--algo", "td", "--json")
+    (axle,) = json.loads(done.stdout)["results"][0]["axles"]
+    assert axle["reference"]["band_n"] > 100.0  # 10 % of the pad friction on some kN
+
+
+def test_view_makes_a_recording_anew_and_keeps_the_set_whole(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    assert run("analyze", "a.csv", "--algo", "td", "--set", "vehicle.phi=0.2").returncode == 0
+    recording, manifest = tmp_path / "a.adhesion.rrd", tmp_path / "a.adhesion.sha256"
+    recording.unlink()
+    (tmp_path / "adhesion.toml").write_text("friction = 0.25\n")  # came later than the result
+    code = "import sys; from pathlib import Path; from adhesion_cli.cli import view\n"
+    code += "view.show_recording = lambda path: print(path)\n"  # no window in a test
+    code += "sys.exit(view.command(result=Path('a.adhesion.mcap'), quiet=True, debug=False))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "a.adhesion.rrd\n"
+    told = dict(reversed(x.split("  ")) for x in manifest.read_text().splitlines()[1:])
+    assert told == {
+        p.name: hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in (tmp_path / "a.adhesion.mcap", recording)
+    }
+
+
+def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "time,bc pressure [bar],wheel speed [km/h],train speed [km/h]\n"
+        + "".join(f"2024-11-05T07:12:0{i}Z,{i}.0,{70 - i},\n" for i in range(4))
+    )
+    done = run("inspect", "a.csv", "--json")
+    (log,) = json.loads(done.stdout)["logs"]
+    assert log["status"] == "ok"
+    assert log["start"] == "2024-11-05T07:12:00Z"
+    (train,) = (c for c in log["channels"] if c["meaning"] == "train_speed")
+    assert (train["rows"], train["valid"]) == (4, 0)

@@ -1,17 +1,21 @@
 """`adhesion analyze`: the main job."""
 
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import Logs, Shared, loader, shared
+from .options import EVERY, Logs, Shared, checked, shared
 
 if TYPE_CHECKING:
     from ..model import Result
 
 
-@shared
+@shared(*EVERY)
 def command(logs: Logs, shared: Shared) -> int:
     """Compute reference and estimates of each log; write .adhesion.mcap and .adhesion.rrd.
+
+    Of several logs all are analysed before anything is written: one that fails leaves no results.
 
     Example: adhesion analyze log.mcap -c vehicle.toml
     """
@@ -20,28 +24,30 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..write import files
     from . import show
 
+    load = checked(shared, logs)
     folder = shared.out or Path()
     paths = [outputs(folder, log, "adhesion") for log in logs]
     files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
-    entries = []
-    for log, pair in zip(logs, paths, strict=True):
-        result = analyze(
-            log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to),
+    results = [
+        analyze(
+            log, load, shared.algo, shared.axle, (shared.from_, shared.to),
             show.progress(shared.quiet),
-        )  # fmt: skip
-        write(result, pair, shared.force)
-        entries.append(entry(result, named(pair)))
-        if not shared.json:
-            print(show.summary(result, entries[-1]))
-            show.message(show.findings(result.findings), shared.quiet or not result.findings)
+        )
+        for log in logs
+    ]  # fmt: skip
+    write(results, paths, shared.force)
+    entries = [entry(r, named(pair)) for r, pair in zip(results, paths, strict=True)]
     if shared.json:
         print(dumps(document(entries)))
+    else:
+        for result, one in zip(results, entries, strict=True):
+            print(show.summary(result, one))
+            show.message(show.findings(result.findings), shared.quiet or not result.findings)
     if shared.view:
         from .view import show_recording
 
         show_recording(paths[-1][1])
-    lossy = any(f["severity"] != "info" for e in entries for f in e["findings"])
-    return 3 if lossy else 0
+    return 3 if any(show.lossy(r.findings) for r in results) else 0
 
 
 def outputs(folder: Path, log: Path, kind: str) -> tuple[Path, Path]:
@@ -58,14 +64,17 @@ def named(pair: tuple[Path, Path]) -> dict[str, str]:
     return {"mcap": str(pair[0]), "rrd": str(pair[1])}
 
 
-def write(result: "Result", pair: tuple[Path, Path], force: bool) -> None:
-    """Writes both files of one result, together or not at all."""
+def write(results: "Sequence[Result]", pairs: Sequence[tuple[Path, Path]], force: bool) -> None:
+    """Writes both files of each result; none gets its name before all are written."""
     from .. import estimator
     from ..write import files, mcap, rrd
 
-    with files.outputs(pair, force, inputs=[Path(result.log.path)]) as (record, picture):
-        mcap.write_result(record, result, embedded([result]))
-        rrd.write_result(picture, result, list(estimator.registry()))
+    inputs = [Path(result.log.path) for result in results]
+    with ExitStack() as stack:
+        for result, pair in zip(results, pairs, strict=True):
+            record, picture = stack.enter_context(files.outputs(pair, force, inputs=inputs))
+            mcap.write_result(record, result, embedded([result]))
+            rrd.write_result(picture, result, list(estimator.registry()))
 
 
 def embedded(results: "list[Result]") -> str:

@@ -6,6 +6,7 @@ Commands import what they need when they run, so that help and completion are in
 import os
 import signal
 import sys
+import traceback
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -71,13 +72,10 @@ def _root(
 def main() -> NoReturn:
     """Runs the command line and exits: 0 done, 1 failed, 2 wrong arguments, 3 data lost."""
     signal.signal(signal.SIGTERM, _terminated)
-    debug = "--debug" in sys.argv
     try:
         code = app(standalone_mode=False) or 0
         sys.stdout.flush()
     except UserError as error:
-        if debug:
-            raise
         code = _failed(error.text, error.hint, error.code)
     except _ClickError as error:
         command = error.ctx.command_path if getattr(error, "ctx", None) else "adhesion"
@@ -89,12 +87,8 @@ def main() -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 1
     except (OSError, MemoryError) as error:
-        if debug:
-            raise
         code = _failed(_of_system(error), "free the resource and run again; --debug shows where", 1)
     except Exception as error:
-        if debug:
-            raise
         text = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
         code = _failed(text, "run again with --debug and report what it shows", 1)
     sys.exit(code)
@@ -111,8 +105,14 @@ def _of_system(error: OSError | MemoryError) -> str:
 
 
 def _failed(text: str, hint: str, code: int) -> int:
-    """Says what went wrong: two lines on stderr, or with --json a document on stdout."""
+    """Says what went wrong: two lines on stderr, or with --json a document on stdout.
+
+    With --debug the traceback goes before it, to stderr; nothing else changes.
+    """
     from ..text import printable
+
+    if "--debug" in sys.argv:
+        traceback.print_exc()
 
     if "--json" in sys.argv:
         import json

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, loader, shared
+from .options import EVERY, Shared, checked, shared
 
 
-@shared
+@shared(*EVERY)
 def command(
     shared: Shared,
     logs: Annotated[
@@ -32,11 +32,12 @@ def command(
     if not logs:
         logs = [_newest()]
         show.message(f"no log given: comparing {logs[0]}", shared.quiet)
+    load = checked(shared, logs)
     pair = outputs(shared.out or Path(), logs[0], "compare")
     files.check(pair, shared.force, inputs=logs)
     results = [
         analyze(
-            log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to),
+            log, load, shared.algo, shared.axle, (shared.from_, shared.to),
             show.progress(shared.quiet),
         )
         for log in logs

@@ -8,7 +8,7 @@ import typer
 from .options import Shared, loader, shared
 
 
-@shared
+@shared("config", "set_", "json", "force", "strict")
 def command(
     log: Annotated[Path, typer.Argument(metavar="IN", help="Log: CSV or MCAP.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv or .mcap.")],
@@ -24,10 +24,8 @@ def command(
     from . import show
 
     write = writer(target)
-    if shared.out:
-        target = shared.out / target
-    files.check([target], shared.force, inputs=[log])
     settings = loader(shared)()
+    files.check([target], shared.force, inputs=[log])
     result = unchanged(open_source(log, settings.read), settings.mappings)
     with files.outputs([target], shared.force, inputs=[log]) as (temporary,):
         write(temporary, result)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ..estimator import Estimator
 
 
-@shared
+@shared("config", "set_", "out", "algo", "axle", "json", "force")
 def command(
     shared: Shared,
     response: Annotated[
@@ -74,9 +74,9 @@ def _response(known: "list[Estimator]", shared: Shared) -> int:
     from ..write import files, svg
     from . import show
 
+    settings = loader(shared)()
     picture = (shared.out or Path()) / "response.svg"
     files.check([picture], shared.force)
-    settings = loader(shared)()
     w = wheelset(settings.vehicle, min(shared.axle, default=1))
     found = [r for e in known for r in responses(e, settings.params(e), w)]
     with files.outputs([picture], shared.force) as (temporary,):

@@ -7,7 +7,7 @@ from .options import Logs, Shared, loader, shared
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 
 
-@shared
+@shared("config", "set_", "json", "strict")
 def command(logs: Logs, shared: Shared) -> int:
     """Show channels, what each means and why, units, rates, gaps and everything found.
 

@@ -5,13 +5,18 @@ from typing import Annotated
 
 import typer
 
+from .options import Shared, shared
 
+
+@shared("json", "force", "strict")
 def command(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Damaged MCAP log.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="MCAP to write.")],
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    shared: Shared,
 ) -> int:
     """Write what is whole in a damaged MCAP as a valid one; exit code 3 where something was lost.
+
+    With --strict: refuse where something was lost.
 
     Example: adhesion recover damaged.mcap -o whole.mcap
     """
@@ -20,9 +25,18 @@ def command(
     from ..write import files
     from . import show
 
-    files.check([out], force, inputs=[log])
-    with files.outputs([out], force, inputs=[log]) as (temporary,), temporary.open("wb") as target:
-        found = copy_whole(log, target, ReadOptions())
-    show.message(show.findings(found), quiet=not found)
-    print(f"wrote {out}")
+    files.check([out], shared.force, inputs=[log])
+    with (
+        files.outputs([out], shared.force, inputs=[log]) as (temporary,),
+        temporary.open("wb") as target,
+    ):
+        found = copy_whole(log, target, ReadOptions(strict=shared.strict))
+    if shared.json:
+        from ..document import dumps, findings_document
+
+        told = findings_document(found)
+        print(dumps({"schema": "adhesion.recover/1", "output": str(out), "findings": told}))
+    else:
+        show.message(show.findings(found), shared.quiet or not found)
+        print(f"wrote {out}")
     return 3 if show.lossy(found) else 0

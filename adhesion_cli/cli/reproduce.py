@@ -1,21 +1,13 @@
 """`adhesion reproduce`: the paper's tables and figures beside ours."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
+from .options import Shared, shared
 
 
-def command(
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No messages but errors.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Open them in the Rerun viewer.")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
-) -> int:
+@shared("out", "json", "force", "view")
+def command(shared: Shared) -> int:
     """Reproduce the paper's sections 3 and 4; write reproduce.mcap, .rrd and .svg.
 
     Says which reading of the text each number rests on, and what another one would give.
@@ -28,20 +20,20 @@ def command(
     from ..write import files, mcap, rrd, svg
     from .show import progress
 
-    paths = [(out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
-    files.check(paths, force)
-    made = reproduce(tell=progress(quiet))
-    with files.outputs(paths, force) as (record, recording, figure):
+    paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
+    files.check(paths, shared.force)
+    made = reproduce(tell=progress(shared.quiet))
+    with files.outputs(paths, shared.force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
         rrd.write_comparison(recording, made.results, list(registry()))
         svg.write(figure, "The paper, reproduced", panels(made), columns=3)
-    if json:
+    if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}
         print(dumps({**made.document, "outputs": outputs}))
     else:
         print("\n\n".join(report(made.document)))
         print("\n" + "\n".join(f"wrote {path}" for path in paths))
-    if view:
+    if shared.view:
         from .view import show_recording
 
         show_recording(paths[1])

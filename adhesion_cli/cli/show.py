@@ -31,6 +31,11 @@ def number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 
+def _newtons(value: float | None) -> str:
+    """A force's error [N], with one decimal where that says more."""
+    return number(value, 1 if value is not None and value < 10.0 else 0)
+
+
 def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
     """The table of estimators, whatever stands in the first column."""
     header = [
@@ -88,8 +93,8 @@ def summary(result: Result, entry: dict[str, Any]) -> str:
         reference = axle["reference"]
         lines.append(
             f"axle {axle['axle']}: reference {reference['method']}, "
-            f"noise ±{number(reference['sigma_n'])} N (1 sigma), "
-            f"95 % band with vehicle tolerances ±{number(reference['band_n'])} N"
+            f"noise ±{_newtons(reference['sigma_n'])} N (1 sigma), "
+            f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
         )
     lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores], "axle"))
     return "\n".join([*lines, *(f"wrote {path}" for path in entry["outputs"].values())])

@@ -5,8 +5,12 @@ from typing import Annotated
 
 import typer
 
+from .options import Shared, shared
 
+
+@shared("json", "force")
 def command(
+    shared: Shared,
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.")
     ] = "",
@@ -21,10 +25,6 @@ def command(
         float | None,
         typer.Option("--dt", metavar="S", min=1e-6, max=0.02, help="Step, for the scenario's."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No messages but errors.")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> int:
     """Simulate a scenario and write what its sensors log, with the true force beside it.
 
@@ -39,7 +39,7 @@ def command(
 
     if list_:
         known = simulate.scenarios()
-        if json:
+        if shared.json:
             print(dumps({"schema": "adhesion.scenarios/1", "scenarios": known}))
         else:
             print(show.table(["scenario", "what"], list(known.items()), left=2))
@@ -49,14 +49,14 @@ def command(
         raise UserError("simulate needs a SCENARIO and -o FILE", hint, code=2)
     write = writer(out)
     inputs = [Path(scenario)]
-    files.check([out], force, inputs=inputs)
-    tell = show.progress(quiet)
+    files.check([out], shared.force, inputs=inputs)
+    tell = show.progress(shared.quiet)
     tell(f"simulating {scenario}")
     log = simulate.as_log(simulate.run(simulate.load(scenario), seed, dt))
     tell(f"writing {out}")
-    with files.outputs([out], force, inputs=inputs) as (temporary,):
+    with files.outputs([out], shared.force, inputs=inputs) as (temporary,):
         write(temporary, log)
-    if json:
+    if shared.json:
         print(dumps({
             "schema": "adhesion.simulate/1", "scenario": log.path, "output": str(out),
             "channels": len(log.channels), "samples": log.rows_read,

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import Logs, Shared, loader, shared
+from .options import EVERY, Logs, Shared, checked, shared
 
 if TYPE_CHECKING:
     from ..slip import Summary
 
 
-@shared
+@shared(*EVERY)
 def command(logs: Logs, shared: Shared) -> int:
     """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
 
@@ -24,13 +24,14 @@ def command(logs: Logs, shared: Shared) -> int:
     from . import show
     from .analyze import outputs, write
 
+    load = checked(shared, logs)
     paths = [outputs(shared.out or Path(), log, "slip") for log in logs]
     files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
     axles, found = [], []
     for log, pair in zip(logs, paths, strict=True):
         tell = show.progress(shared.quiet)
         result = analyze(
-            log, loader(shared), shared.algo, shared.axle, (shared.from_, shared.to), tell,
+            log, load, shared.algo, shared.axle, (shared.from_, shared.to), tell,
             train_speed=True,
         )  # fmt: skip
         findings, summaries = list(result.findings), []
@@ -40,7 +41,7 @@ def command(logs: Logs, shared: Shared) -> int:
             summaries.append(one)
             findings += told
         start = result.log.start_ns()
-        write(result, pair, shared.force)
+        write([result], [pair], shared.force)
         axles += [slip_axle(str(log), start, s) for s in summaries]
         found += findings
         if not shared.json:

@@ -1,15 +1,16 @@
 """`adhesion view`: a result in the Rerun viewer."""
 
+import functools
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import Shared, loader, shared
+from .options import Shared, shared
 
 
-@shared
+@shared()
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result: .mcap or .rrd.")],
     shared: Shared,
@@ -20,13 +21,20 @@ def command(
     """
     recording = result.with_suffix(".rrd")
     if result.suffix == ".mcap" and not _is_fresh(recording, result):
-        from .. import estimator
-        from ..analysis import analyze
+        from .. import analysis, settings
+        from ..estimator import registry
+        from ..read.log import open_source
+        from ..read.source import ReadOptions
         from ..write import files, rrd
+        from . import show
 
-        analysed = analyze(result, loader(shared))
-        with files.outputs([recording], force=True, inputs=[result]) as (picture,):
-            rrd.write_result(picture, analysed, list(estimator.registry()))
+        carried = open_source(result, ReadOptions()).metadata.get("adhesion.settings", {})
+        known = list(registry())
+        ran = [name for name in known if name in settings.nested(carried)]
+        load = functools.partial(settings.load, folder=False)  # as the result was made
+        analysed = analysis.analyze(result, load, ran, tell=show.progress(shared.quiet))
+        with files.outputs([recording], force=True, record=result) as (picture,):
+            rrd.write_result(picture, analysed, known)
     show_recording(recording)
     return 0
 

@@ -83,7 +83,11 @@ def check_distinct(paths: Sequence[Path]) -> None:
 
 @contextmanager
 def outputs(
-    paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()
+    paths: Sequence[Path],
+    force: bool,
+    *,
+    inputs: Sequence[Path] = (),
+    record: Path | None = None,
 ) -> Iterator[list[Path]]:
     """Places to write to; on leaving without an exception they get their names, all or none.
 
@@ -93,6 +97,7 @@ def outputs(
         paths: final names, in one folder; the first is the record the others are made from.
         force: whether existing results may be replaced.
         inputs: what the run reads, which must survive.
+        record: the first of the set, where it is there already and `paths` is made from it anew.
 
     Yields:
         One path to write to for each final name. They may have no suffix.
@@ -100,15 +105,16 @@ def outputs(
     Raises:
         UserError: as `check`, or the disk is full, fails or refuses.
     """
-    check(paths, force, inputs=inputs)
+    kept = [record] if record else []
+    check(paths, force, inputs=[*inputs, *kept])
     folder = paths[0].parent
     try:
         with ExitStack() as stack:
             files = [stack.enter_context(_Unnamed(folder)) for _ in paths]
             yield [f.path for f in files]
             targets = list(paths)
-            if len(paths) > 1:
-                text = _manifest(paths, files)
+            if len(paths) + len(kept) > 1:
+                text = _manifest([*kept, *paths], [*kept, *(f.path for f in files)])
                 targets.append(paths[0].with_suffix(".sha256"))
                 files.append(stack.enter_context(_Unnamed(folder)))
                 files[-1].path.write_text(text, "utf-8")
@@ -196,10 +202,10 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _manifest(paths: Sequence[Path], files: Sequence[_Unnamed]) -> str:
+def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> str:
     lines = [_OURS]
-    for path, file in zip(paths, files, strict=True):
-        with file.path.open("rb") as content:
+    for path, place in zip(paths, written, strict=True):
+        with place.open("rb") as content:
             lines.append(f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {path.name}\n")
     return "".join(lines)
 
