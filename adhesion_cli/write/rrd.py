@@ -9,7 +9,6 @@ import math
 import re
 import textwrap
 import warnings
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,7 +102,7 @@ def _colours(algorithms: Sequence[str]) -> dict[str, int]:
     places: dict[str, int] = {}
     n = len(_ESTIMATORS)
     for name in sorted(set(algorithms)):
-        wanted = zlib.crc32(name.encode()) % n
+        wanted = int(hashlib.sha256(name.encode()).hexdigest(), 16) % n
         taken = set(places.values())
         places[name] = next((p for i in range(n) if (p := (wanted + i) % n) not in taken), wanted)
     return {name: _ESTIMATORS[places[name]] for name in dict.fromkeys(algorithms)}
