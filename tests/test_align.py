@@ -199,3 +199,19 @@ def test_a_locked_wheel_is_told_from_a_train_that_stands() -> None:
     channels = [channel("wheel_speed", t, stops, n) for n in (1, 2)]
     _, findings = align.records(log(channel("pressure", t, p), *channels), Vehicle())
     assert "wheel-locked" not in {f.code for f in findings}
+
+
+def test_spikes_and_broken_wires_are_left_out() -> None:
+    t, p, y = brake()
+    y, p = y + 0.003 * np.sin(1e3 * t), p.copy()
+    y[300], y[500] = 9999.0, 0.0
+    p[700:720] = -1.25 * BAR
+    (record,), findings = align.records(
+        log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
+    )
+    counts = {f.code: f.count for f in findings}
+    assert counts["speed-spike"] == 2
+    assert counts["pressure-impossible"] == 20
+    assert record.wheel_speed.max() < 51.0
+    assert record.pressure is not None
+    assert record.pressure.min() >= 0.0

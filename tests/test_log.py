@@ -92,3 +92,14 @@ def test_an_empty_channel_is_told_and_breaks_nothing(tmp_path: Path) -> None:
     log = read(source, (), Vehicle())
     assert {c.meaning for c in log.channels} == {"pressure", "wheel_speed"}
     assert codes(log)["empty-channel"] == 1
+
+
+def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -> None:
+    lines = [f"{i / 10},{101.3 + max(i - 20, 0) * 10},10" for i in range(50)]
+    (tmp_path / "a.csv").write_text("t [s],bc [kPa],wheel speed [m/s]\n" + "\n".join(lines) + "\n")
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    assert codes(read(source, (), Vehicle()))["pressure-absolute"] == 1
+    stated = read(source, (Mapping("pressure", None, "bc", unit="kPa abs"),), Vehicle())
+    assert "pressure-absolute" not in codes(stated)
+    pressure = next(c for c in stated.channels if c.meaning == "pressure")
+    assert abs(pressure.data.value[0]) < 100.0

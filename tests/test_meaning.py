@@ -156,3 +156,7 @@ def test_a_topic_and_field_in_one_column_header() -> None:
     assert seen("/axle/1/input.train_speed [m/s]", "/axle/1/input.wheel_speed [rad/s]") == [
         (TRAIN, 1, "m/s"), (WHEEL, 1, "rad/s"),
     ]  # fmt: skip
+
+
+def test_a_pressure_that_the_name_calls_absolute() -> None:
+    assert seen("brake cylinder pressure abs [kPa]") == [(PRESSURE, None, "kPa abs")]

@@ -80,11 +80,14 @@ def records(
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
         since = (brake.data.t - log.start_ns()) / 1e9
-        stuck = checks.stuck_pressure(brake, beside)
-        told = _told_of_pressure(brake, stuck, _inside(since, window), since)
+        stuck, below = checks.stuck_pressure(brake, beside), checks.impossible(brake)
+        told = _told_of_pressure(brake, stuck, below, _inside(since, window), since)
+        spikes = checks.spikes(speed)
+        told += _told_of_spikes(speed, spikes, log.start_ns(), window)
         record, more = _record(
             log, vehicle, axle, window,
-            speed, _without(brake, stuck), train, _of(truths, axle), moving,
+            _without(speed, spikes), _without(brake, stuck | below), train, _of(truths, axle),
+            moving,
         )  # fmt: skip
         findings += [*told, *more] if axle in asked else []
         if record:
@@ -107,7 +110,19 @@ def _inside(since: Floats, window: Window) -> Bools:
     return inside
 
 
-def _told_of_pressure(brake: Channel, stuck: Bools, inside: Bools, since: Floats) -> list[Finding]:
+def _told_of_spikes(speed: Channel, spikes: Bools, start_ns: int, window: Window) -> list[Finding]:
+    since = (speed.data.t - start_ns) / 1e9
+    where = spikes & _inside(since, window)
+    if not where.any():
+        return []
+    text = "single samples that no wheel can reach and leave again: left out"
+    first = float(since[np.argmax(where)])
+    return [Finding("speed-spike", "warning", text, speed.title, int(where.sum()), first)]
+
+
+def _told_of_pressure(
+    brake: Channel, stuck: Bools, below: Bools, inside: Bools, since: Floats
+) -> list[Finding]:
     """What the pressure's own samples show."""
     findings = []
     for code, message, where in (
@@ -115,6 +130,9 @@ def _told_of_pressure(brake: Channel, stuck: Bools, inside: Bools, since: Floats
          f"the {brake.meaning} repeats one value while its noise or the other axles say it must "
          "change: left out; check the sensor, or name another channel in [channels]",
          stuck & inside),
+        ("pressure-impossible",
+         f"the {brake.meaning} is far below zero: a broken sensor or wire; left out",
+         below & inside),
         ("pressure-saturated",
          f"the {brake.meaning} stands at its highest value without its noise: the sensor's range "
          "ends there, the true one is higher and so is the force; leave it out with --from and "

@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats
+from ..physics import white_noise
 from . import timeaxis
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
+_HARDEST = 250.0  # far more than any wheel is slowed or driven by [rad/s²]
+_VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
 
 
@@ -92,6 +95,37 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
         & (_leap(y, runs) > 0.3 * expected)
     )
     return _repeats(len(y), runs, stuck)
+
+
+def spikes(speed: Channel) -> Bools:
+    """Single samples of a wheel speed that no wheel can reach and leave again, shape (n,).
+
+    Away from both neighbours, which agree with each other, by more than the noise and what the
+    hardest brake or slide could do in the time between.
+    """
+    t, y = speed.data.t, speed.data.value
+    found = np.zeros(len(t), dtype=np.bool_)
+    if len(t) < 5:
+        return found
+    dt = np.diff(t) / 1e9
+    noise = 8.0 * np.sqrt(white_noise([y])) + 6.0 * speed.step
+    could = _HARDEST * np.abs(dt) + noise
+    away = np.diff(y)
+    there, back = away[:-1], away[1:]
+    found[1:-1] = (
+        (np.abs(there) > could[:-1])
+        & (np.abs(back) > could[1:])
+        & (np.sign(there) == -np.sign(back))
+        & (np.abs(there + back) < np.minimum(np.abs(there), np.abs(back)) / 2.0)
+        & (np.diff(t)[:-1] > 0)
+        & (np.diff(t)[1:] > 0)
+    )
+    return found
+
+
+def impossible(pressure: Channel) -> Bools:
+    """Samples of a pressure that no brake cylinder can have: well below atmosphere; shape (n,)."""
+    return pressure.data.value < _VACUUM
 
 
 def locked(speed: Channel, others: Sequence[Channel]) -> Bools:

@@ -207,6 +207,12 @@ def _channel(
         else:
             data = replace(data, value=factor * data.value + unit.offset)
             step *= factor
+        if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
+            text = (
+                "never much below 1 bar, where a released brake cylinder has 0 above atmosphere; "
+                f'if it counts from vacuum, state unit = "{m.unit} abs" in [channels]'
+            )
+            findings.append(Finding("pressure-absolute", "warning", text, told))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
     row_of = (m.field.channel if m.field.encoding else "", m.field.group)
     return Channel(
@@ -217,6 +223,14 @@ def _channel(
 
 def _measures(unit: units.Unit, m: Meant) -> bool:
     return bool(m.meaning) and unit.dimension in units.EXPECTED[m.meaning]  # type: ignore[index]
+
+
+def _from_vacuum(pressure: Floats) -> bool:
+    """Whether a pressure [Pa] looks as if it counted from vacuum: 1 atmosphere at rest."""
+    if not len(pressure):
+        return False
+    low, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
+    return 0.85e5 < low < 1.1e5 and top > 2.0 * low
 
 
 def _rate(

@@ -64,6 +64,7 @@ _VOCABULARY = {
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
     "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",
+    "absolute": "abs absolute absolut 绝对 绝压",
     "bogie": "bogie bogies truck drehgestell dg 转向架",
     "true": "true truth wahr actual real 真 实际",
     "estimated": """
@@ -164,6 +165,8 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     ):
         if other := _has("other pressure", words):
             return None, axle, text, f"a pressure, but {other!r} is not the brake cylinder"
+        if text and _has("absolute", words) and units.unit(f"{text} abs"):
+            text, why = f"{text} abs", f"unit {text}: {reason}, and the name says absolute"
         return meant("pressure", pressure, cylinder)
     speed = _has("speed", primary)
     speedy = dimension in ("speed", "angular speed", "pulse rate", "count", "angle")
