@@ -92,10 +92,8 @@ SLOWEST = 1.0  # slip has this floor under it; slides and use of adhesion count 
 SLIDE = 0.05  # slip from which a wheel slides [-]
 STANDING = 0.1  # a rim slower than this stands [m/s]
 _COLUMNS = {  # of a stop, and their units, as they are written
-    "train_speed": "m/s", "distance": "m", "demand": "Pa", "told_train_speed": "m/s",
-    "rim_speed": "m/s", "pressure": "Pa", "force": "N", "peak": "N", "peak_slip": "-",
-    "slip": "-", "valve": "-", "told_wheel_speed": "rad/s", "told_clamping_force": "N",
-    "estimate": "N", "slope": "-", "confidence": "-",
+    "train_speed": "m/s", "distance": "m", "demand": "Pa", "rim_speed": "m/s", "pressure": "Pa",
+    "valve": "-", "force": "N", "peak": "N", "slip": "-", "estimate": "N", "slope": "-",
 }  # fmt: skip
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
 _HALVINGS = 30  # in the search for the peak
@@ -427,6 +425,12 @@ def choose(
     est, law = estimators[algo], CONTROLLERS[controller]
     ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
     return est, law, ep, sp, cp
+
+
+def slip_band(settings: Settings) -> tuple[float, float]:
+    """Least and most slip [-] of the patent's band under these settings."""
+    p = validated(CONTROLLERS["patent"], settings.get("patent", {}))
+    return p.slip_low, p.slip_high
 
 
 def dry_distance(scenario: Scenario) -> float:

@@ -15,6 +15,7 @@ import typer
 from ..errors import UserError
 from . import (
     analyze,
+    antiskid,
     compare,
     convert,
     estimators,
@@ -39,6 +40,7 @@ for module in (
     analyze,
     compare,
     slip,
+    antiskid,
     simulate,
     reproduce,
     convert,

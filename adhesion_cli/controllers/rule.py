@@ -16,19 +16,19 @@ from . import APPLY, HOLD, VENT, Observed
 class Params(NamedTuple):
     """Thresholds."""
 
-    vent_slip: Annotated[float, Quantity("-", "slip that vents", 0.0, 1.0)] = 0.04
-    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.015
+    vent_slip: Annotated[float, Quantity("-", "slip that vents", 0.0, 1.0)] = 0.09
+    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.044
     vent_deceleration: Annotated[
         float, Quantity("m/s²", "deceleration of the rim that vents", 0.0, 50.0)
-    ] = 3.0
+    ] = 1.25
     recovery: Annotated[
         float, Quantity("m/s²", "acceleration of the rim that ends venting", -10.0, 50.0)
-    ] = 0.5
+    ] = 1.9
     filter_time: Annotated[
         float, Quantity("s", "time constant of the rim's acceleration", 0.0, 1.0)
-    ] = 0.05
-    pulse: Annotated[float, Quantity("s", "duration of a filling pulse", 0.0, 2.0)] = 0.05
-    pause: Annotated[float, Quantity("s", "pause between two pulses", 0.0, 5.0)] = 0.1
+    ] = 0.095
+    pulse: Annotated[float, Quantity("s", "duration of a filling pulse", 0.0, 2.0)] = 0.3
+    pause: Annotated[float, Quantity("s", "pause between two pulses", 0.0, 5.0)] = 0.0135
     watchdog: Annotated[float, Quantity("s", "longest vent", 0.1, 60.0)] = 5.0
     reset: Annotated[float, Quantity("s", "brake after the watchdog", 0.0, 60.0)] = 1.0
 

@@ -9,7 +9,7 @@ import math
 import re
 import textwrap
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -22,7 +22,9 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from .. import physics
+from ..controllers import APPLY, HOLD, VENT
 from ..model import AxleResult, Bools, Finding, Floats, Result, Score, Times
+from ..stop import Stop
 from ..text import printable
 from . import names
 
@@ -165,7 +167,8 @@ class _Page:
             scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=_MARKDOWN)
             rec.log(f"{self.root}/{path}/scores", scores, static=True)
             if axle.slip is not None:
-                _send_scatter(rec, f"{self.root}/{path}/slip", axle, self.result)
+                mu = physics.coefficient(axle.reference.force, self.result.vehicle)
+                _send_scatter(rec, f"{self.root}/{path}/slip", axle.slip, mu)
         rows += self._send_events(rec)
         for name, text in (
             ("summary", _summary(self.result)),
@@ -381,7 +384,7 @@ def _envelope(t: Times, plot: _Plot) -> tuple[Times, _Plot]:
 class _Layout(rrb.Blueprint):
     """The whole window: paused, side panels shut, every chart on the same time axis, all of it."""
 
-    def __init__(self, pages: Sequence[_Page]) -> None:
+    def __init__(self, pages: "Sequence[_Page | _Stops]") -> None:
         layouts = [page.layout() for page in pages]
         super().__init__(
             layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
@@ -442,6 +445,7 @@ def _span(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, float
 _WIDTH, _HEIGHT = 150.0, 100.0  # of the plotted area, in scene units; y points down
 _LEAST, _MOST = -0.1, 1.0  # slips shown; a wheel at the limit of observation can say anything
 _BACKGROUND = [16, 18, 20]
+_Place = Callable[[Floats, Floats], Floats]  # slip and µ to points of the picture, shape (n, 2)
 _AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time
 
 
@@ -449,14 +453,13 @@ def _bounds() -> rrb.VisualBounds2D:
     return rrb.VisualBounds2D(x_range=[-18, _WIDTH + 8], y_range=[-_HEIGHT - 14, 24])
 
 
-def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: Result) -> None:
-    assert axle.slip is not None
-    mu = physics.coefficient(axle.reference.force, result.vehicle)
-    known = np.flatnonzero(np.isfinite(axle.slip) & np.isfinite(mu))
-    shown = known[(axle.slip[known] >= _LEAST) & (axle.slip[known] <= _MOST)]
+def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) -> _Place:
+    """Points of µ over slip on their axes; returns where in the picture a slip and a µ lie."""
+    known = np.flatnonzero(np.isfinite(slip) & np.isfinite(mu))
+    shown = known[(slip[known] >= _LEAST) & (slip[known] <= _MOST)]
     outside = len(known) - len(shown)
     shown = shown[:: max(1, -(-len(shown) // _SCATTER))]
-    s, mu = axle.slip[shown] * 100.0, mu[shown]
+    s, mu = slip[shown] * 100.0, mu[shown]
 
     xs, ys = _ticks(s, 5.0), _ticks(mu, 0.05)
 
@@ -482,6 +485,7 @@ def _send_scatter(rec: rr.RecordingStream, path: str, axle: AxleResult, result: 
     colours = np.stack([np.interp(age, [0.0, 0.5, 1.0], c) for c in _AGES], axis=1)
     points = rr.Points2D(np.stack([x(s), y(mu)], 1), radii=0.45, colors=colours.astype(np.uint8))
     rec.log(f"{path}/points", points, static=True)
+    return lambda slip, mu: np.stack([x(slip * 100.0), y(mu)], axis=-1)
 
 
 def _ticks(values: Floats, least: float) -> Floats:
@@ -569,3 +573,153 @@ def _finding(finding: Finding) -> str:
 def _plain(text: str) -> str:
     """Text from a log that must not become markup, a link or a picture."""
     return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
+
+
+# ---- stops in closed loop
+
+_VALVES = {APPLY: ("apply", 0x54A24BFF), HOLD: ("hold", 0xF2A33AFF), VENT: ("vent", 0xE45756FF)}
+_POINT_EVERY = 5  # ticks between two places of the moving operating point
+
+
+def write_stops(
+    path: Path, name: str, stops: Sequence[Stop], weight: float, band: tuple[float, float],
+    verdict: str,
+) -> None:  # fmt: skip
+    """Write stops of one train under several controllers, side by side, a tab for each axle.
+
+    Args:
+        path: file to write; its old content is lost.
+        name: of the scenario.
+        stops: one per controller.
+        weight: of an axle on the rail [N].
+        band: least and most slip of the band that is drawn [-].
+        verdict: text of the first tab.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    rr.set_strict_mode(True)
+    page = _Stops(stops, weight, band, verdict)
+    key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in stops)])
+    identity = hashlib.sha256(key.encode()).hexdigest()
+    rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
+    try:
+        rec.save(path, default_blueprint=_Layout([page]))
+        rec.send_recording_name(printable(name))
+        rows = page.send(rec)
+        rec.flush()
+    except RuntimeError as error:  # the binding's word for a file that cannot be written
+        raise OSError(str(error)) from error
+    finally:
+        rec.disconnect()
+    _verify(path, rows)
+
+
+class _Stops:
+    """Stops under several controllers and the views that show them."""
+
+    def __init__(
+        self, stops: Sequence[Stop], weight: float, band: tuple[float, float], verdict: str
+    ) -> None:
+        self.stops, self.weight, self.band, self.verdict = stops, weight, band, verdict
+
+    def send(self, rec: rr.RecordingStream) -> int:
+        """Send everything; returns the number of rows on a timeline."""
+        fixed = f"```\n{self.verdict}\n```"
+        rec.log("verdict", rr.TextDocument(fixed, media_type=_MARKDOWN), static=True)
+        rows = 0
+        for n, stop in enumerate(self.stops):
+            train = [(stop.controller, _ESTIMATORS[n], stop.train_speed * 3.6)]
+            rows += _send_lines(rec, "train", stop.t, _lines(stop.controller, train))
+            for i in range(stop.pressure.shape[1]):
+                rows += self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
+        return rows
+
+    def _send_axle(self, rec: rr.RecordingStream, path: str, stop: Stop, i: int) -> int:
+        speeds = [
+            ("train", _TRAIN, stop.train_speed * 3.6), ("wheel", _WHEEL, stop.rim_speed[:, i] * 3.6)
+        ]  # fmt: skip
+        pressures = [
+            ("without controller", _REFERENCE, stop.demand * 1e-5),
+            ("cylinder", _PRESSURE, stop.pressure[:, i] * 1e-5),
+        ]
+        forces = [
+            ("most the rail gives", _REFERENCE, stop.peak[:, i]),
+            ("true", _TRUTH, stop.force[:, i]),
+            (f"estimated ({stop.algo})", _CLAMPING, stop.estimate[:, i]),
+        ]
+        slopes = [
+            ("slope dµ/ds", _WHEEL, stop.slope[:, i]),
+            ("confidence", _REFERENCE, stop.confidence[:, i]),
+        ]
+        rows = 0
+        for plot in (
+            _lines("speed", speeds), _lines("pressure", pressures), _lines("force", forces),
+            _lines("slope", slopes),
+        ):  # fmt: skip
+            rows += _send_lines(rec, path, stop.t, plot)
+
+        names_, colours = zip(*_VALVES.values(), strict=True)
+        style = rr.StateConfiguration(values=list(names_), colors=np.array(colours, np.uint32))
+        rec.log(f"{path}/valve", style, static=True)
+        valve = stop.valve[:, i]
+        changed = np.flatnonzero(np.diff(valve, prepend=-1))
+        states = rr.StateChange.columns(state=[_VALVES[int(v)][0] for v in valve[changed]])
+        rec.send_columns(f"{path}/valve", _since_start(stop.t[changed]), states)
+        rows += len(changed)
+
+        slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
+        place = _send_scatter(rec, f"{path}/slip", slip, mu)
+        edges, ends = np.array(self.band), np.array([0.0, 1.0])
+        band = [place(np.full(2, s), ends * np.nanmax(stop.peak) / self.weight) for s in edges]
+        lines = rr.LineStrips2D(band, colors=_VALVES[APPLY][1], radii=0.3)
+        rec.log(f"{path}/slip/band", lines, static=True)
+        at = np.flatnonzero(np.isfinite(slip))[::_POINT_EVERY]
+        points = rr.Points2D.columns(positions=place(slip[at], mu[at]))
+        rec.log(
+            f"{path}/slip/now", rr.Points2D.from_fields(radii=1.8, colors=0xFFFFFFFF), static=True
+        )
+        rec.send_columns(f"{path}/slip/now", _since_start(stop.t[at]), points)
+        return rows + len(at)
+
+    def layout(self) -> rrb.Container:
+        """Tabs: the verdict, then one per axle with a column per controller."""
+        first = rrb.Vertical(
+            rrb.TextDocumentView(origin="verdict", name="Verdict"),
+            _chart("train", "Train speed [km/h]", legend="RightTop"),
+            name="Verdict",
+        )
+        axles = self.stops[0].pressure.shape[1]
+        return rrb.Tabs(first, *(self._axle_tab(i + 1) for i in range(axles)))
+
+    def _axle_tab(self, axle: int) -> rrb.Container:
+        columns = []
+        for stop in self.stops:
+            path, who = f"{stop.controller}/axle/{axle}", stop.controller
+            slope = _span([], [stop.slope[:, axle - 1], np.ones(1)])
+            views = [
+                _chart(f"{path}/speed", f"{who}: speed [km/h]", legend="RightTop"),
+                _chart(f"{path}/pressure", f"{who}: pressure [bar]", legend="RightTop"),
+                rrb.StateTimelineView(origin=f"{path}/valve", name=f"{who}: valves"),
+                _chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
+                _chart(f"{path}/slope", f"{who}: slope of µ over slip", slope, legend=None),
+                rrb.Spatial2DView(
+                    origin=f"{path}/slip", name=f"{who}: adhesion coefficient µ over slip [%]",
+                    visual_bounds=_bounds(), background=_BACKGROUND,
+                ),
+            ]  # fmt: skip
+            columns.append(rrb.Vertical(*views, row_shares=[3.0, 2.0, 1.2, 2.0, 1.6, 4.0]))
+        return rrb.Horizontal(*columns, name=f"Axle {axle}")
+
+
+def _send_lines(rec: rr.RecordingStream, path: str, t: Times, plot: _Plot) -> int:
+    colours = np.array(plot.colours, np.uint32)
+    style = rr.SeriesLines(names=list(plot.series), colors=colours, widths=list(plot.widths))
+    rec.log(f"{path}/{plot.name}", style, static=True)
+    data = rr.Scalars.columns(scalars=plot.values)
+    rec.send_columns(f"{path}/{plot.name}", _since_start(t), data)
+    return len(t)
+
+
+def _since_start(t: Times) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("time", duration=t.astype("timedelta64[ns]"))]
