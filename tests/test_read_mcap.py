@@ -155,6 +155,18 @@ def test_a_unit_that_changes_takes_its_numbers_out(tmp_path: Path, encoding: str
         read(opened(tmp_path, log, strict=True))
 
 
+def test_a_clock_set_back_is_not_sorted(tmp_path: Path) -> None:
+    """Else two stretches of the log were mixed; the time axis begins a segment there."""
+    times = [*range(0, 200, 2), *range(101, 301, 2)]
+    source = opened(tmp_path, json_log([(t, {"x": t}) for t in times]))
+    assert (read(source)["/0 x"].t - START).tolist() == times
+    assert source.findings == []
+    chunks = [*range(100, 200), *range(100)]  # exchanged
+    source = opened(tmp_path, json_log([(t, {"x": t}) for t in chunks]))
+    assert read(source)["/0 x"].value.tolist() == list(range(200))
+    assert codes(source) == [("mcap-unordered", 100)]
+
+
 def test_a_unit_of_its_own_per_element(tmp_path: Path) -> None:
     first, second = {"v": [1, 2], "units": ["m", "s"]}, {"v": [3, 4], "units": ["m", "ms"]}
     structs = [[{"name": "a", "w": 1}, {"name": n, "w": 2}] for n in "bc"]

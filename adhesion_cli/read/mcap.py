@@ -29,6 +29,10 @@ from .tree import (
 _YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
 _DAY = 86_400 * 10**9
 _SECOND = 10**9
+# From one run of rising times to another in the order of time, per fall of the time in the file.
+# Late messages and exchanged chunks give about two; a clock set back makes two stretches of the
+# log lie over each other, which to sort would be to mix.
+_MOST_TURNS = 16
 _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
     "mcap-type-change": "error",
@@ -462,14 +466,19 @@ class _Taker:
         """One column per path, all with the same time array.
 
         Messages may stand in any order in the file: their log or publish time is what orders
-        them. Stamps inside them are the sender's, whose order is left to be judged.
+        them. Stamps inside them are the sender's, whose order is left to be judged, and so is
+        that of a clock that was set back.
         """
         values = list(self._values)
-        newest = np.maximum.accumulate(self._t) if self._source != "header" else self._t
-        if (late := self._t < newest).any():
-            first = int(self._t[np.argmax(late)])
-            self.late = int(late.sum()), first, int((newest - self._t).max())
+        fell = np.diff(self._t) < 0
+        if self._source != "header" and fell.any():
             order = np.argsort(self._t, kind="stable")
-            self._t = self._t[order]
-            values = [v[order] for v in values]
+            run = np.append(0, np.cumsum(fell))
+            if np.count_nonzero(np.diff(run[order])) <= _MOST_TURNS * run[-1]:
+                newest = np.maximum.accumulate(self._t)
+                late = self._t < newest
+                first = int(self._t[np.argmax(late)])
+                self.late = int(late.sum()), first, int((newest - self._t).max())
+                self._t = self._t[order]
+                values = [v[order] for v in values]
         return [Column(self._t, v, np.isfinite(v) & self._timed) for v in values]
