@@ -6,13 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import Shared, shared
+
 if TYPE_CHECKING:
     from ..antiskid import Row
     from ..scenario import Limit
     from ..stop import Verdict
 
 
+@shared("out", "json", "force", "view")
 def command(
+    shared: Shared,
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.")
     ],
@@ -36,14 +40,6 @@ def command(
     seeds: Annotated[
         int, typer.Option("--seeds", metavar="N", min=1, help="Stops on each rail of --rails.")
     ] = 10,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="DIR", help="Folder for the results.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="One JSON document on stdout.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing results.")] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No messages but errors.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Open them in the Rerun viewer.")] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> int:
     """Stop a train under the patent's law, a rule-based WSP and none, on the same rail.
 
@@ -57,16 +53,18 @@ def command(
     from ..scenario import load
     from . import show
 
-    case, settings, tell = load(scenario), _settings(set_), show.progress(quiet)
+    case, settings, tell = load(scenario), _settings(set_), show.progress(shared.quiet)
     if rails:
         rows = antiskid.sweep(case, seeds, algo, settings, tell)
-        print(dumps(antiskid.sweep_document(case, seeds, algo, rows)) if json else _rails(rows))
+        print(
+            dumps(antiskid.sweep_document(case, seeds, algo, rows)) if shared.json else _rails(rows)
+        )
         return 0
 
     from ..write import files, mcap, rrd
 
-    paths = [(out or Path()) / f"{case.name}.antiskid.{kind}" for kind in ("mcap", "rrd")]
-    files.check(paths, force, inputs=[Path(scenario)])
+    paths = [(shared.out or Path()) / f"{case.name}.antiskid.{kind}" for kind in ("mcap", "rrd")]
+    files.check(paths, shared.force, inputs=[Path(scenario)])
     tell("dry rail")
     dry = antiskid.dry_distance(case)
     stops = []
@@ -78,13 +76,15 @@ def command(
     table = _verdict({s.controller: v for s, v in stops})
     kept = [line for s, v in stops for line in _limits(s.controller, case.limit, v)]
     text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
-    with files.outputs(paths, force, inputs=[Path(scenario)]) as (record, recording):
+    with files.outputs(paths, shared.force, inputs=[Path(scenario)]) as (record, recording):
         mcap.write_log(record, antiskid.as_log(case, [s for s, _ in stops]))
         band = antiskid.slip_band(settings)
         weight = case.vehicle.axle_mass.value * G
         rrd.write_stops(recording, case.name, [s for s, _ in stops], weight, band, text)
-    print(dumps(document) if json else "\n".join([text, *(f"wrote {path}" for path in paths)]))
-    if view:
+    print(
+        dumps(document) if shared.json else "\n".join([text, *(f"wrote {path}" for path in paths)])
+    )
+    if shared.view:
         from .view import show_recording
 
         show_recording(paths[1])
