@@ -72,7 +72,8 @@ def rival() -> None:
         if (theirs := error(solution.y[1])) <= error(ours.wheel_speed[:, 0]):
             break
     print(
-        f"10 s, varying adhesion: {min(times) * 1e3:.1f} ms for {error(ours.wheel_speed[:, 0]):.1g} rad/s; "
+        f"10 s, varying adhesion: {min(times) * 1e3:.1f} ms "
+        f"for {error(ours.wheel_speed[:, 0]):.1g} rad/s; "
         f"Radau {taken * 1e3:.0f} ms for {theirs:.1g} rad/s; ratio {taken / min(times):.1f}"
     )
 
