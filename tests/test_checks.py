@@ -163,9 +163,7 @@ def clean(name: str, seed: int, case: str) -> Recordings:
 SENSORS: dict[str, dict[str, float]] = {
     "as it is": {}, "10 Hz": {"rate": 10.0, "kmh": 0.1}, "50 Hz": {"rate": 50.0, "noise": 1e-3},
 }  # fmt: skip
-# On the rig nothing slows; in the slippery stop every wheel locks and never rolls while braked:
-# there some faults leave nothing to tell them by, as docs/findings.md says.
-DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig", "slippery-stop"})
+DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig"})
 
 
 def never_confident_and_wrong(name: str, seed: int, folder: Path, kinds: slice) -> None:

@@ -1,0 +1,172 @@
+"""Write docs/settings.md and docs/cli.md from the program itself: python docs/generate.py.
+
+Names, units, ranges and defaults stand once, beside the annotated types, in the registry and in
+each command's --help; a test tells when these two pages are behind.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import typer.main
+
+from adhesion_cli import estimator, settings
+from adhesion_cli.cli.app import app
+from adhesion_cli.model import Parameter, Quantity, Vehicle
+from adhesion_cli.read import units
+from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.slope import Bands, Params
+
+DOCS = Path(__file__).parent
+_HEAD = "<!-- written by docs/generate.py -->\n"
+_TEXTS = {
+    "key of a channel": {
+        "channel": "topic, column header or `column 3`",
+        "field": "place inside a message, as `velocity[0]`",
+        "unit": "one of those below; where the log states none, or a wrong one",
+        "group": "device of a long table",
+        "teeth": "pulses per turn, for Hz, kHz and count",
+        "wrap": "where a counter starts anew; if not given, by its values",
+    },
+    "key of `time`": {
+        "channel": "column that holds the time",
+        "unit": "`s`, `ms`, `us`, `ns`, `iso` or `excel`",
+        "source": "clock of MCAP messages: `log`, `publish` or `header`",
+    },
+    "key of `group`": {
+        "channel": "column that tells the devices of a long table apart",
+        "equals": "only its rows with this",
+    },
+    "key of `csv`": {
+        "header": "whether there is a header row",
+        "delimiter": "between two cells",
+        "decimal": "mark of decimals",
+        "encoding": "of the text, as `gb18030`",
+        "max_unpacked": "largest gzipped CSV, unpacked [bytes]",
+    },
+    "key of `mcap`": {
+        "max_inflated": "largest chunk, inflated [bytes]",
+        "max_record": "largest record [bytes]",
+    },
+}
+_COLUMNS = "| key | default | unit | range | what |\n|---|---|---|---|---|"
+
+
+def settings_page() -> str:
+    """Every section and key a TOML or `--set` may state."""
+    parts = [
+        _HEAD + "# Settings\n",
+        "A flag counts more than `--set name=value`, that more than the file of `-c`, that more "
+        "than `./adhesion.toml`, that more than the default; key by key. Units are SI. An unknown "
+        "key is an error that names the nearest known one.\n",
+        '```toml\n[vehicle]\nwheel_diameter = 0.86\nfriction = {value = 0.35, tolerance = 0.03}\n'
+        '\n[channels]\npressure."axle 1" = {channel = "BCP 1", unit = "bar"}\n\n'
+        "[neso]\nbeta1 = 150\n```\n",
+        "## [vehicle]\n",
+        "Also without the section's name, at the top of a file. Each is a number or `{value, "
+        "tolerance}`, the tolerance 1 sigma, in the parameter's unit; without one the default's "
+        "share of the value. `wheel_radius` (or `wheel_diameter`) may be a list, one per axle.\n",
+        _table(_of_vehicle()),
+        "## [channels]\n",
+        "What each channel of a log means; results of ours say it themselves. For all axles, "
+        '`pressure = {channel = "p", unit = "bar"}`; for one, `pressure."axle 2" = {…}`.\n',
+        _kinds("key of a channel", settings._MAPPING),
+        "\n| meaning | units |\n|---|---|",
+        *(
+            f"| `{key}` | {', '.join(units.known_units(meaning))} |"  # type: ignore[arg-type]
+            for key, meaning in settings._MEANINGS.items()
+        ),
+        "",
+        _kinds("key of `time`", settings._TIME),
+        "",
+        _kinds("key of `group`", settings._GROUP),
+        "",
+        *(
+            f"## [{section}]\n\n{_kinds(f'key of `{section}`', keys, ReadOptions())}\n"
+            for section, keys in (("csv", settings._CSV), ("mcap", settings._MCAP))
+        ),
+        *(
+            f"## [{section}]\n\n{_table(_annotated(of))}"
+            for section, of in (
+                ("analysis", settings.Analysis), ("slope", Params), ("bands", Bands),
+            )
+        ),
+        *(
+            f"## [{name}]\n\n{est.title}. {est.source}\n\n{_table(_of_estimator(est))}"
+            for name, est in estimator.registry().items()
+        ),
+    ]  # fmt: skip
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def cli_page() -> str:
+    """`--help` of every command."""
+    group: Any = typer.main.get_command(app)
+    with group.make_context("adhesion", [], resilient_parsing=True) as context:
+        parts = [_HEAD + "# Commands\n"]
+        for name in group.list_commands(context):
+            command = group.get_command(context, name)
+            with command.make_context(name, [], parent=context, resilient_parsing=True) as of:
+                of.terminal_width = of.max_content_width = 100
+                lines = (line.rstrip() for line in command.get_help(of).splitlines())
+                text = "\n".join(lines).strip()
+            parts.append(f"## adhesion {name}\n\n```\n{text}\n```\n")
+    return "\n".join(parts)
+
+
+def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
+    for f in dataclasses.fields(Vehicle):
+        default = getattr(Vehicle(), f.name)
+        p: Parameter = default if isinstance(default, Parameter) else default[0]
+        q = settings._hints(Vehicle)[f.name]
+        also = f" or `{q.symbol}`" if q.symbol else ""
+        yield f"`{f.name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
+
+
+def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
+    defaults = of()
+    for name, q in settings._hints(of).items():
+        value = getattr(defaults, name)
+        yield f"`{name}`", f"{value:g}" if isinstance(value, float) else str(value), q
+
+
+def _of_estimator(est: estimator.Estimator) -> Iterator[tuple[str, str, Quantity]]:
+    for name, q, default in estimator.parameters(est):
+        yield f"`{name}`", f"{default:g}", q
+
+
+def _table(rows: Iterator[tuple[str, str, Quantity]]) -> str:
+    lines = [
+        f"| {key} | {default} | {_cell(q.unit)} | {_range(q, default)} | {_cell(q.text)} |"
+        for key, default, q in rows
+    ]
+    return "\n".join([_COLUMNS, *lines, ""])
+
+
+def _range(q: Quantity, default: str) -> str:
+    if default.isalpha():  # a name
+        return ""
+    return f"{q.low:g} to {q.high:g}" if math.isfinite(q.high) else f"from {q.low:g}"
+
+
+def _kinds(head: str, keys: dict[str, type], defaults: Any = None) -> str:
+    names = {str: "text", int: "whole number", float: "number", bool: "true or false"}
+    lines = [f"| {head} | is | default | what |", "|---|---|---|---|"]
+    for key, kind in keys.items():
+        value = getattr(defaults, key, None)
+        default = "" if value is None else value
+        lines.append(f"| `{key}` | {names[kind]} | {default} | {_TEXTS[head][key]} |")
+    return "\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+PAGES = {"settings.md": settings_page, "cli.md": cli_page}
+
+if __name__ == "__main__":
+    for name, page in PAGES.items():
+        (DOCS / name).write_text(page(), encoding="utf-8")

@@ -1,0 +1,40 @@
+"""Pages that the program writes are up to date, and what messages and scripts point to is there."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+_spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+assert _spec is not None
+assert _spec.loader is not None
+generate = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(generate)
+
+
+@pytest.mark.parametrize("name", list(generate.PAGES))
+def test_generated_page_is_up_to_date(name: str) -> None:
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    assert page == generate.PAGES[name](), "run: python docs/generate.py"
+
+
+def test_pages_that_are_named_exist() -> None:
+    sources = [*ROOT.glob("adhesion_cli/**/*.py"), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]
+    named = {
+        (path.name, page)
+        for path in sources
+        for page in re.findall(r"docs/[a-z_-]+\.md", path.read_text(encoding="utf-8"))
+    }
+    assert ("settings.py", "docs/settings.md") in named
+    assert not [(where, page) for where, page in named if not (ROOT / page).is_file()]
+
+
+def test_the_gate_runs_the_readmes_test_command() -> None:
+    (command,) = re.findall(r"^python3 -m venv .*pytest.*$", (ROOT / "README.md").read_text(), re.M)
+    assert command.endswith("pytest -n 2")
+    gate = (ROOT / ".ci" / "run").read_text()
+    assert "grep -m 1 '^python3 -m venv .*pytest' README.md" in gate
+    assert "pip install" not in gate + (ROOT / "CONTRIBUTING.md").read_text()
