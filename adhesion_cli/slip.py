@@ -46,7 +46,7 @@ class Slide(NamedTuple):
     duration: float  # [s]
     distance: float  # run by the train meanwhile [m]
     max_slip: float  # [-]
-    energy: float  # ∫ F (v − ωR) dt, turned into heat and wear of tread and rail [J]
+    energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
 
 
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
@@ -230,9 +230,10 @@ def _events(axle: AxleResult) -> tuple[Event, ...]:
     assert axle.region is not None
     name, found = f"axle {axle.record.axle}", []
     for x in slides(axle):
+        heat = "unknown energy" if x.energy is None else f"{x.energy / 1e3:.1f} kJ"
         text = (
             f"{name}: slide of {x.duration:.2f} s over {x.distance:.0f} m, slip up to "
-            f"{x.max_slip:.0%}, {x.energy / 1e3:.1f} kJ into tread and rail"
+            f"{x.max_slip:.0%}, {heat} into tread and rail"
         )
         found.append(Event(x.start, "slide", text))
     for segment in axle.record.segments:
@@ -265,11 +266,12 @@ def slides(axle: AxleResult) -> list[Slide]:
             deep: Bools = s[where] > _SLIDE
             if float(np.diff(t, prepend=t[0])[deep].sum()) < _SHORT:
                 continue
-            heat = np.nan_to_num(F[where]) * s[where] * v  # v − ωR = s v
+            heat = F[where] * s[where] * v  # v − ωR = s v
+            known = np.isfinite(heat).all()  # a locked wheel has no F
             found.append(
                 Slide(
                     where, int(record.t[where.start]), float(t[-1]), float(np.trapezoid(v, t)),
-                    float(s[where].max()), float(np.trapezoid(heat, t)),
+                    float(s[where].max()), float(np.trapezoid(heat, t)) if known else None,
                 )
             )  # fmt: skip
     return found

@@ -4,7 +4,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,10 +14,8 @@ import pytest
 from simulated import recordings, simulation, write
 
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
-from adhesion_cli.model import AxleRecord, AxleResult, Result, Vehicle
+from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @cache
@@ -198,6 +196,38 @@ def test_all_axles_sliding_is_told() -> None:
     assert 3.9 < findings[1].first_s < 5.5
     assert np.abs(made[0].train_speed - v)[seconds < 4.0].max() < 0.01
     assert (made[0].train_speed > 0.8 * v).all()
+
+
+def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
+    t = np.arange(0, 10 * 10**9, 2 * 10**7)
+    seconds = t * 1e-9
+    v = 20.0 - 0.5 * seconds
+    creep = np.interp(seconds, [2.0, 3.0, 5.0, 6.0], [0.0, 1.0, 1.0, 0.0])
+    K = np.full(len(t), 5000.0)
+    record = AxleRecord(1, t, K, K, v * (1.0 - creep) / 0.42, (slice(0, len(t)),), train_speed=v)
+    force = np.where(creep < 1.0, 1500.0, np.nan)
+    ref = Reference("none", "none", force, 0.0 * force, force, force)
+    axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
+    axle, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+    (slide,) = slip.slides(axle)
+    assert slide.energy is None
+    assert slide.max_slip == 1.0
+    assert slide.duration == pytest.approx(4.0, abs=0.05)
+    assert (axle.region[creep == 1.0] == slope.REGIONS.index("beyond")).all()
+    (event,) = [e for e in axle.events if e.code == "slide"]
+    assert "unknown energy" in event.message
+
+
+def test_a_late_train_speed_is_told() -> None:
+    late = [
+        replace(r, t=r.t + 1_500_000_000) if r.signal == "train_speed" else r
+        for r in recordings("low-adhesion")
+    ]
+    with TemporaryDirectory() as folder:
+        log = write(Path(folder) / "late.csv", late)
+        result = analysis.analyze(log, settings.load, ["leso"])
+    (found,) = [f for f in result.findings if f.code == "train-clock-offset"]
+    assert "1.5 s behind" in found.message
 
 
 def test_a_spike_does_not_become_the_train() -> None:

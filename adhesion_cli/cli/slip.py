@@ -99,7 +99,7 @@ def table(summaries: "list[Summary]", start_ns: int) -> str:
         [
             str(s.axle), show.number((x.start - start_ns) / 1e9, 2), show.number(x.duration, 2),
             show.number(x.distance, 1), show.number(100.0 * x.max_slip, 1),
-            show.number(x.energy / 1e3, 1),
+            show.number(None if x.energy is None else x.energy / 1e3, 1),
         ]
         for s in summaries
         for x in s.slides
