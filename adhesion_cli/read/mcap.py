@@ -361,7 +361,8 @@ class McapSource:
         return [by_field[f.channel, f.group, f.path] for f in wanted]
 
     def _tell_of_unused_stamps(self, of: Sequence[_Series]) -> None:
-        stamped = [s.topic for s in of if s.stamp]
+        # In a result of ours the stamp is the log time; where a log begins at 0 it is not set.
+        stamped = [s.topic for s in of if s.stamp and not s.name.startswith("adhesion.")]
         why_not = self._without_stamps(of)
         if stamped and why_not and self._options.time_source is None:
             text = f"stamps inside the messages are not used, as {why_not}: log time is used"

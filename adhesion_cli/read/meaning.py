@@ -238,8 +238,8 @@ def understood(
             meaning, reason = None, f"[channels] names another {meaning}"
         meant.append(Meant(field, meaning, axle, unit, reason))
     guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
-    _prefer_the_qualified(meant, guesses)
     _own_stamps(meant, guesses)
+    _prefer_the_qualified(meant, guesses)
     findings = _nested(meant, guesses)
     findings += _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)

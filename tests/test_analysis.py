@@ -1,0 +1,47 @@
+"""The main job in one process: what a result file must give back."""
+
+import functools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli import settings
+from adhesion_cli.analysis import analyze
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import Result
+from adhesion_cli.write import mcap
+
+SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
+
+
+def analysed(path: Path, **given: object) -> Result:
+    return analyze(path, functools.partial(settings.load, None, ()), **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("pressure_every", [1, 20])
+def test_a_result_read_back_gives_the_same_numbers(tmp_path: Path, pressure_every: int) -> None:
+    lines = (SAMPLES / "service-brake.csv").read_text().splitlines()
+    header, *rows = [line.split(",") for line in lines]
+    for i, row in enumerate(rows):
+        if i % pressure_every:
+            row[1] = ""
+    log = tmp_path / "a.csv"
+    log.write_text("\n".join(",".join(r) for r in (header, *rows)) + "\n")
+    first = analysed(log)
+    mcap.write_result(tmp_path / "a.mcap", first, "{}")
+    second = analysed(tmp_path / "a.mcap")
+    (a,), (b,) = first.axles, second.axles
+    np.testing.assert_array_equal(a.record.t, b.record.t)
+    for name, estimate in a.estimates.items():
+        np.testing.assert_allclose(b.estimates[name], estimate, atol=1e-6)
+    np.testing.assert_allclose(b.reference.force, a.reference.force, atol=1.0)
+    np.testing.assert_allclose(b.reference.sigma, a.reference.sigma, rtol=0.1, atol=0.5)
+    assert [s.algo for s in a.scores] == [s.algo for s in b.scores]
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UserError, match="algorithm 'nesso'"):
+        analysed(SAMPLES / "service-brake.csv", algos=["nesso"])
+    with pytest.raises(UserError, match="no axle 9"):
+        analysed(SAMPLES / "service-brake.csv", axles=[9])
