@@ -19,6 +19,7 @@ from .physics import moving, true_runs, wheelset, white_noise
 
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
+_KNOTS = 6  # samples of a run of equal speeds that are used
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
@@ -134,13 +135,17 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     white = max(white_noise([r.y for r in wheel]) - rounding, 1e-3 * rounding)
     rolling = smoother.Noise(white, 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-    fitted, regimes = _fit_either(wheel, scale, rolling, changing)
-    return [
-        Parts(k.level, x.rate, np.hypot(x.rate_sigma / w.a, w.phi * k.level_sigma))
-        for k, x in zip(
-            clamping, (smoother.smooth(run, regimes, fitted) for run in wheel), strict=True
-        )
-    ]
+    telling = [_telling(run) for run in wheel]
+    fitted, regimes = _fit_either(telling, _step(wheel), scale, rolling, changing)
+    found = []
+    for k, whole, run in zip(clamping, wheel, telling, strict=True):
+        x = smoother.smooth(run, regimes, fitted)
+        rate, sigma = x.rate, x.rate_sigma
+        if len(run.t) < len(whole.t):
+            rate = whole.u + np.interp(whole.t, run.t, rate)
+            sigma = np.interp(whole.t, run.t, sigma)
+        found.append(Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma)))
+    return found
 
 
 def _rolling(run: AxleRecord, clamping: smoother.Smooth, w: Wheelset) -> smoother.Run:
@@ -156,36 +161,50 @@ def _unstepped(t: Floats, y: Floats, step: float) -> tuple[Floats, Floats]:
     """What a rounded signal tells, and its variance, shape (n,); inf where nothing new.
 
     Rounding errors are independent only where the signal moves a step per sample. Where it stays on
-    each level for several, it is known best as it passes from one to the next: half way between
-    both, to within what it moves in one interval. Back and forth between two levels the errors are
-    independent again: noise, or a pulse counter.
+    a level for several, it is known best as it passes to the next: half way between both, to within
+    what it moves in one interval; the run of equal values besides counts as one sample. Back and
+    forth between two levels the errors are independent again: noise, or a pulse counter.
     """
-    n = len(y)
-    known = np.full(n, step**2 / 12.0)
+    n, variance = len(y), step**2 / 12.0
     first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
     if step == 0.0 or len(first) == n:
-        return y, known
-    past = np.append(first[1:], n)
-    length = past - first
+        return y, np.full(n, variance)
+    length = np.diff(first, append=n)
     jump = np.diff(y[first])
     back = np.zeros(len(first) + 2, dtype=bool)  # runs that end where they came from
     back[2:-2] = jump[1:] * jump[:-1] < 0.0
-    dither = back[1:-1] & (back[:-2] | back[2:])
-    told = known * np.repeat(length, length)
-    lasts = np.append(t[past[:-1]], t[-1]) - t[first]
-    shorter = np.minimum(lasts[1:], lasts[:-1])
+    dither = np.repeat(back[1:-1] & (back[:-2] | back[2:]), length)
+
+    long, count = np.repeat(length, length), np.repeat(np.minimum(length, _KNOTS), length)
+    knot = (np.arange(n) - np.repeat(first, length)) * (count - 1) // np.maximum(long - 1, 1)
+    used = np.diff(knot, prepend=-1) != 0
+    used[first] = True
+    level, told = y.copy(), np.where(used, count * variance, np.inf)
+
+    at, lasts = first[1:], np.diff(t[first], append=t[-1])
     slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step)
-    at = first[1:]
-    told[at[~slow]] = told[at[~slow] - 1] = step**2 / 12.0
-    at, shorter, jump = at[slow], shorter[slow], jump[slow]
-    share = np.minimum((t[at] - t[at - 1]) / np.maximum(shorter, 1e-9), 1.0)
-    found = y.copy()
-    found[at] += 0.5 * jump * (share - 1.0)
-    told[at] = known[at] * share**2
-    for i in np.flatnonzero(dither):
-        part = slice(first[i], past[i])
-        found[part], told[part] = y[part], known[part]
-    return found, told
+    told[at[~slow]] = told[at[~slow] - 1] = variance
+    at, jump, lasts = at[slow], jump[slow], np.minimum(lasts[1:], lasts[:-1])[slow]
+    share = np.minimum((t[at] - t[at - 1]) / lasts, 1.0)  # of a step in one interval
+    level[at] -= 0.5 * jump * (1.0 - share)
+    told[at] = variance * share**2
+    return np.where(dither, y, level), np.where(dither, variance, told)
+
+
+def _telling(run: smoother.Run) -> smoother.Run:
+    """The samples that tell something, of the level without ∫u; the run itself where all do.
+
+    A step of the smoother without a measurement would only blur its regimes.
+    """
+    told = np.isfinite(run.known)
+    if told.all():
+        return run
+    mean = (run.u + np.concatenate([run.u[:1], run.u[:-1]])) / 2.0
+    gained = np.cumsum(np.diff(run.t, prepend=run.t[0]) * mean)
+    return smoother.Run(
+        run.t[told], (run.y - gained)[told], np.zeros(np.sum(told)), run.s[told],
+        np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told],
+    )  # fmt: skip
 
 
 def _bend(x: Floats) -> Floats:
@@ -199,7 +218,7 @@ def _bend(x: Floats) -> Floats:
 
 
 def _fit_either(
-    runs: list[smoother.Run], scale: float,
+    runs: list[smoother.Run], interval: float, scale: float,
     rolling: smoother.Noise, changing: smoother.Noise,
 ) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
     """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
@@ -209,7 +228,7 @@ def _fit_either(
     some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
     only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 2.0, 2.0])
-    if _step(runs) > _SLOWEST:
+    if interval > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
     both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 2.0, 2.0, 1.5, 0.7])

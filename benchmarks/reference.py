@@ -19,7 +19,16 @@ from adhesion_cli import reference
 from adhesion_cli.model import AxleRecord
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from test_reference import ROLLING, SLIDING, VEHICLE, best_butterworth, logged, rms
+from test_reference import (
+    HARD,
+    HARD_SLIDING,
+    ROLLING,
+    SLIDING,
+    VEHICLE,
+    best_butterworth,
+    logged,
+    rms,
+)
 
 SEEDS = range(1, 6)
 
@@ -42,7 +51,8 @@ def hour(name: str) -> AxleRecord:
 def main() -> None:
     print(f"{'':32} {'RMSE':>7} {'best':>7} {'ratio':>6}   within 1.96 sigma: rolling, sliding")
     for name in ("service-brake", "four-axles", "low-adhesion", "leaf-film"):
-        cases = SLIDING if name in ("low-adhesion", "leaf-film") else ROLLING
+        slides_too = name in ("low-adhesion", "leaf-film")
+        cases = SLIDING | HARD_SLIDING if slides_too else ROLLING | HARD
         for case, settings in cases.items():
             errors, best, inside = [], [], []
             for seed in SEEDS:

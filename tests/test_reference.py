@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from adhesion_cli import physics, reference, scenario, simulate, smoother
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import AxleRecord, Bools, Floats, Parameter, Vehicle
+from adhesion_cli.model import AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
 
 VEHICLE = Vehicle()
 
@@ -114,6 +114,10 @@ ROLLING = {
     "noisy pressure": {"rate": 100.0, "pressure_noise": 1000.0, "pressure_step": 1000.0},
     "coarse pressure": {"rate": 100.0, "pressure_noise": 300.0, "pressure_step": 5000.0},
     "slow pressure": {"rate": 100.0, "pressure_noise": 500.0, "pressure_rate": 10.0},
+    "1 km/h steps at 10 Hz": {"rate": 10.0, "kmh": 1.0},
+    "1 km/h steps at 100 Hz": {"rate": 100.0, "kmh": 1.0},
+    "1 km/h steps and noise": {"rate": 100.0, "kmh": 1.0, "noise": 1e-3},
+    "fast pulse counter": {"rate": 100.0, "teeth": 80},
 }
 
 
@@ -164,6 +168,83 @@ def test_sigma_is_right_while_rolling_and_while_sliding(name: str, kmh: float) -
             assert share >= 0.85
             assert sigma < 12.0 * max(error, 0.5)
     assert bool(outside) == (name in ("low-adhesion", "leaf-film"))
+
+
+HARD = {  # a filter may do better here; sigma has to hold all the same
+    "0.1 km/h steps at 1 kHz": {"rate": 1000.0, "kmh": 0.1},
+    "pressure at 1 Hz": {"rate": 50.0, "pressure_noise": 500.0, "pressure_rate": 1.0},
+}
+HARD_SLIDING = {
+    "1 km/h steps at 50 Hz": {"rate": 50.0, "kmh": 1.0, "pressure_noise": 300.0},
+    "1 km/h steps at 100 Hz": {"rate": 100.0, "kmh": 1.0, "pressure_noise": 300.0},
+    "0.5 km/h steps at 200 Hz": {"rate": 200.0, "kmh": 0.5, "pressure_noise": 300.0},
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "case"),
+    [
+        *(("service-brake", case) for case in HARD.values()),
+        *((name, case) for name in ("low-adhesion", "leaf-film") for case in HARD_SLIDING.values()),
+    ],
+)
+def test_sigma_is_right_where_the_log_is_coarse(name: str, case: dict[str, float]) -> None:
+    record, _ = logged(name, **case)
+    F = reference.compute(record, VEHICLE)
+    used = np.isfinite(F.force)
+    assert share_inside(F, record.truth, used) >= 0.85
+    assert rms((F.force - record.truth)[used]) < 1.6 * best_butterworth(record, used)
+
+
+def share_inside(F: Reference, truth: Floats, used: Bools) -> float:
+    return float(np.mean((np.abs(F.force - truth) < 1.96 * F.sigma)[used]))
+
+
+@pytest.mark.parametrize(("kmh", "rates"), [(1.0, (10.0, 50.0, 200.0)), (0.2, (50.0, 1000.0))])
+def test_more_samples_of_coarse_steps_do_no_harm(kmh: float, rates: tuple[float, ...]) -> None:
+    errors = []
+    for rate in rates:
+        record, _ = logged("service-brake", rate, noise=0.0, kmh=kmh, pressure_step=1000.0)
+        F = reference.compute(record, VEHICLE)
+        errors.append(rms(F.force - record.truth))
+        assert share_inside(F, record.truth, F.sigma > 0.0) >= 0.85
+    assert errors[0] < 12.0
+    assert max(errors[1:]) < 1.1 * errors[0]
+
+
+@pytest.mark.parametrize("pressure_rate", [1.0, 2.0, 5.0])
+def test_sigma_covers_what_a_slow_pressure_does_not_show(pressure_rate: float) -> None:
+    record, _ = logged(
+        "service-brake", 50.0, pressure_rate=pressure_rate, pressure_noise=300.0,
+        pressure_step=1000.0,
+    )  # fmt: skip
+    F = reference.compute(record, VEHICLE)
+    K = physics.clamping_force(record.pressure, VEHICLE)
+    moves = np.convolve(np.abs(np.diff(K, prepend=K[0])) > 300.0, np.ones(101), "same") > 0.0
+    assert share_inside(F, record.truth, moves) >= 0.85
+    assert share_inside(F, record.truth, ~moves) >= 0.85
+    assert np.median(F.sigma[~moves]) < 0.1 * np.max(F.sigma[moves])
+
+
+@settings(max_examples=30)
+@given(st.floats(0.02, 3.0), st.floats(0.0, 1.0), st.sampled_from([-1.0, 1.0]))
+def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, way: float) -> None:
+    t = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 300))
+    ramp = 100.0 + start + way * rise * t
+    level, variance = reference._unstepped(t, np.round(ramp), 1.0)
+    told = np.isfinite(variance)
+    assert np.all(np.abs(level - ramp)[told] <= 0.5 + 1e-9)
+    sharp = variance < 1.0 / 12.0
+    assert np.all(np.abs(level - ramp)[sharp] <= 3.0 * np.sqrt(3.0 * variance[sharp]))
+    assert not sharp.any() or rise < 1.5
+    assert np.sum(1.0 / variance[told]) >= 12.0 * min(len(t), rise * (t[-1] - t[0]) - 2.0)
+
+
+def test_a_pulse_counter_is_not_a_staircase() -> None:
+    """5 5 6 5 5 6: the mean is 5.33, not half way between the two levels."""
+    y = np.tile([5.0, 5.0, 6.0], 50)
+    level, variance = reference._unstepped(np.arange(150.0), y, 1.0)
+    assert np.average(level, weights=1.0 / variance) == pytest.approx(y.mean(), abs=0.02)
 
 
 def test_wrong_mass_and_friction_change_the_model_not_the_noise() -> None:
@@ -443,6 +524,21 @@ def test_sigma_tells_calm_from_rough() -> None:
     assert np.mean(inside[rough]) == pytest.approx(0.95, abs=0.05)
     assert np.mean(inside[~rough]) >= 0.85
     assert np.median(found.rate_sigma[rough]) > 5.0 * np.median(found.rate_sigma[~rough])
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 10_000))
+def test_later_samples_never_widen_a_path(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    A, B = random.normal(size=(2, 2, 2))
+    P, N = A @ A.T + 0.01 * np.eye(2), B @ B.T
+    D = N - P
+    d00, d01, d11 = smoother._gained(
+        D[0, 0], D[0, 1], D[1, 1], P[0, 0], P[0, 1], P[1, 1], float(np.linalg.det(P))
+    )
+    kept = np.array([[d00, d01], [d01, d11]])
+    before, after = (np.sort(np.linalg.eigvals(np.linalg.solve(P, x)).real) for x in (D, kept))
+    assert after == pytest.approx(np.minimum(before, 0.0), abs=1e-6)
 
 
 def test_compiled_and_plain_loops_agree() -> None:
