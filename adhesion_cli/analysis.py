@@ -7,7 +7,7 @@ import numpy as np
 
 from . import compiled, estimator, metrics, physics, reference, slip
 from . import settings as settings_module
-from .errors import unknown
+from .errors import UserError, unknown
 from .estimator import Estimator
 from .model import (
     AxleRecord,
@@ -76,6 +76,11 @@ def analyze(
     tell(f"reading {path.name}")
     settings = load()
     source = open_source(path, settings.read)
+    if any(name.startswith("adhesion.settings/") for name in source.metadata):
+        raise UserError(
+            f"{path}: a comparison of several logs, not a log",
+            "name the logs themselves or their *.adhesion.mcap",
+        )
     if carried := source.metadata.get("adhesion.settings"):
         settings = load(base=settings_module.nested(carried))
     checked(settings)

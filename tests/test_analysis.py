@@ -45,3 +45,13 @@ def test_unknown_names_are_refused() -> None:
         analysed(SAMPLES / "service-brake.csv", algos=["nesso"])
     with pytest.raises(UserError, match="no axle 9"):
         analysed(SAMPLES / "service-brake.csv", axles=[9])
+
+
+def test_a_comparison_of_one_log_is_a_log_and_one_of_several_is_not(tmp_path: Path) -> None:
+    one = analysed(SAMPLES / "service-brake.csv", algos=["neso"])
+    mcap.write_comparison(tmp_path / "one.mcap", [one], "{}")
+    again = analysed(tmp_path / "one.mcap", algos=["neso"])
+    assert again.axles[0].scores[0].rmse_n == pytest.approx(one.axles[0].scores[0].rmse_n)
+    mcap.write_comparison(tmp_path / "two.mcap", [one, one], "{}")
+    with pytest.raises(UserError, match="a comparison of several logs"):
+        analysed(tmp_path / "two.mcap")

@@ -302,7 +302,7 @@ def test_comparison_keeps_logs_apart(tmp_path: Path) -> None:
     with (tmp_path / "c.mcap").open("rb") as file:
         metadata = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
     assert metadata["adhesion.provenance"]["a (2).input"] == "a.mcap"
-    assert metadata["adhesion.settings"]["b.neso.beta1"] == "216.0"
+    assert metadata["adhesion.settings/b"]["neso.beta1"] == "216.0"
 
 
 def test_empty_log(tmp_path: Path) -> None:

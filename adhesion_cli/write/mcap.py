@@ -92,7 +92,7 @@ def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
         path,
         _result_streams(result, ""),
         {
-            "adhesion.settings": names.flat(result.settings),
+            names.SETTINGS: names.flat(result.settings),
             "adhesion.provenance": _provenance(result, shift),
             "adhesion.metrics": {"json": _text(metrics_json)},
         },
@@ -101,7 +101,7 @@ def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
 
 
 def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | bytes) -> None:
-    """Write several analysed logs into one file, topics and metadata prefixed with the log's name.
+    """Write several analysed logs into one file, topics and metadata parted by the log's name.
 
     Args:
         path: file to write; its old content is lost.
@@ -114,17 +114,19 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
     """
     shift = _shift([r.log for r in results])
     streams: list[_Stream] = []
-    settings: dict[str, str] = {}
+    settings: dict[str, dict[str, str]] = {}
     provenance: dict[str, str] = {}
     for name, result in zip(names.logs(results), results, strict=True):
         streams += _result_streams(result, f"/{name}")
-        settings |= {f"{name}.{k}": v for k, v in names.flat(result.settings).items()}
+        # A file of one log can be analysed again, one of several cannot.
+        key = f"{names.SETTINGS}/{name}" if len(results) > 1 else names.SETTINGS
+        settings[key] = names.flat(result.settings)
         provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
     _write(
         path,
         streams,
         {
-            "adhesion.settings": settings,
+            **settings,
             "adhesion.provenance": provenance,
             "adhesion.metrics": {"json": _text(metrics_json)},
         },

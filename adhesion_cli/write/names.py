@@ -8,6 +8,8 @@ from typing import Any
 from ..model import Channel, Log, Meaning, Result
 from ..text import distinct, printable
 
+SETTINGS = "adhesion.settings"  # metadata record with every parameter used
+
 SI: dict[Meaning, str] = {
     "time": "s",
     "pressure": "Pa",
