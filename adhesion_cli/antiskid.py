@@ -85,6 +85,7 @@ CONTROLLERS = {
     for name, law in (("patent", patent), ("rule", rule), ("none", none))
 }
 SLOPE = Law("slope", slope.Params, slope.init, slope.step)
+SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5}  # found by search; slower than what suits a log
 SPREAD = 0.2  # of f0 from seed to seed of a sweep
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
@@ -203,7 +204,8 @@ def online(
         h, before = (t - before) * 1e-9, t
         if control is None:
             estimate, k = est.init(ep, wheelset, K, y), slope_init(sp, 0.0, 0.0)
-            control = law.init(cp, observed(chain, v, y, K, 0.0, 0.0, k))
+            o = observed(chain, v, y, K, estimate.F, estimate.F / chain.mass, k)
+            control = law.init(cp, o)
         else:
             estimate = est.step(ep, wheelset, estimate, h, K, y)
             k = slope_step(sp, k, h, slip_of(chain, v, y), estimate.F / (chain.mass * G))
@@ -269,6 +271,8 @@ def _march(
                 K = max(K, 0.0)  # (15)
                 if j > 0:
                     estimates[i] = estimate_step(ep, w, estimates[i], h, K, y)
+                else:
+                    estimates[i] = estimate_init(ep, w, K, y)
                 F[i] = estimates[i].F
                 trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i] = y, K
             slowing = F.sum() / (axles * chain.mass)
@@ -280,6 +284,8 @@ def _march(
                 o = observed(chain, v_told, y, K, F[i], slowing, slopes[i])
                 if j > 0:
                     controls[i] = control_step(cp, controls[i], h, o)
+                else:
+                    controls[i] = control_init(cp, o)
                 z = t if track.timed else x - plant.positions[i]
                 knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
                 trace.wheel_speed[j, i], trace.pressure[j, i] = rim[i] / plant.radius[i], p[i]
@@ -423,6 +429,7 @@ def choose(
         if name not in (*CONTROLLERS, *estimators, SLOPE.name):
             raise unknown("setting", name, [*CONTROLLERS, *estimators, SLOPE.name])
     est, law = estimators[algo], CONTROLLERS[controller]
+    settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
     ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
     return est, law, ep, sp, cp
 

@@ -22,13 +22,13 @@ from . import APPLY, HOLD, VENT, Observed
 
 
 class Params(NamedTuple):
-    """Bands of [S4]."""
+    """Bands of [S4]; found by search, see docs/antiskid.md."""
 
-    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.010
-    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.03
+    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.012
+    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.045
     slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.1
-    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.3
-    horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 0.2
+    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.2
+    horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 0.3
     patience: Annotated[
         float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
     ] = 0.1

@@ -1,0 +1,296 @@
+"""The closed loop against the laws of its own plant, and the controllers against each other."""
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from adhesion_cli import antiskid, physics, rail, scenario, slope
+from adhesion_cli.controllers import APPLY, HOLD, VENT, Observed, patent, rule
+from adhesion_cli.errors import UserError
+from adhesion_cli.scenario import Limit, Scenario
+from adhesion_cli.stop import Stop, Verdict
+from adhesion_cli.write import mcap, rrd
+
+
+@cache
+def case(name: str) -> Scenario:
+    return scenario.load(name)
+
+
+@cache
+def short() -> Scenario:
+    """One axle from 9 m/s on a slippery rail."""
+    long = case("slippery-stop")
+    return replace(long, train=scenario.Train(speed=9.0), name="short")
+
+
+@cache
+def stopped(name: str, controller: str) -> Stop:
+    return antiskid.run(short() if name == "short" else case(name), controller)
+
+
+@cache
+def judged(name: str, controller: str) -> Verdict:
+    dry = antiskid.dry_distance(case(name))
+    return antiskid.verdict(stopped(name, controller), case(name), dry)
+
+
+# --- the laws -----------------------------------------------------------------------------------
+
+STILL = Observed(10.0, 0.0, 0.0, 0.0, math.nan, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("slip", "rate", "k", "valve"),
+    [
+        (0.5, 0.0, math.nan, VENT),  # right of the slip band, slope or not
+        (0.0, 0.0, math.nan, APPLY),
+        (None, 0.0, 0.0, HOLD),  # both in their bands
+        (None, 0.0, -1.0, VENT),  # the curve falls
+        (None, 0.0, 5.0, APPLY),  # it still rises
+        (None, 0.0, math.nan, HOLD),  # not observable
+        (None, 10.0, 0.0, VENT),  # on its way out
+        (0.5, -10.0, -1.0, APPLY),  # caught: the slide's slope is past
+    ],
+)
+def test_patent_law_is_the_and_test(slip: float | None, rate: float, k: float, valve: int) -> None:
+    p = patent.Params()
+    middle = 0.5 * (p.slip_low + p.slip_high)
+    o = STILL._replace(slip=middle if slip is None else slip, slip_rate=rate, slope=k)
+    assert patent.step(p, patent.init(p, o), 0.01, o).valve == valve
+
+
+def test_a_slope_that_stays_hidden_is_looked_for() -> None:
+    p = patent.Params()
+    o = STILL._replace(slip=0.5 * (p.slip_low + p.slip_high))
+    s, valves = patent.init(p, o), []
+    for _ in range(200):
+        s = patent.step(p, s, 0.01, o)
+        valves.append(s.valve)
+    pulses = valves.count(APPLY)
+    assert pulses == pytest.approx(2.0 / p.patience, abs=2)
+    assert set(valves) == {APPLY, HOLD}
+
+
+def test_watchdog_ends_a_vent_that_does_not_help() -> None:
+    p = rule.Params()
+    o = STILL._replace(slip=0.9, rim_speed=1.0)
+    s, valves = rule.init(p, o), []
+    for _ in range(1200):
+        s = rule.step(p, s, 0.01, o)
+        valves.append(s.valve)
+    assert valves[: int(p.watchdog / 0.01)] == [VENT] * int(p.watchdog / 0.01)
+    after = valves[int(p.watchdog / 0.01) + 2 :]
+    assert after[: int(p.reset / 0.01) - 2] == [APPLY] * (int(p.reset / 0.01) - 2)
+
+
+def test_slip_rate_is_the_derivative_of_slip() -> None:
+    """`observed` without noise against the simulated wheel, while it slides off."""
+    quiet = replace(short().antiskid, delay=0.0, wheel_noise=0.0, pressure_noise=0.0, train_noise=0)
+    s = replace(short(), antiskid=replace(quiet, period=1e-3))
+    stop = antiskid.run(s, "none")
+    chain = antiskid.chain_of(s.vehicle)
+    k = slope.init(slope.Params(), 0.0, 0.0)
+    t, v = stop.t * 1e-9, stop.train_speed
+    sliding = np.flatnonzero((stop.slip[:, 0] > 0.2) & (stop.slip[:, 0] < 0.9) & (v > 2.0))
+    assert len(sliding) > 100
+    true = np.gradient(stop.slip[:, 0], t)
+    for i in sliding[5:-5:20]:
+        y, K, F = stop.told_wheel_speed[i, 0], stop.told_clamping_force[i, 0], stop.force[i, 0]
+        o = antiskid.observed(chain, v[i], y, K, F, F / chain.mass, k)
+        assert o.slip_rate == pytest.approx(true[i], rel=0.02, abs=1e-3)
+
+
+# --- the loop -----------------------------------------------------------------------------------
+
+
+class Switches:
+    """A rig that remembers how its valves were switched."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[bool, bool]] = []
+
+    def set(self, hold: bool, vent: bool) -> None:
+        self.seen.append((hold, vent))
+
+
+@pytest.mark.parametrize("controller", ["patent", "rule"])
+def test_sample_by_sample_is_the_compiled_loop(controller: str) -> None:
+    s, stop, switches = short(), stopped("short", controller), Switches()
+    samples = zip(
+        stop.t.tolist(), stop.told_train_speed.tolist(), stop.told_wheel_speed[:, 0].tolist(),
+        stop.told_clamping_force[:, 0].tolist(), strict=True,
+    )  # fmt: skip
+    chosen = antiskid.choose(controller, antiskid.ESTIMATOR, {})
+    wheelset, chain = physics.wheelset(s.vehicle, 1), antiskid.chain_of(s.vehicle)
+    valves = list(antiskid.online(chosen, wheelset, chain, samples, switches))
+    assert valves == stop.valve[:, 0].tolist()
+    assert set(valves) == {APPLY, HOLD, VENT}
+    assert switches.seen == [(x != APPLY, x == VENT) for x in valves]
+
+
+def test_peak_is_the_most_the_rail_gives() -> None:
+    stop, s = stopped("slippery-stop", "patent"), case("slippery-stop")
+    assert (stop.force <= stop.peak * (1.0 + 1e-9)).all()
+    patch = s.contact.patch(s.vehicle.axle_mass.value * physics.G)
+    low = rail.condition("low")
+    k = len(stop.t) // 2
+    v = stop.train_speed[k]
+    forces = [
+        rail.creep_force(x, v, low._replace(f0=low.f0 * 1.25), patch)[0]
+        for x in np.geomspace(1e-3, v, 20_000)
+    ]
+    assert stop.peak[k, 3] == pytest.approx(max(forces), rel=1e-6)
+
+
+def test_on_dry_rail_a_controller_costs_nothing() -> None:
+    s = replace(case("slippery-stop"), rail=antiskid.RAILS["dry"])
+    s = replace(s, train=replace(s.train, cleaning=()))
+    dry = antiskid.dry_distance(s)
+    for controller in antiskid.CONTROLLERS:
+        v = antiskid.verdict(antiskid.run(s, controller), s, dry)
+        assert v.extension == pytest.approx(0.0, abs=1e-3)
+        assert (v.utilisation, v.mean_slip_error) == (None, None)
+        assert v.locked_s == v.limited_s == 0.0
+
+
+def test_air_is_what_the_cylinders_took_in() -> None:
+    stop, s = stopped("slippery-stop", "none"), case("slippery-stop")
+    normal = 101_325.0 * 293.15 / 273.15
+    filled = 4 * stop.pressure[-1, 0] * s.antiskid.volume / normal * 1e3
+    assert stop.air == pytest.approx(filled, rel=1e-3)
+    assert stopped("slippery-stop", "patent").air > stop.air
+
+
+@pytest.mark.parametrize("name", ["slippery-stop", "low-adhesion"])
+def test_patent_law_uses_the_rail_and_locks_no_wheel(name: str) -> None:
+    a, b, c = (judged(name, controller) for controller in antiskid.CONTROLLERS)
+    assert a.locked_s == b.locked_s == 0.0
+    assert c.locked_s > 10.0
+    assert a.utilisation is not None
+    assert a.utilisation >= 0.95
+    assert a.stopping_distance_m < b.stopping_distance_m < c.stopping_distance_m
+
+
+def test_same_seed_same_stop() -> None:
+    again = antiskid.run(short(), "patent")
+    assert (again.pressure == stopped("short", "patent").pressure).all()
+    other = antiskid.run(short(), "patent", seed=99)
+    assert len(other.t) != len(again.t) or (other.pressure != again.pressure).any()
+
+
+def test_limits_are_the_users_with_their_source() -> None:
+    v = judged("slippery-stop", "patent")
+    limits = (
+        Limit("extension", "a test", most=0.1),
+        Limit("utilisation", "a test", least=0.5),
+        Limit("locked_s", "a test", most=0.0),
+    )
+    assert [kept for _, kept in antiskid.against(limits, v)] == [False, True, True]
+    assert case("slippery-stop").limit == ()  # none is built in
+
+
+def test_sweep_is_every_controller_on_every_rail() -> None:
+    told: list[str] = []
+    rows = antiskid.sweep(replace(case("slippery-stop"), train=short().train), 2, tell=told.append)
+    assert [(r.rail, r.controller) for r in rows] == [
+        (r, c) for r in antiskid.RAILS for c in antiskid.CONTROLLERS
+    ]
+    assert told[-1] == "36 of 36 stops"
+    for r in rows:
+        mean, low, high = r.values["stopping_distance_m"] or (0.0, 0.0, 0.0)
+        assert 0.0 < low <= mean <= high
+    by = {(r.rail, r.controller): r for r in rows}
+    very_low, low = by["very-low", "patent"].values, by["low", "patent"].values
+    assert very_low["extension"] > low["extension"] > by["dry", "patent"].values["extension"]
+
+
+@pytest.mark.parametrize(
+    ("change", "controller", "algo", "settings", "says"),
+    [
+        ({}, "patnet", "kalman", {}, "patnet"),
+        ({}, "patent", "kalmann", {}, "kalmann"),
+        ({}, "patent", "kalman", {"patent": {"slip_hihg": 1.0}}, "slip_hihg"),
+        ({}, "patent", "kalman", {"patnet": {}}, "patnet"),
+        ({}, "patent", "kalman", {"slope": {"delta": -1.0}}, "out of range"),
+        ({"dt": 0.015}, "none", "kalman", {}, "dt"),
+        ({"brake": scenario.Brake()}, "none", "kalman", {}, "no train that brakes"),
+    ],
+)  # fmt: skip
+def test_bad_requests_are_refused(change, controller, algo, settings, says) -> None:
+    if "dt" in change:
+        change = {**change, "antiskid": replace(short().antiskid, period=1e-3)}
+    with pytest.raises(UserError, match=says):
+        antiskid.run(replace(short(), **change), controller, 0, algo, settings)
+
+
+def test_a_brake_that_is_released_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(antiskid, "LONGEST", 20.0)
+    commands = (scenario.Command(1.0, 5e5), scenario.Command(2.0, 0.0))
+    released = replace(short(), brake=replace(short().brake, command=commands))
+    with pytest.raises(UserError, match="does not stand"):
+        antiskid.run(released, "none")
+
+
+# --- files and command --------------------------------------------------------------------------
+
+
+def test_stops_are_written_side_by_side(tmp_path: Path) -> None:
+    stops = [stopped("short", c) for c in antiskid.CONTROLLERS]
+    path = tmp_path / "stops.rrd"
+    rrd.write_stops(path, "short", stops, 47e3, (0.01, 0.03), "verdict")
+    counts: dict[str, int] = {}
+    for chunk in RrdReader(path).stream().filter(is_static=False):
+        counts[chunk.entity_path] = counts.get(chunk.entity_path, 0) + chunk.num_rows
+    for stop in stops:
+        place = f"/{stop.controller}/axle/1"
+        assert counts[f"{place}/pressure"] == len(stop.t)
+        assert counts[f"{place}/valve"] == 1 + np.count_nonzero(np.diff(stop.valve[:, 0]))
+
+    from mcap.reader import make_reader
+
+    record = tmp_path / "stops.mcap"
+    mcap.write_log(record, antiskid.as_log(short(), stops))
+    with record.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    topics = {c.topic: c.metadata["unit"] for c in summary.channels.values()}
+    assert topics["/patent/axle/1/pressure"] == "Pa"
+    assert topics["/rule/train_speed"] == "m/s"
+
+
+def test_antiskid_command(tmp_path: Path) -> None:
+    def adhesion(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "adhesion_cli", "antiskid", *arguments],
+            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        )  # fmt: skip
+
+    done = adhesion("leaf-film", "--json")
+    assert done.returncode == 0, done.stderr
+    doc = json.loads(done.stdout)
+    assert set(doc) == {"schema", "scenario", "seed", "dry_distance_m", "controllers"}
+    assert (doc["schema"], doc["scenario"]) == ("adhesion.antiskid/1", "leaf-film")
+    assert list(doc["controllers"]) == ["patent", "rule", "none"]
+    for verdict in doc["controllers"].values():
+        assert list(verdict) == [
+            "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
+            "mean_slip_error",
+        ]  # fmt: skip
+        ratio = verdict["stopping_distance_m"] / doc["dry_distance_m"] - 1.0
+        assert verdict["extension"] == pytest.approx(ratio)
+    assert {p.name for p in tmp_path.iterdir()} == {
+        f"leaf-film.antiskid.{kind}" for kind in ("mcap", "rrd", "sha256")
+    }
+    assert "--force" in adhesion("leaf-film").stderr
+    bad = adhesion("leaf-film", "--set", "patent.slip_high")
+    assert bad.returncode == 2
+    assert "Traceback" not in bad.stderr
