@@ -72,18 +72,16 @@ def command(
         tell(controller)
         stop = antiskid.run(case, controller, seed, algo, settings)
         stops.append((stop, antiskid.verdict(stop, case, dry)))
-    document = antiskid.document(case, dry, stops)
+    document = dumps(antiskid.document(case, dry, stops))
     table = _verdict({s.controller: v for s, v in stops})
     kept = [line for s, v in stops for line in _limits(s.controller, case.limit, v)]
     text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
     with files.outputs(paths, shared.force, inputs=[Path(scenario)]) as (record, recording):
-        mcap.write_log(record, antiskid.as_log(case, [s for s, _ in stops]))
+        mcap.write_log(record, antiskid.as_log(case, [s for s, _ in stops]), document)
         band = antiskid.slip_band(settings)
         weight = case.vehicle.axle_mass.value * G
         rrd.write_stops(recording, case.name, [s for s, _ in stops], weight, band, text)
-    print(
-        dumps(document) if shared.json else "\n".join([text, *(f"wrote {path}" for path in paths)])
-    )
+    print(document if shared.json else "\n".join([text, *(f"wrote {path}" for path in paths)]))
     if shared.view:
         from .view import show_recording
 

@@ -134,12 +134,13 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
     )
 
 
-def write_log(path: Path, log: Log) -> None:
+def write_log(path: Path, log: Log, metrics_json: str | None = None) -> None:
     """Write a log as one topic of `adhesion.Scalar` per channel, each with its unit.
 
     Args:
         path: file to write; its old content is lost.
         log: channels with a meaning are in SI, others in the unit they state.
+        metrics_json: a document to keep beside it as metadata `adhesion.metrics`.
 
     Raises:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
@@ -150,7 +151,10 @@ def write_log(path: Path, log: Log) -> None:
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
     shift = _shift([log])
-    _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
+    metadata = {"adhesion.provenance": _origin(log, shift)}
+    if metrics_json is not None:
+        metadata["adhesion.metrics"] = {"json": metrics_json}
+    _write(path, streams, metadata, shift)
 
 
 def verify(path: Path) -> None:
