@@ -234,6 +234,8 @@ def test_a_real_log_of_three_trains(run: Run) -> None:
     seen = json.loads(run("inspect", SNCB, "-c", mapping, "--json").stdout)["logs"][0]
     frozen = next(f for f in seen["findings"] if f["code"] == "speed-frozen")
     assert frozen["first_s"] == pytest.approx(91.0)
+    interleaved = next(f for f in seen["findings"] if f["code"] == "interleaved")
+    assert "3, 4, 5" in interleaved["message"]
     unmapped = json.loads(run("inspect", SNCB, "--json").stdout)["logs"][0]
     assert unmapped["status"] == "error"
     assert "3, 4, 5" in unmapped["error"]

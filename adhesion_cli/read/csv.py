@@ -234,6 +234,11 @@ class CsvSource:
                 f"{self.path}: no row has {self._options.group_equals!r} in column {name!r}",
                 f"values: {', '.join(groups[:20])}",
             )
+        self._report(
+            "interleaved", "info",
+            f"rows of {len(groups)} devices alternate: column {name!r} holds {', '.join(groups)}; "
+            f"only {self._options.group_equals} is read, as stated", name, len(groups),
+        )  # fmt: skip
         return [self._options.group_equals]
 
     def _report_rows(self, scan: "_Scan") -> None:
