@@ -236,7 +236,7 @@ class CsvSource:
             )
         self._report(
             "interleaved", "info",
-            f"rows of {len(groups)} devices alternate: column {name!r} holds {', '.join(groups)}; "
+            f"rows of {len(groups)} devices alternate: column {name!r} holds {', '.join(sorted(groups))}; "
             f"only {self._options.group_equals} is read, as stated", name, len(groups),
         )  # fmt: skip
         return [self._options.group_equals]
