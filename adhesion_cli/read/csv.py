@@ -236,8 +236,9 @@ class CsvSource:
             )
         self._report(
             "interleaved", "info",
-            f"rows of {len(groups)} devices alternate: column {name!r} holds {', '.join(sorted(groups))}; "
-            f"only {self._options.group_equals} is read, as stated", name, len(groups),
+            f"rows of {len(groups)} devices alternate: column {name!r} holds "
+            f"{', '.join(sorted(groups))}; only {self._options.group_equals} is read, as stated",
+            name, len(groups),
         )  # fmt: skip
         return [self._options.group_equals]
 
