@@ -687,6 +687,7 @@ class _Stops:
         first = rrb.Vertical(
             rrb.TextDocumentView(origin="verdict", name="Verdict"),
             _chart("train", "Train speed [km/h]", legend="RightTop"),
+            row_shares=[1.0, 2.0],
             name="Verdict",
         )
         axles = self.stops[0].pressure.shape[1]
