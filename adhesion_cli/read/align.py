@@ -48,7 +48,7 @@ def records(
             channels share any time.
     """
     speeds, pressures = _by_axle(log, "wheel_speed"), _by_axle(log, "pressure")
-    forces, trains, truths = (_by_axle(log, m) for m in ("clamping_force", "train_speed", "truth"))
+    forces, trains = _by_axle(log, "clamping_force"), _by_axle(log, "train_speed")
     if not speeds:
         raise _missing(log, "wheel speed", 'speed."axle 1" = {channel = "…", unit = "km/h"}')
     if not pressures and not forces:
@@ -66,8 +66,8 @@ def records(
     found: list[plausible.Axle] = []
     findings: list[Finding] = []
     for axle in numbers:
-        speed = _of(speeds, axle)
-        brake = _of(pressures, axle) or _of(forces, axle)
+        speed = log.find("wheel_speed", axle)
+        brake = log.find("pressure", axle) or log.find("clamping_force", axle)
         if not speed or not brake:
             lacking = "wheel speed" if not speed else "pressure or clamping force"
             name = (speed or brake).title  # type: ignore[union-attr]
@@ -75,7 +75,7 @@ def records(
             told = [Finding("axle-incomplete", "warning", text, name)]
             findings += told if axle in asked else []
             continue
-        train = _of(trains, axle)
+        train = log.find("train_speed", axle)
         moving = [c for c in (*speeds.values(), *trains.values()) if c is not speed]
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
@@ -86,7 +86,7 @@ def records(
         told += _told_of_spikes(speed, spikes, log.start_ns(), window)
         record, more = _record(
             log, vehicle, axle, window,
-            _without(speed, spikes), _without(brake, stuck | below), train, _of(truths, axle),
+            _without(speed, spikes), _without(brake, stuck | below), train, log.find("truth", axle),
             moving,
         )  # fmt: skip
         findings += [*told, *more] if axle in asked else []
@@ -158,11 +158,6 @@ def _without(channel: Channel, left_out: Bools) -> Channel:
 
 def _by_axle(log: Log, meaning: Meaning) -> dict[int | None, Channel]:
     return {c.axle: c for c in log.channels if c.meaning == meaning and len(c.data.t)}
-
-
-def _of(channels: dict[int | None, Channel], axle: int) -> Channel | None:
-    """An axle's own channel, else the one that is nobody's: a train or a bogie has one pressure."""
-    return channels.get(axle) or channels.get(None)
 
 
 class _Aligned(NamedTuple):
