@@ -20,17 +20,6 @@ SNCB = ROOT.parent / "shared" / "data" / "sncb" / "input_sncb.csv"
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    def adhesion(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "adhesion_cli", *map(str, arguments)],
-            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
-        )  # fmt: skip
-
-    return adhesion
-
-
 def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
     lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
     for i in range(n):

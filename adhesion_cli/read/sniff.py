@@ -157,7 +157,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         heads = _commented_header(lines, first_line, delimiter, width)
     cells_per_row = width
     data = [c for _, c in table[start:] if len(c) == width]
-    width = _without_trailing(heads, data, width, len(table[top][1]))
+    width = _without_trailing(heads, data, width)
     _refuse_width(heads, table, top, width, path)
     names, duplicates = _names(heads, width)
     before = Counter(
@@ -512,9 +512,7 @@ def _commented_header(
     return []
 
 
-def _without_trailing(
-    heads: list[list[str]], data: list[list[str]], width: int, header_width: int
-) -> int:
+def _without_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> int:
     """Width without the empty column that a delimiter at the end of each row makes."""
     empty = all(not row[-1] for row in data)
     if empty and width > 2 and (not heads or len(heads[-1]) < width or not heads[-1][-1]):
