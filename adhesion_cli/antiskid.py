@@ -15,19 +15,22 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import physics, slope
-from .controllers import APPLY, VENT, Observed, none, patent, rule
-from .controllers.patent import init as control_init
-from .controllers.patent import step as control_step
+from .controller import APPLY, VENT, Drives, Observed
+from .controller import registry as controllers
+from .controllers.none import init as control_init
+from .controllers.none import step as control_step
 from .errors import UserError, unknown
-from .estimator import Estimator, registry, validated
+from .estimator import Estimator
+from .estimator import registry as estimators
 from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
+from .methods import Method, validated
 from .model import Channel, Column, Floats, Log, Vehicle, Wheelset
 from .physics import G
 from .plant import (
@@ -71,20 +74,14 @@ RAILS = {
 Settings = Mapping[str, Mapping[str, float]]
 
 
-class Law(NamedTuple):
-    """One controller, as its file in `controllers/` has it; or whatever else has parameters."""
+class Named(NamedTuple):
+    """What has parameters and is no method."""
 
     name: str
     Params: type[Any]
-    init: Callable[..., Any]
-    step: Callable[..., Any]
 
 
-CONTROLLERS = {
-    name: Law(name, law.Params, law.init, law.step)
-    for name, law in (("patent", patent), ("rule", rule), ("none", none))
-}
-SLOPE = Law("slope", slope.Params, slope.init, slope.step)
+SLOPE = Named("slope", slope.Params)
 SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5}  # found by search; slower than what suits a log
 SPREAD = 0.2  # of f0 from seed to seed of a sweep
 ESTIMATOR = "kalman"  # in the loop where none is chosen
@@ -169,13 +166,6 @@ class _Trace(NamedTuple):
     valve: NDArray[np.int8]
 
 
-class Drives(Protocol):
-    """The two magnet valves of one axle, as a unit or a rig switches them."""
-
-    def set(self, hold: bool, vent: bool) -> None:
-        """Energises them or not; both at rest is the brake's own pressure."""
-
-
 def online(
     chosen: tuple[Any, ...],
     wheelset: Wheelset,
@@ -193,7 +183,7 @@ def online(
         drives: the valves, if there are any.
 
     Yields:
-        `controllers.APPLY`, `HOLD` or `VENT`.
+        `controller.APPLY`, `HOLD` or `VENT`.
     """
     est, law, ep, sp, cp = chosen
     estimate: Any = None
@@ -340,7 +330,7 @@ def run(
     Args:
         scenario: train, brake, rail and unit; its sensors and its simple slide protection are the
             log's and play no part.
-        controller: a name in `CONTROLLERS`.
+        controller: a name in `controller.registry()`.
         seed: of the sensors' noise, in place of the scenario's.
         algo: online estimator in the loop.
         settings: parameters by name of controller, of estimator, and of "slope".
@@ -414,21 +404,21 @@ def chain_of(vehicle: Vehicle) -> Chain:
 
 def choose(
     controller: str, algo: str, settings: Settings
-) -> tuple[Estimator, Law, Any, slope.Params, Any]:
+) -> tuple[Estimator, Method, Any, slope.Params, Any]:
     """Estimator, controller, and the parameters of estimator, slope and controller.
 
     Raises:
         UserError: a name that is none, or a parameter unknown or out of range.
     """
-    estimators = registry()
-    if controller not in CONTROLLERS:
-        raise unknown("controller", controller, list(CONTROLLERS))
-    if algo not in estimators:
-        raise unknown("estimator", algo, list(estimators))
+    known, laws = estimators(), controllers()
+    if controller not in laws:
+        raise unknown("controller", controller, list(laws))
+    if algo not in known:
+        raise unknown("estimator", algo, list(known))
     for name in settings:
-        if name not in (*CONTROLLERS, *estimators, SLOPE.name):
-            raise unknown("setting", name, [*CONTROLLERS, *estimators, SLOPE.name])
-    est, law = estimators[algo], CONTROLLERS[controller]
+        if name not in (*laws, *known, SLOPE.name):
+            raise unknown("setting", name, [*laws, *known, SLOPE.name])
+    est, law = known[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
     ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
     return est, law, ep, sp, cp
@@ -436,7 +426,7 @@ def choose(
 
 def slip_band(settings: Settings) -> tuple[float, float]:
     """Least and most slip [-] of the patent's band under these settings."""
-    p = validated(CONTROLLERS["patent"], settings.get("patent", {}))
+    p = validated(controllers()["patent"], settings.get("patent", {}))
     return p.slip_low, p.slip_high
 
 
@@ -550,7 +540,8 @@ def sweep(
     from concurrent.futures import ThreadPoolExecutor  # compiled loops leave the GIL to the others
 
     dry = dry_distance(scenario)
-    for controller in CONTROLLERS:  # compile before the threads start
+    laws = list(controllers())
+    for controller in laws:  # compile before the threads start
         run(replace(scenario, rail=RAILS["dry"]), controller, 0, algo, settings)
 
     def one(job: tuple[str, str, int]) -> Verdict:
@@ -559,7 +550,7 @@ def sweep(
         case = replace(scenario, rail=_scaled(RAILS[rail], factor))
         return verdict(run(case, controller, seed, algo, settings), case, dry)
 
-    jobs = [(r, c, seed) for r in RAILS for c in CONTROLLERS for seed in range(seeds)]
+    jobs = [(r, c, seed) for r in RAILS for c in laws for seed in range(seeds)]
     found: dict[tuple[str, str], list[Verdict]] = {}
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for n, (job, x) in enumerate(zip(jobs, pool.map(one, jobs), strict=True), 1):

@@ -78,7 +78,7 @@ def batch(
 
     Args:
         est: the estimator.
-        p: its parameters, from `estimator.validated`.
+        p: its parameters, from `methods.validated`.
         w: constants of the wheelset.
         t_ns: times [ns], rising strictly within each segment, shape (n,).
         K: clamping force [N], shape (n,).

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics
-from .controllers import HOLD, VENT
+from .controller import HOLD, VENT
 from .model import Floats, Vehicle
 from .rail import Condition, Patch, condition, creep_force
 from .scenario import INF, Rail, Scenario, Wave, Wsp

@@ -49,7 +49,7 @@ def responses(
 
     Args:
         est: the estimator.
-        p: its parameters, from `estimator.validated`.
+        p: its parameters, from `methods.validated`.
         w: constants of the wheelset.
         frequencies: rising, below half of 1/`STEP` [Hz].
     """

@@ -1,7 +1,7 @@
 """Settings: flag > `--set` > `-c` > `./adhesion.toml` > default, typed and checked once.
 
 The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`, and the
-parameters of each estimator in the registry: nothing is listed here a second time.
+parameters of each estimator and controller: nothing is listed here a second time.
 """
 
 import copy
@@ -15,9 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
-from . import estimator
+from . import controller, estimator, methods
 from .errors import UserError, unknown
 from .estimator import Estimator
+from .methods import Method
 from .model import Parameter, Quantity, Vehicle
 from .read.meaning import Mapping
 from .read.source import ReadOptions, TimeSource
@@ -59,7 +60,7 @@ class Settings:
     """Everything a user may state, checked.
 
     Attributes:
-        overrides: estimator parameters stated by the user, by estimator and name.
+        overrides: parameters stated by the user, by estimator or controller and name.
         stated: the tree as stated, for the result's record of how it was made.
     """
 
@@ -73,7 +74,7 @@ class Settings:
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
-        return estimator.validated(est, self.overrides.get(est.name, {}))
+        return methods.validated(est, self.overrides.get(est.name, {}))
 
 
 def load(
@@ -245,7 +246,7 @@ def _halved(value: Any) -> Any:
 
 
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
-    registry = estimator.registry()
+    registry: dict[str, Method] = {**estimator.registry(), **controller.registry()}
     sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", *registry]
     overrides: dict[str, dict[str, float]] = {}
     for key, value in tree.items():
@@ -254,7 +255,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         _table_of(key, value)
         if key in registry:
             overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
-            estimator.validated(registry[key], overrides[key])
+            methods.validated(registry[key], overrides[key])
     vehicle = tree.get("vehicle", {})
     mappings, stated = _channels(tree.get("channels", {}))
     options = {

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics
-from .controllers import APPLY, HOLD, VENT
+from .controller import APPLY, HOLD, VENT
 from .errors import UserError
 from .model import Channel, Column, Floats, Log, Times
 from .plant import (

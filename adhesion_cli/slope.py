@@ -121,9 +121,10 @@ def step(p: Params, s: State, h: float, slip: float, mu: float) -> State:
 def region(slip: float, slope: float, bands: Bands) -> int:
     """Where the operating point lies: index into `REGIONS`.
 
-    The AND-test is true in `optimal` only. Where it is false, slip or slope says on which side:
-    `beyond` with too much slip or past the peak, else `below`. Slip outside its band decides
-    without a slope; inside it, a slope that is not observable leaves it `unknown`.
+    The AND-test is true in `optimal` only. Where it is false, the slip band decides first: `below`
+    with less slip, `beyond` with more, whatever slope is remembered from where the point has been.
+    Inside it the slope decides: `below` where the curve rises more than the band has it, `beyond`
+    where it falls more, `unknown` where it is not observable.
 
     Args:
         slip: s [-], NaN where there is none.
@@ -132,8 +133,10 @@ def region(slip: float, slope: float, bands: Bands) -> int:
     """
     if not math.isfinite(slip):
         return 0
-    if slip > bands.slip_high or slope < bands.slope_low:
-        return 3
-    if slip < bands.slip_low or slope > bands.slope_high:
-        return 1
-    return 2 if math.isfinite(slope) else 0  # [S4]
+    if not bands.slip_low <= slip <= bands.slip_high:
+        return 1 if slip < bands.slip_low else 3
+    if not math.isfinite(slope):
+        return 0
+    if not bands.slope_low <= slope <= bands.slope_high:
+        return 1 if slope > bands.slope_high else 3
+    return 2  # [S4]

@@ -26,7 +26,7 @@ class Stop:
     peak: Floats  # the most the rail can give at this speed
     peak_slip: Floats  # and the slip at which it does
     slip: Floats  # true slip, NaN where the train is too slow
-    valve: NDArray[np.int8]  # as commanded: `controllers.APPLY`, `HOLD`, `VENT`
+    valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
     told_train_speed: Floats  # what the sensors said
     told_wheel_speed: Floats  # [rad/s]
     told_clamping_force: Floats  # K from the pressure they said

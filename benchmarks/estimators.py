@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from adhesion_cli import compiled, estimator
+from adhesion_cli import compiled, estimator, methods
 from adhesion_cli.model import Vehicle
 from adhesion_cli.physics import wheelset
 
@@ -45,7 +45,7 @@ def main() -> None:
         library = c_library(folder)
         print(f"{'':10} {'compiled':>10} {'C':>10} {'ratio':>7}   ns per sample, 1 kHz")
         for name, est in estimator.registry().items():
-            p = estimator.validated(est, {})
+            p = methods.validated(est, {})
             loop = getattr(library, name)
             values = np.array(p)
             inputs = [ctypes.c_void_p(x.ctypes.data) for x in (values, constants, t, K, y)]

@@ -12,7 +12,7 @@ from typing import Any
 
 import typer.main
 
-from adhesion_cli import estimator, settings
+from adhesion_cli import controller, estimator, methods, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.model import Parameter, Quantity, Vehicle
 from adhesion_cli.read import units
@@ -94,8 +94,9 @@ def settings_page() -> str:
             )
         ),
         *(
-            f"## [{name}]\n\n{est.title}. {est.source}\n\n{_table(_of_estimator(est))}"
-            for name, est in estimator.registry().items()
+            f"## [{name}]\n\n{m.title}. {m.source}\n\n{_table(_of_method(m))}"
+            for name, m in (*estimator.registry().items(), *controller.registry().items())
+            if m.Params._fields
         ),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
@@ -132,8 +133,8 @@ def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
         yield f"`{name}`", f"{value:g}" if isinstance(value, float) else str(value), q
 
 
-def _of_estimator(est: estimator.Estimator) -> Iterator[tuple[str, str, Quantity]]:
-    for name, q, default in estimator.parameters(est):
+def _of_method(m: methods.Method) -> Iterator[tuple[str, str, Quantity]]:
+    for name, q, default in methods.parameters(m):
         yield f"`{name}`", f"{default:g}", q
 
 

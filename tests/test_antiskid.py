@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from adhesion_cli import antiskid, physics, rail, scenario, slope
-from adhesion_cli.controllers import APPLY, HOLD, VENT, Observed, patent, rule
+from adhesion_cli import antiskid, controller, methods, physics, rail, scenario, slope
+from adhesion_cli.controller import APPLY, HOLD, VENT, Observed, registry
+from adhesion_cli.controllers import patent, rule
 from adhesion_cli.errors import UserError
 from adhesion_cli.scenario import Limit, Scenario
 from adhesion_cli.stop import Stop, Verdict
@@ -109,6 +110,66 @@ def test_slip_rate_is_the_derivative_of_slip() -> None:
         assert o.slip_rate == pytest.approx(true[i], rel=0.02, abs=1e-3)
 
 
+LAZY = '''
+from typing import NamedTuple
+
+from adhesion_cli.controller import HOLD, Observed
+from adhesion_cli.methods import About
+
+
+class Params(NamedTuple):
+    """None."""
+
+
+class State(NamedTuple):
+    """Command."""
+
+    valve: int
+
+
+def init(p, o):
+    """Holds."""
+    return State(HOLD)
+
+
+def step(p, s, h, o):
+    """Holds."""
+    return State(HOLD)
+
+
+ABOUT = About("Lazy", "nobody")
+'''
+
+
+def test_a_fourth_controller_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lazy.py").write_text(LAZY, encoding="utf-8")
+    laws = {name: m for name, (m, _) in methods.scan(controller.KIND, tmp_path).items()}
+    assert list(laws) == ["lazy", "none", "patent", "rule"]
+    monkeypatch.setattr(antiskid, "controllers", lambda: laws)
+    vehicle, switches = short().vehicle, Switches()
+    samples = [(k * 10**7, 9.0, 9.0 / 0.42, 1e3 * k) for k in range(5)]
+    chosen = antiskid.choose("lazy", "leso", {})
+    wheelset, chain = physics.wheelset(vehicle, 1), antiskid.chain_of(vehicle)
+    assert list(antiskid.online(chosen, wheelset, chain, samples, switches)) == [HOLD] * 5
+    assert switches.seen == [(True, False)] * 5
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (("def step", "def stop"), "not a controller, lacks step"),
+        (("    valve: int", "    valves: int"), "last field of State must be valve"),
+        (('About("Lazy", "nobody")', "None"), "ABOUT must be"),
+    ],
+)
+def test_a_broken_controller_is_named(tmp_path: Path, change: tuple[str, str], says: str) -> None:
+    (tmp_path / "lazy.py").write_text(LAZY.replace(*change), encoding="utf-8")
+    with pytest.raises(UserError, match=says) as caught:
+        methods.scan(controller.KIND, tmp_path)
+    assert "lazy.py" in caught.value.text
+    assert "adhesion_cli.controller" in caught.value.hint
+
+
 # --- the loop -----------------------------------------------------------------------------------
 
 
@@ -155,8 +216,8 @@ def test_on_dry_rail_a_controller_costs_nothing() -> None:
     s = replace(case("slippery-stop"), rail=antiskid.RAILS["dry"])
     s = replace(s, train=replace(s.train, cleaning=()))
     dry = antiskid.dry_distance(s)
-    for controller in antiskid.CONTROLLERS:
-        v = antiskid.verdict(antiskid.run(s, controller), s, dry)
+    for law in registry():
+        v = antiskid.verdict(antiskid.run(s, law), s, dry)
         assert v.extension == pytest.approx(0.0, abs=1e-3)
         assert (v.utilisation, v.mean_slip_error) == (None, None)
         assert v.locked_s == v.limited_s == 0.0
@@ -172,7 +233,7 @@ def test_air_is_what_the_cylinders_took_in() -> None:
 
 @pytest.mark.parametrize("name", ["slippery-stop", "low-adhesion"])
 def test_patent_law_uses_the_rail_and_locks_no_wheel(name: str) -> None:
-    a, b, c = (judged(name, controller) for controller in antiskid.CONTROLLERS)
+    a, b, c = (judged(name, controller) for controller in ("patent", "rule", "none"))
     assert a.locked_s == b.locked_s == 0.0
     assert c.locked_s > 10.0
     assert a.utilisation is not None
@@ -202,7 +263,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
     rows = antiskid.sweep(replace(case("slippery-stop"), train=short().train), 2, tell=told.append)
     assert [(r.rail, r.controller) for r in rows] == [
-        (r, c) for r in antiskid.RAILS for c in antiskid.CONTROLLERS
+        (r, c) for r in antiskid.RAILS for c in registry()
     ]
     assert told[-1] == "36 of 36 stops"
     for r in rows:
@@ -244,7 +305,7 @@ def test_a_brake_that_is_released_is_no_stop(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_stops_are_written_side_by_side(tmp_path: Path) -> None:
-    stops = [stopped("short", c) for c in antiskid.CONTROLLERS]
+    stops = [stopped("short", c) for c in registry()]
     path = tmp_path / "stops.rrd"
     rrd.write_stops(path, "short", stops, 47e3, (0.01, 0.03), "verdict")
     counts: dict[str, int] = {}
@@ -279,7 +340,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
     doc = json.loads(done.stdout)
     assert set(doc) == {"schema", "scenario", "seed", "dry_distance_m", "controllers"}
     assert (doc["schema"], doc["scenario"]) == ("adhesion.antiskid/1", "leaf-film")
-    assert list(doc["controllers"]) == ["patent", "rule", "none"]
+    assert list(doc["controllers"]) == ["none", "patent", "rule"]
     for verdict in doc["controllers"].values():
         assert list(verdict) == [
             "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",

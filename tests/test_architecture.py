@@ -16,7 +16,8 @@ PACKAGE = Path(adhesion_cli.__file__).parent
 LAYERS = [
     {"__init__", "errors", "bundled"},
     {"model", "text"},
-    {"physics", "estimator", "stop"},
+    {"physics", "methods", "stop"},
+    {"estimator", "controller"},
     {"estimators", "compiled", "rail", "slope"},
     {"smoother", "controllers", "railfit"},
     {"reference"},

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from adhesion_cli import compiled, estimator, metrics, scenario, simulate
+from adhesion_cli import compiled, estimator, methods, metrics, scenario, simulate
 from adhesion_cli.errors import UserError
 from adhesion_cli.estimators._han import fhan
 from adhesion_cli.model import AxleRecord, Vehicle, Wheelset
@@ -32,13 +32,13 @@ def ns(t):
 
 def run(name, t, K, y, starts=(0,), **overrides):
     est = REGISTRY[name]
-    p = estimator.validated(est, overrides)
+    p = methods.validated(est, overrides)
     return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))
 
 
 def online(name, t, K, y, **overrides):
     est = REGISTRY[name]
-    p = estimator.validated(est, overrides)
+    p = methods.validated(est, overrides)
     samples = zip(ns(t).tolist(), K.tolist(), y.tolist(), strict=True)
     return np.array(list(estimator.online(est, p, W, samples)))
 
@@ -82,7 +82,7 @@ def test_documented(name):
     assert est.title
     assert "Wu M., Peng S., Li X." in est.source or "doi" in est.source
     assert est.claims
-    for _, quantity, default in estimator.parameters(est):
+    for _, quantity, default in methods.parameters(est):
         assert quantity.unit
         assert quantity.text
         assert quantity.low <= default <= quantity.high
@@ -254,7 +254,7 @@ def test_step_solves_the_equations(name, h):
     """Against an integrator that knows nothing of exact steps, on a line from sample to sample."""
     t = np.arange(0.0, 1.5 + h / 2.0, h)
     y = 40.0 - 2.7 * t - 0.5 * np.sin(9.0 * t)
-    f = right_side(name, estimator.validated(REGISTRY[name], {}))
+    f = right_side(name, methods.validated(REGISTRY[name], {}))
     start = {"gradient": [0.0, y[0], 0.0]}.get(name, [y[0], 0.0])
     solution = solve_ivp(
         lambda at, x: f(np.interp(at, t, y), *x),
@@ -434,11 +434,11 @@ def test_finite_for_any_finite_input(name, samples, data):
     est = REGISTRY[name]
     overrides = {
         key: data.draw(st.floats(q.low, q.high), label=key)
-        for key, q, _ in estimator.parameters(est)
+        for key, q, _ in methods.parameters(est)
         if key != "euler"
     }
     t, K, y = (np.array(column) for column in zip(*samples, strict=True))
-    p = estimator.validated(est, overrides)
+    p = methods.validated(est, overrides)
     for parameters in (est.Params(), p):
         F = compiled.batch(est, parameters, W, np.cumsum(t), abs(K), y, np.array([0]))
         assert np.isfinite(F).all()
@@ -524,7 +524,7 @@ def test_a_sixth_estimator_is_one_file(tmp_path):
     assert list(estimator.registry(tmp_path)) == sorted([*REGISTRY, "difference"])
     t = jittery(300, seed=7)
     K, y, _ = slide(t)
-    p = estimator.validated(est, {"gain": 0.5})
+    p = methods.validated(est, {"gain": 0.5})
     F = compiled.batch(est, p, W, ns(t), K, y, np.array([0, 100]))
     expected = 0.5 * (W.phi * K[1:] + np.diff(y) / (np.diff(ns(t)) * 1e-9) / W.a)
     expected[99] = 0.0
@@ -561,14 +561,14 @@ def test_registry_refuses_a_name_twice_and_a_folder_that_is_none(tmp_path):
 
 def test_parameters_are_checked():
     est = REGISTRY["neso"]
-    assert estimator.validated(est, {"beta1": 100}).beta1 == 100.0
-    assert estimator.validated(est, {}) == est.Params()
+    assert methods.validated(est, {"beta1": 100}).beta1 == 100.0
+    assert methods.validated(est, {}) == est.Params()
     with pytest.raises(UserError, match="beta3") as caught:
-        estimator.validated(est, {"beta3": 1.0})
+        methods.validated(est, {"beta3": 1.0})
     assert "beta1" in caught.value.hint or "beta2" in caught.value.hint
     for value in (-1.0, 1e99, math.nan):
         with pytest.raises(UserError, match="out of range"):
-            estimator.validated(est, {"delta": value})
+            methods.validated(est, {"delta": value})
 
 
 def test_wheelset_fields_are_floats():

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adhesion_cli import estimator, reproduce
+from adhesion_cli import estimator, methods, reproduce
 from adhesion_cli.cli.reproduce import report
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -104,7 +104,7 @@ def test_neso_follows_the_reference_in_the_field_test(made: reproduce.Reproducti
 def test_printed_parameters_are_table_1s() -> None:
     known = estimator.registry()
     for algo in TABLE_2:
-        p = estimator.validated(known[algo], reproduce.printed(algo, 4e-3))
+        p = methods.validated(known[algo], reproduce.printed(algo, 4e-3))
         assert p.euler == 1.0
     kalman = reproduce.printed("kalman", 4e-3)
     assert kalman["b"] ** (4e-3 / 1e-3) == pytest.approx(0.95)

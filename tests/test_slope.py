@@ -131,7 +131,7 @@ def test_regions_are_the_and_test() -> None:
     nan = math.nan
     for slip, k, name in (
         (0.05, 0.5, "optimal"), (0.05, 5.0, "below"), (0.05, -0.3, "beyond"),
-        (0.005, 0.5, "below"), (0.005, -0.3, "beyond"), (0.3, 0.5, "beyond"),
+        (0.005, 0.5, "below"), (0.005, -0.3, "below"), (0.3, 0.5, "beyond"), (0.3, 5.0, "beyond"),
         (0.3, nan, "beyond"), (0.005, nan, "below"), (0.05, nan, "unknown"), (nan, 0.5, "unknown"),
     ):  # fmt: skip
         assert slope.REGIONS[slope.region(slip, k, bands)] == name

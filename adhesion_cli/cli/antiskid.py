@@ -48,6 +48,7 @@ def command(
     Example: adhesion antiskid slippery-stop
     """
     from .. import antiskid
+    from ..controller import registry as controllers
     from ..document import dumps
     from ..physics import G
     from ..scenario import load
@@ -68,7 +69,7 @@ def command(
     tell("dry rail")
     dry = antiskid.dry_distance(case)
     stops = []
-    for controller in antiskid.CONTROLLERS:
+    for controller in controllers():
         tell(controller)
         stop = antiskid.run(case, controller, seed, algo, settings)
         stops.append((stop, antiskid.verdict(stop, case, dry)))

@@ -40,7 +40,7 @@ def command(
 
 def _entry(e: "Estimator") -> dict[str, object]:
     from ..document import finite
-    from ..estimator import parameters
+    from ..methods import parameters
 
     return {
         "algo": e.name,
@@ -58,7 +58,7 @@ def _entry(e: "Estimator") -> dict[str, object]:
 
 
 def _text(e: "Estimator") -> str:
-    from ..estimator import parameters
+    from ..methods import parameters
 
     lines = [f"{e.name}: {e.title}", f"  {e.source}"]
     for name, q, default in parameters(e):

@@ -2,7 +2,8 @@
 
 from typing import NamedTuple
 
-from . import APPLY, Observed
+from ..controller import APPLY, Observed
+from ..methods import About
 
 
 class Params(NamedTuple):
@@ -23,3 +24,6 @@ def init(p: Params, o: Observed) -> State:
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """Nothing changes."""
     return State(APPLY)
+
+
+ABOUT = About("No wheel slide protection", "the brake as it is")

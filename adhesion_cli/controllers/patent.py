@@ -13,12 +13,12 @@ moves the point, and a point that moves shows its slope; to hold for good would 
 rolls on a good rail with the pressure of the bad rail before it.
 """
 
-import math
 from typing import Annotated, NamedTuple
 
+from ..controller import APPLY, HOLD, VENT, Observed
+from ..methods import About
 from ..model import Quantity
 from ..slope import Bands, region
-from . import APPLY, HOLD, VENT, Observed
 
 
 class Params(NamedTuple):
@@ -49,9 +49,7 @@ def init(p: Params, o: Observed) -> State:
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """One tick on."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    slip = o.slip + p.horizon * o.slip_rate
-    slope = o.slope if slip >= p.slip_low else math.nan  # it was that of the slide just caught
-    where = region(slip, slope, bands)  # [S4]
+    where = region(o.slip + p.horizon * o.slip_rate, o.slope, bands)  # [S4]
     if where == 3:  # beyond
         return State(0.0, VENT)  # [S5]
     if where == 1:  # below
@@ -60,3 +58,10 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
         return State(0.0, HOLD)
     held = s.held + h
     return State(held, HOLD) if held < p.patience else State(0.0, APPLY)
+
+
+ABOUT = About(
+    "Slip and slope judged together",
+    "Patent on slip-adhesion slope anti-skid control, Shanghai University of Engineering Science, "
+    "published 2024-10",
+)

@@ -9,8 +9,9 @@ pneumatic units; the thresholds are the result of the same search as the patent 
 import math
 from typing import Annotated, NamedTuple
 
+from ..controller import APPLY, HOLD, VENT, Observed
+from ..methods import About
 from ..model import Quantity
-from . import APPLY, HOLD, VENT, Observed
 
 
 class Params(NamedTuple):
@@ -71,3 +72,8 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
         valve = APPLY if cycle < p.pulse or sliding == 0.0 else HOLD
     venting = s.venting + h if valve == VENT else 0.0
     return State(o.rim_speed, acceleration, venting, cycle, sliding, valve)
+
+
+ABOUT = About(
+    "Rules on slip and deceleration", "Common pneumatic wheel slide protection; thresholds ours"
+)

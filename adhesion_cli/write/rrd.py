@@ -22,7 +22,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from .. import physics
-from ..controllers import APPLY, HOLD, VENT
+from ..controller import APPLY, HOLD, VENT
 from ..model import AxleResult, Bools, Finding, Floats, Result, Score, Times
 from ..stop import Stop
 from ..text import printable
