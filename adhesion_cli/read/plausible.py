@@ -479,8 +479,8 @@ def _speeds(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
             reference = g.rim[1 - i] if i == 0 and len(axles) == 2 else np.full(0, np.nan)
         if not len(reference):
             continue
-        if not 0.8 < (highest := _highest_share(g, i)) < 1.25:
-            found.append(_odd_wheel(a, 1.0 / max(highest, 1e-3), True, vehicle))
+        if not 0.8 < (kept := _kept_share(g, i)) < 1.25:
+            found.append(_odd_wheel(a, 1.0 / kept, True, vehicle))
             continue
         m = _match(reference, g.rim[i], g.step, late)
         R = vehicle.radius(a.record.axle)
@@ -494,23 +494,25 @@ def _speeds(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> list[Finding]:
     return found
 
 
-def _highest_share(g: Grid, i: int) -> float:
-    """A wheel's share of the train's speed when it is highest, for a second; 1 where not known.
+def _kept_share(g: Grid, i: int) -> float:
+    """The share of the train's speed that a wheel keeps to, 1 where it keeps to none.
 
-    However much it slides, it once comes near the train's speed, and braked it is never beyond.
+    A wheel without brake rolls. A braked one does where it keeps to one share again and again, the
+    highest such share: one that slides all the time wanders and keeps to none.
     """
     if g.train is None:
         return 1.0
     fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), _CRAWL)
+    fast &= g.rim[i] > _CRAWL / 10.0
     share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
     second = max(3, round(1.0 / g.step))
-
-    def highest(x: Floats) -> float:
-        known = np.sort(x[np.isfinite(x)])
-        return float(known[-second]) if len(known) >= max(second, _LEAST) else 1.0
-
-    braked, any_time = highest(share[g.clamping[i] > 0.0]), highest(share)
-    return any_time if any_time < 1.0 else max(braked, 1.0)
+    free = np.sort(share[fast & _far(g.clamping[i] <= 0.0, 2 * g.half)])
+    if len(free) >= second:
+        return float(np.median(free))
+    some = np.sort(share[np.isfinite(share)])
+    near = np.searchsorted(some, 1.03 * some) - np.searchsorted(some, 0.97 * some)
+    kept = some[near >= max(second, _LEAST, len(some) // 5)]
+    return float(kept[-1]) if len(kept) else 1.0
 
 
 def _odd_wheel(a: Axle, scale: float, by_train: bool, vehicle: Vehicle) -> Finding:
