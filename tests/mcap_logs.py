@@ -103,7 +103,7 @@ class Log:
         if self.unknown:
             out += raw_record(0x80, b"private")
         for i in range(self.attachments):
-            out += record(Attachment(1, 2, f"a{i}", "text/plain", b"attached" * i))
+            out += record(Attachment(1, 2, f"a{i}", "text/plain", b"attached" * i), self.padding)
         if self.metadata:
             out += record(Metadata("meta", self.metadata), self.padding)
         if not self.per_chunk:

@@ -222,6 +222,51 @@ def test_long_arrays_are_not_offered_but_told(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-not-offered", 1)]
 
 
+def test_maps_and_bytes_are_told(tmp_path: Path) -> None:
+    of = double_message()
+    entry = of.nested_type.add(name="ByNameEntry")
+    entry.options.map_entry = True
+    entry.field.add(name="key", number=1, type=F.TYPE_STRING, label=F.LABEL_OPTIONAL)
+    entry.field.add(name="value", number=2, type=F.TYPE_DOUBLE, label=F.LABEL_OPTIONAL)
+    of.field.add(
+        name="by_name", number=2, type=F.TYPE_MESSAGE, label=F.LABEL_REPEATED,
+        type_name=".t.D.ByNameEntry",
+    )  # fmt: skip
+    of.field.add(name="raw", number=3, type=F.TYPE_BYTES, label=F.LABEL_OPTIONAL)
+    log = Log([proto_schema(proto_file([of]), "D")], [Channel(1, "/a", "protobuf", {}, 1)])
+    log.messages = [message(1, START, b"\x09" + struct.pack("<d", 3.0))]
+    source = opened(tmp_path, log)
+    assert [f.path for f in source.fields] == ["value"]
+    (finding,) = source.findings
+    assert (finding.code, finding.count) == ("mcap-not-offered", 2)
+    assert finding.message.endswith("by_name (a map), raw (bytes)")
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf", "protobuf, odd", "cdr"])
+def test_integers_that_no_double_holds_are_told(tmp_path: Path, encoding: str) -> None:
+    numbers = [0, 1 << 53, (1 << 53) + 1, 1 << 60, -(1 << 53) - 1, -(1 << 63), (1 << 62) + 1024]
+    of = double_message()
+    of.field[0].type = F.TYPE_SFIXED64
+    schema = proto_schema(proto_file([of]), "D")
+    kind, _, odd = encoding.partition(", ")
+    if kind == "cdr":
+        schema = Schema(1, b"int64 value", "ros2msg", "p/msg/T")
+    log = Log([] if kind == "json" else [schema], [Channel(1, "/a", kind, {}, kind != "json")])
+    group = b"\x1b\x08\x01\x1c" if odd else b""  # makes the library read the message
+    for i, n in enumerate(numbers):
+        body = {
+            "json": b'{"value": %d}' % n, "cdr": b"\0\1\0\0" + struct.pack("<q", n),
+            "protobuf": b"\x09" + struct.pack("<q", n) + group,
+        }[kind]  # fmt: skip
+        log.messages.append(message(1, START + i, body))
+    source = opened(tmp_path, log)
+    (column,) = read(source).values()
+    assert column.value.tolist() == [float(n) for n in numbers]
+    (finding,) = source.findings
+    assert (finding.code, finding.severity) == ("mcap-rounded", "info")
+    assert (finding.count, finding.first_s) == (2, 2e-9)
+
+
 def test_an_unknown_encoding_is_told(tmp_path: Path) -> None:
     log = Log([], [Channel(1, "/a", "ros1", {}, 0)], [message(1, START, b"x")])
     source = opened(tmp_path, log)
@@ -454,7 +499,7 @@ def test_stamps_as_text_or_one_number(tmp_path: Path, place: str, kind: str) -> 
     np.testing.assert_array_equal(column.t, START + 20_001_000 * np.arange(6))
     assert column.valid.all()
     assert source.time_reason.startswith("stamp inside the messages")
-    assert source.findings == []
+    assert codes(source) == [("mcap-rounded", 5)] * (kind == "ns")
 
 
 def test_a_number_as_stamp_in_protobuf(tmp_path: Path) -> None:

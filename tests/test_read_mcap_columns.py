@@ -11,9 +11,9 @@ import pytest
 from google.protobuf.descriptor_pb2 import (
     DescriptorProto,
     EnumDescriptorProto,
+    FieldDescriptorProto,
     OneofDescriptorProto,
 )
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from hypothesis import HealthCheck, given, settings
@@ -26,6 +26,7 @@ from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 from adhesion_cli.read.mcap import open_mcap
 from adhesion_cli.read.source import ReadOptions
 
+F = FieldDescriptorProto
 SOME = settings(
     max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )  # fmt: skip
@@ -49,7 +50,7 @@ containers = st.fixed_dictionaries(
 times = st.integers(0, 20).map(lambda n: START + n * 1_000_003)
 
 
-def value_at(tree: Any, path: str) -> float:
+def value_at(tree: Any, path: str) -> float | int:
     """The number at a path of a decoded message, NaN where it has none."""
     for step in re.findall(r"[^.\[\]]+|\[\d+\]", path):
         if step.startswith("["):
@@ -64,7 +65,22 @@ def value_at(tree: Any, path: str) -> float:
             tree = None if f.has_presence and not tree.HasField(step) else getattr(tree, step)
         else:
             tree = getattr(tree, step, None)
-    return float(tree) if isinstance(tree, (int, float)) else math.nan
+    return tree if isinstance(tree, (int, float)) else math.nan
+
+
+def opaque_in(message: Any) -> bool:
+    """Whether a message has maps or bytes, which are not read but told."""
+    for f in message.DESCRIPTOR.fields if hasattr(message, "DESCRIPTOR") else ():
+        value = getattr(message, f.name)
+        if f.type == F.TYPE_BYTES or is_map(f):
+            return True
+        if f.type == F.TYPE_MESSAGE and any(map(opaque_in, value if f.is_repeated else [value])):
+            return True
+    return False
+
+
+def is_map(f: Any) -> bool:
+    return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
 
 
 def numbers_in(tree: Any, at: str = "") -> set[str]:
@@ -79,7 +95,9 @@ def numbers_in(tree: Any, at: str = "") -> set[str]:
         inside = tree
     elif hasattr(tree, "DESCRIPTOR"):
         inside = {
-            f.name: getattr(tree, f.name) for f in tree.DESCRIPTOR.fields if f.type != F.TYPE_BYTES
+            f.name: getattr(tree, f.name)
+            for f in tree.DESCRIPTOR.fields
+            if f.type != F.TYPE_BYTES and not is_map(f)
         }
     elif hasattr(tree, "__slots__"):
         inside = {name: getattr(tree, name) for name in tree.__slots__}
@@ -102,23 +120,31 @@ def check(folder: Path, log: Log, decoded: dict[int, list[tuple[int, Any]]]) -> 
     path.write_bytes(log.bytes())
     source = open_mcap(path, ReadOptions(time_source="log"))
     assert source.rows == len(log.messages)
-    assert {f.code for f in source.findings} <= {"mcap-damaged", "mcap-unknown-record"}
     assert any(f.code == "mcap-damaged" for f in source.findings) == (not log.end)
     assert source.metadata == ({"meta": log.metadata} if log.metadata else {})
     topics = {c.topic: c.id for c in log.channels}
     columns = source.columns(source.fields)
     seen: dict[str, set[str]] = {}
+    rounded = False
     for f, column in zip(source.fields, columns, strict=True):
         messages = decoded[topics[f.channel]]
         messages = sorted(messages, key=lambda m: m[0])  # stable
         np.testing.assert_array_equal(column.t, [t for t, _ in messages])
-        expected = np.array([value_at(m, f.path) for _, m in messages])
+        numbers = [value_at(m, f.path) for _, m in messages]
+        rounded |= any(isinstance(n, int) and float(n) != n for n in numbers)
+        expected = np.array(numbers, float)
         np.testing.assert_array_equal(column.value, expected, err_msg=f.path)
         np.testing.assert_array_equal(column.valid, np.isfinite(expected))
         seen.setdefault(f.channel, set()).add(f.path)
     for topic, number in topics.items():
         if messages := decoded[number]:
             assert seen.get(topic, set()) == numbers_in(messages[0][1]), topic
+    told = {f.code for f in source.findings}
+    assert told <= {
+        "mcap-damaged", "mcap-unknown-record", "mcap-unordered", "mcap-not-offered", "mcap-rounded"
+    }  # fmt: skip
+    assert ("mcap-rounded" in told) == rounded
+    assert ("mcap-not-offered" in told) == any(opaque_in(m[0][1]) for m in decoded.values() if m)
 
 
 # ---------------------------------------------------------------------- protobuf
@@ -155,11 +181,25 @@ def proto_files(draw: st.DrawFn) -> tuple[Any, str]:
                 f.type_name = f".t.{draw(st.sampled_from(made)).name}"
             if kind == F.TYPE_ENUM:
                 f.type_name = ".t.E"
-            how = draw(st.sampled_from(["single", "single", "repeated", "optional", "oneof"]))
+            how = draw(st.sampled_from(["single"] * 2 + ["repeated", "optional", "oneof", "map"]))
             if how == "repeated":
                 f.label = F.LABEL_REPEATED
-                if kind in RANGES or kind in (F.TYPE_DOUBLE, F.TYPE_FLOAT, F.TYPE_BOOL):
+                if can_pack(f):
                     f.options.packed = draw(st.booleans())
+            elif how == "map":
+                entry = of.nested_type.add(name=f"F{i}Entry")
+                entry.options.map_entry = True
+                entry.field.add(name="key", number=1, type=F.TYPE_INT32, label=F.LABEL_OPTIONAL)
+                value = entry.field.add(name="value", number=2, type=kind, label=F.LABEL_OPTIONAL)
+                if f.type_name:
+                    value.type_name = f.type_name
+                f.label, f.type, f.type_name = (
+                    F.LABEL_REPEATED,
+                    F.TYPE_MESSAGE,
+                    f".t.M{n}.F{i}Entry",
+                )
+            elif how == "single" and syntax == "proto2" and kind == F.TYPE_DOUBLE:
+                f.default_value = "2.5"
             elif how == "oneof" and of.oneof_decl:
                 f.oneof_index = 0
             elif how == "optional" and syntax == "proto3" and kind != F.TYPE_MESSAGE:
@@ -179,10 +219,22 @@ def proto_files(draw: st.DrawFn) -> tuple[Any, str]:
     return file, made[-1].name
 
 
+def can_pack(f: FieldDescriptorProto) -> bool:
+    kinds = (*RANGES, F.TYPE_DOUBLE, F.TYPE_FLOAT, F.TYPE_BOOL)
+    return f.label == F.LABEL_REPEATED and f.type in kinds
+
+
 def fill(draw: st.DrawFn, of: Any, lengths: dict[str, int], at: str = "") -> None:
     for f in of.DESCRIPTOR.fields:
         place = f"{at}.{f.name}"
-        if f.is_repeated:
+        if is_map(f):
+            kind = f.message_type.fields_by_name["value"]
+            for key in draw(st.lists(st.integers(-2, 9), max_size=2)):
+                if kind.type == F.TYPE_MESSAGE:
+                    getattr(of, f.name).get_or_create(key)
+                else:
+                    getattr(of, f.name)[key] = scalar(draw, kind.type)
+        elif f.is_repeated:
             # a log's arrays keep their length, those of other lengths have a test of their own
             for k in range(lengths.setdefault(place, draw(st.integers(0, 3)))):
                 if f.type == F.TYPE_MESSAGE:
@@ -213,12 +265,17 @@ def scalar(draw: st.DrawFn, kind: int) -> Any:
 
 
 @SOME
-@given(st.data(), proto_files(), containers, st.booleans())
-def test_protobuf(tmp_path: Path, data: Any, of: Any, how: Any, unknown: bool) -> None:
+@given(st.data(), proto_files(), containers, st.booleans(), st.booleans())
+def test_protobuf(
+    tmp_path: Path, data: Any, of: Any, how: Any, unknown: bool, repacked: bool
+) -> None:
     file, root = of
     pool = DescriptorPool()
     pool.Add(file)
     make = GetMessageClass(pool.FindMessageTypeByName(f"t.{root}"))
+    if repacked:  # a reader takes packed numbers where the schema has them single, and vice versa
+        for f in (f for m in file.message_type for f in m.field if can_pack(f)):
+            f.options.packed = not f.options.packed
     schema = proto_schema(file, root)
     decode = ProtobufFactory().decoder_for("protobuf", schema)
     log = Log([schema], [Channel(1, "/a", "protobuf", {}, 1)], **how)

@@ -9,6 +9,7 @@ import orjson
 
 from ..model import Floats
 from .tree import (
+    EXACT,
     LONG_ARRAY,
     Bytes,
     Fault,
@@ -22,6 +23,7 @@ from .tree import (
     length_faults,
     microseconds,
     path,
+    rounded_faults,
     said_fault,
 )
 
@@ -112,6 +114,7 @@ class JsonDecoder:
             other[rows] = [at(m, steps) != named for m in messages]
             if other.any():
                 faults.append(label_fault(wanted, steps, other, values))
+        faults += rounded_faults(wanted, spread.rounded)
         for steps, other in spread.other.items():
             if other.any():
                 faults.append(said_fault(wanted, steps, other, values))
@@ -125,6 +128,7 @@ class _Spread:
         self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
         self._wanted, self._values, self._faults = wanted, values, faults
         self.other = {steps: np.zeros(values.shape[1], np.bool_) for steps in wanted.said}
+        self.rounded = np.zeros(values.shape, np.bool_)
         self._places = self._columns.keys() | self.other.keys()
 
     def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
@@ -200,13 +204,19 @@ class _Spread:
 
     def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
         if set(map(type, nodes)) <= _NUMBERS:
-            self._values[i, rows] = nodes
+            self._put(nodes, rows, i)
             return
         number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
-        self._values[i, rows[number]] = [node for node in nodes if type(node) in _NUMBERS]
+        self._put([node for node in nodes if type(node) in _NUMBERS], rows[number], i)
         nan = np.array([node == "NaN" for node in nodes], np.bool_)
         if nan.any():
             text = f"{path(steps)} is NaN or infinite"
             self._faults.append(Fault("mcap-not-a-number", text, rows[nan]))
         other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
         self._type_fault(rows[other], steps)
+
+    def _put(self, numbers: list[Tree], rows: Offsets, i: int) -> None:
+        self._values[i, rows] = numbers
+        for k in np.flatnonzero(np.abs(self._values[i, rows]) >= EXACT).tolist():
+            number = numbers[k]
+            self.rounded[i, rows[k]] = isinstance(number, int) and int(float(number)) != number

@@ -42,6 +42,7 @@ _SEVERITY: dict[str, Severity] = {
     "mcap-not-a-number": "warning",
     "mcap-late-field": "warning",
     "mcap-no-stamp": "error",
+    "mcap-rounded": "info",
 }
 
 

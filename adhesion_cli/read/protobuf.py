@@ -6,6 +6,7 @@ has it, and the others wait. What is unusual (groups, broken varints, very many 
 message by message through the protobuf library, which also judges what is broken.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,13 +26,16 @@ from .tree import (
     Bytes,
     Fault,
     Offsets,
+    Opaque,
     Steps,
     Tree,
     UndecodableError,
     Wanted,
+    inexact,
     label_fault,
     length_faults,
     other_text,
+    rounded_faults,
     said_fault,
 )
 
@@ -118,7 +122,7 @@ class ProtobufDecoder:
         """Many messages at once, see Decoder."""
         return _LockStep(self, buffer, start, end, wanted).columns()
 
-    def numbers(self, message: bytes, leaves: tuple[Steps, ...]) -> list[float]:
+    def numbers(self, message: bytes, leaves: Sequence[Steps]) -> list[float]:
         """The wanted numbers of one message by the protobuf library, NaN where absent."""
         parsed = self._parse(message)
         return [_number(parsed, steps) for steps in leaves]
@@ -177,10 +181,12 @@ def _is_map(f: Any) -> bool:
 def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
-        if _is_map(f) or f.type == F.TYPE_BYTES:
-            continue
         value = getattr(message, f.name)
-        if f.is_repeated:
+        if _is_map(f):
+            tree[f.name] = Opaque("a map")
+        elif f.type == F.TYPE_BYTES:
+            tree[f.name] = Opaque("bytes")
+        elif f.is_repeated:
             some = value[: LONG_ARRAY + 1]
             if f.type in _MESSAGES:
                 tree[f.name] = [_tree(v, (*above, f.message_type)) for v in some]
@@ -214,7 +220,8 @@ def _number(message: Any, steps: Steps) -> float:
             if f.has_presence and not message.HasField(step):
                 return float("nan")
             message = getattr(message, step)
-    return float(message)
+    number: float = message
+    return number
 
 
 @dataclass(slots=True)
@@ -251,6 +258,7 @@ class _LockStep:
         self._words: Words = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
         n = len(start)
         self._values = np.full((len(wanted.leaves), n), np.nan)
+        self._rounded = np.zeros(self._values.shape, np.bool_)
         self._odd = np.zeros(n, np.bool_)  # unusual: the library decides
         self._rounds = 0
         self._slots: list[_Slot] = []
@@ -310,7 +318,8 @@ class _LockStep:
         for i in odd.tolist():
             message = self._buffer[self._start[i] : self._end[i]].tobytes()
             try:
-                self._values[:, i] = self._decoder.numbers(message, tuple(self._wanted.leaves))
+                for k, number in enumerate(self._decoder.numbers(message, self._wanted.leaves)):
+                    self._put(k, np.array([i]), np.array([number]))
                 self._recount(message, i)
             except UndecodableError as e:
                 self._values[:, i] = np.nan
@@ -319,6 +328,7 @@ class _LockStep:
         for text, rows in bad.items():
             faults.append(Fault("mcap-bad-message", text, np.array(rows)))
             good[rows] = False
+        faults += rounded_faults(self._wanted, self._rounded & good)
         for slot in self._slots:
             if slot.count is None:
                 continue
@@ -466,9 +476,14 @@ class _LockStep:
 
             def put(k: int, r: Offsets, pick: Any) -> None:
                 if (i := slot.columns.get(k)) is not None:
-                    self._values[i, r] = numbers[pick]
+                    self._put(i, r, numbers[pick])
 
             self._each(slot, rows, put)
+
+    def _put(self, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
+        self._values[i, rows] = numbers
+        if numbers.dtype.kind in "iu":
+            self._rounded[i, rows] = inexact(numbers)
 
     def _each(self, slot: _Slot, rows: Offsets, put: Any) -> None:
         """Hands on rows by the number of the element they are at."""
@@ -526,7 +541,7 @@ class _LockStep:
                 where = np.where(element > 0, last + 1, q[has])
                 value, after = self._varint(where)
                 self._odd[rows[has][after > end[has]]] = True
-            self._values[i, rows[has]] = self._numbers(slot.type, where, value)
+            self._put(i, rows[has], self._numbers(slot.type, where, value))
         slot.count[rows] += count
 
     def _numbers(self, kind: int, q: Offsets, value: Words | None) -> NDArray[Any]:

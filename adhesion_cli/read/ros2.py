@@ -20,9 +20,11 @@ from .tree import (
     Tree,
     UndecodableError,
     Wanted,
+    inexact,
     label_fault,
     length_faults,
     other_text,
+    rounded_faults,
     said_fault,
 )
 
@@ -167,6 +169,7 @@ class Ros2Decoder:
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         values = np.full((len(wanted.leaves), len(start)), np.nan)
+        rounded = np.zeros(values.shape, np.bool_)
         faults: list[Fault] = []
         scalars_at: dict[Steps, int] = {}
         arrays_at: dict[Steps, dict[int, int]] = {}
@@ -178,18 +181,22 @@ class Ros2Decoder:
         relabelled = {steps: np.zeros(len(start), np.bool_) for steps in wanted.labels}
         resaid = {steps: np.zeros(len(start), np.bool_) for steps in wanted.said}
 
+        def put(i: int, dtype: str, where: Offsets, has: Bools | bool) -> None:
+            new = walk.gather(dtype, where)
+            np.copyto(values[i], new, where=has)
+            if new.dtype.kind in "iu":
+                np.copyto(rounded[i], inexact(new), where=has)
+
         def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
             if (i := scalars_at.get(steps)) is not None:
-                new = walk.gather(dtype, where)
-                values[i] = new if walk.active is None else np.where(walk.active, new, values[i])
+                put(i, dtype, where, True if walk.active is None else walk.active)
 
         def scalars(steps: Steps, dtype: str, where: Offsets, count: _Place) -> None:
             for k, i in arrays_at.get(steps, {}).items():
                 has = np.greater(count, k) if walk.active is None else (count > k) & walk.active
                 if has is False or not np.any(has):
                     continue
-                place = np.where(has, where + k * np.dtype(dtype).itemsize, 0)
-                values[i] = np.where(has, walk.gather(dtype, place), values[i])
+                put(i, dtype, np.where(has, where + k * np.dtype(dtype).itemsize, 0), has)
 
         def text(steps: Steps, where: Offsets, length: Offsets) -> None:
             length = np.maximum(length - 1, 0)  # without the 0 behind it
@@ -219,6 +226,7 @@ class Ros2Decoder:
             for steps, other in resaid.items()
             if (other & ~walk.bad).any()
         ]
+        faults += rounded_faults(wanted, rounded & ~walk.bad)
         if walk.bad.any():
             bad = np.flatnonzero(walk.bad)
             values[:, bad] = np.nan

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..model import Bools, Floats, Times
 
-Tree = Any  # dict[str, Tree] | list[Tree] | float | int | bool | str | None
+Tree = Any  # dict[str, Tree] | list[Tree] | float | int | bool | str | Opaque | None
 Steps = tuple[str | int, ...]  # the way from the root of a message to a value
 Bytes = NDArray[np.uint8]
 Offsets = NDArray[np.int64]
@@ -21,6 +21,7 @@ Units = Callable[[Steps], tuple[str, str]]  # unit and where it stood, ("", "") 
 LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scalar series
 MOST_LEAVES = 4096  # scalar series of one channel
 DEEPEST = 32  # levels of a message
+EXACT = 1 << 53  # up to here every integer is a double
 PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
 
 _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
@@ -41,6 +42,13 @@ _UNITS = (1e6, 1e3, 1.0, 1e-3)  # microseconds in what clocks count: s, ms, us, 
 
 class UndecodableError(Exception):
     """A schema or a message that is not what it says it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opaque:
+    """A field that may hold numbers and is not read."""
+
+    kind: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +170,7 @@ class Decoder(Protocol):
 
         Returns:
             Values of shape (len(wanted.leaves), n), NaN where a message has no such number,
-            and what was left out.
+            and what was left out or rounded.
         """
         ...
 
@@ -245,7 +253,7 @@ def leaves(
         metadata: the channel's metadata.
 
     Returns:
-        The numbers, and the places that are not offered because they are too long or too deep.
+        The numbers, and the places that are not offered: too long, too deep or opaque.
     """
     found: list[Leaf] = []
     left_out: list[str] = []
@@ -277,6 +285,8 @@ def leaves(
                 found.append(Leaf(steps, label, stated, where, label_at, unit_at))
             elif len(found) == MOST_LEAVES and path(steps) not in left_out[-1:]:
                 left_out[:] = [*left_out[:20], f"all after {found[-1].path}"]
+        elif isinstance(node, Opaque):
+            left_out.append(f"{path(steps)} ({node.kind})")
         elif isinstance(node, (dict, list)) and len(steps) >= DEEPEST:
             left_out.append(path(steps))
         elif isinstance(node, dict):
@@ -391,6 +401,28 @@ def said_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fa
         values[i, rows] = np.nan
     text = f"{path(steps)} says another than {said.text[:40]!r}, which it says at first"
     return Fault(said.code, text, rows)
+
+
+def inexact(integers: NDArray[Any]) -> Bools:
+    """Which integers a double does not hold: from the first bit set to the last more than 53."""
+    if integers.dtype.itemsize < 8:
+        return np.zeros(len(integers), np.bool_)
+    size = np.abs(integers).astype(np.uint64)
+    lost: Bools = size // np.maximum(size & (~size + np.uint64(1)), 1) > EXACT
+    return lost
+
+
+def rounded_faults(wanted: Wanted, lost: Bools) -> Iterator[Fault]:
+    """The faults of wanted numbers that are `inexact`.
+
+    Args:
+        wanted: the numbers.
+        lost: which are, shape (len(wanted.leaves), n).
+    """
+    for steps, rows in zip(wanted.leaves, lost, strict=True):
+        if rows.any():
+            text = f"{path(steps)} holds integers beyond 2^53, rounded to what a double holds"
+            yield Fault("mcap-rounded", text, np.flatnonzero(rows))
 
 
 def other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
