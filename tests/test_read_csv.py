@@ -422,16 +422,19 @@ def test_log_order_is_kept(log):
     assert columns["p"].t.tolist() == [5 * S, 3 * S, 3 * S, 9 * S]
 
 
-def test_hole_of_nuls_costs_only_its_row(log):
-    source, columns = read(
-        log,
-        b"t [s],p\n"
-        + b"".join(b"%d,1.5\n" % k for k in range(200_000))
-        + b"\0" * 4096
-        + b"\n200000,1\n",
-    )
-    assert len(columns["p"].t) == 200_001
-    assert source.lines["too few cells"] == 1
+@pytest.mark.parametrize("rows", [2_000, 200_000])  # in the head, and behind it
+def test_space_never_written_costs_only_its_rows(log, rows):
+    lines = b"".join(b"%d,1.5\n" % k for k in range(rows))
+    hole = lines[:-20].rindex(b"\n") - 3  # begins and ends inside a row: neither half is used
+    text = lines[:hole] + b"\0" * 4096 + lines[hole + 13 :]
+    source, columns = read(log, b"t [s],p\n" + text + b"\0" * 70_000)
+    lost = lines[: hole + 14].count(b"\n") - lines[:hole].count(b"\n") + 1
+    assert len(columns["p"].t) == rows - lost
+    assert columns["p"].valid.all()
+    assert source.lines["NUL bytes"] == 2
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert f"2 hold NUL bytes, as of space that was reserved and never written (first in line " \
+        f"{lines[:hole].count(10) + 2}:" in skipped.message  # fmt: skip
 
 
 def test_damaged_gzip_keeps_what_was_whole(log):
@@ -450,7 +453,7 @@ REFUSED = {
     "header only": (b"t,p,v\n", "no data rows|no delimiter|holds numbers", ""),
     "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
     "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
-    "NUL bytes": (b"t,p\n0,1\n1,\0\0\0\0\0\n", "NUL bytes in line 3", "damaged"),
+    "NUL bytes": (b"t,p\n0,1\n" + b"1,\0\0\0\0\0\n" * 9, "NUL bytes in line 3", "text log"),
     "xlsx": (b"PK\x03\x04" + bytes(100), "Excel", "export"),
     "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
     "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),

@@ -1,7 +1,8 @@
 """The time of a table: which column, in which form, and its exact int64 nanoseconds.
 
-Numbers are read as decimals and shifted, never through float64, which loses 256 ns at today's
-epoch. Stamps without a zone count as UTC, times of day from midnight.
+Numbers go through float64 only where that keeps nanoseconds (at today's epoch it loses 256 of
+them), else they are read as decimals and shifted. Stamps without a zone count as UTC, times of day
+from midnight.
 """
 
 import math
@@ -38,6 +39,7 @@ _SERIALS = {"excel": (30_000, 60_000, 25_569), "matlab": (730_000, 753_000, 719_
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit nobody states
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _SCALE = {"s": 9, "ms": 6, "us": 3, "ns": 0, "min": 9, "h": 9}
+_EXACT = 2.0**50  # ns, 13 days: below, float64 is less than half a nanosecond off after scaling
 _READABLE = 0.5  # of a time column's head must be readable
 
 _CLOCK = (
@@ -101,11 +103,22 @@ class Clock:
                 + np.rint((days - whole) * 86_400e6).astype(np.int64) * 1000
             )
             return t, ok
+        if pa.types.is_floating(array.type):
+            value = array.to_numpy(zero_copy_only=False) * NS_PER_UNIT[self.unit]
+            ok = np.isfinite(value)
+            return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
         t, ok = _decimals(array, _SCALE[self.unit], self.decimal)
         if factor := {"min": 60, "h": 3600}.get(self.unit):
             ok &= np.abs(t) < 2**62 // factor
             t = np.where(ok, t, 0) * factor
         return t, ok
+
+    def is_exact(self, array: Any) -> bool:
+        """Whether a block of the clock's column, read as float64, keeps nanoseconds."""
+        if self.unit in _SERIALS:
+            return True
+        ns = np.abs(array.to_numpy(zero_copy_only=False)) * NS_PER_UNIT[self.unit]
+        return not (ns >= _EXACT).any()
 
 
 def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:
@@ -343,7 +356,8 @@ def _number_clock(
     absolute = seconds >= _EPOCH_S[0]
     reason = f"{why}; {'Unix epoch, ' if absolute else ''}{stated} ({source})"
     scale = _SCALE[stated]
-    types = (pa.decimal128(38, scale), pa.decimal128(38, 18), pa.string())
+    types = (pa.float64(), pa.decimal128(38, scale), pa.decimal128(38, 18), pa.string())
+    types = types[1:] if absolute else types
     return Clock((i,), stated, "", dialect.decimal, absolute, reason, types, notes)
 
 

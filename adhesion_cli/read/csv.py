@@ -40,6 +40,7 @@ _SKIPPED = {
     "time missing": "have no time stamp",
     "time unreadable": "have a time stamp that cannot be read",
     "group missing": "do not say which device or axle they belong to",
+    "NUL bytes": "hold NUL bytes, as of space that was reserved and never written",
     "cut off": "are cut off where the compressed data end",
 }
 
@@ -410,17 +411,15 @@ class _Scan:
                 self._demote(block, str(error), types)
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
-            # 1e400 parses as infinity; the strict grammar tells it from a spelled "inf"
-            endless = [
+            unfit = [
                 i
-                for i in self.indices
-                if pa.types.is_floating(types[i])
-                and np.isinf(arrays[i].to_numpy(zero_copy_only=False)).any()
+                for i, kind in types.items()
+                if pa.types.is_floating(kind) and not self._is_exact(i, arrays[i])
             ]
-            if not endless:
+            if not unfit:
                 break
-            for i in endless:
-                self.types[i] = (pa.string(),)
+            for i in unfit:
+                self.types[i] = tuple(k for k in self.types[i] if not pa.types.is_floating(k))
         if block.lines != table.num_rows + len(wrong):
             feeds, ends = block.ends()
             blank = int((np.diff(ends, prepend=-1) == 1).sum())
@@ -434,12 +433,23 @@ class _Scan:
         values = {i: checked_floats(arrays[i], self.dialect.decimal) for i in self.indices}
         return _Part(block, table.num_rows, arrays, t, timed, values, wrong, blank, inside)
 
+    def _is_exact(self, i: int, array: Any) -> bool:
+        """Whether float64 says what the cells of a column said.
+
+        1e400 parses as infinity; the strict grammar of text tells it from a spelled "inf".
+        """
+        if i in self.clock.columns:
+            return self.clock.is_exact(array)
+        return not np.isinf(array.to_numpy(zero_copy_only=False)).any()
+
     def _table(self, block: Block, types: dict[int, Any], multiline: bool, wrong: list[Any]) -> Any:
         def skip(row: Any) -> str:
             text = row.text
             few = row.actual_columns < row.expected_columns
             kind = "too few cells" if few else "too many cells"
-            if not text.strip():
+            if "\0" in text:
+                kind = "NUL bytes"
+            elif not text.strip():
                 kind = "blank"
             elif is_comment(text):
                 kind = "comment"

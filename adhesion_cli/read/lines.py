@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from .sniff import HEAD_BYTES, Dialect, split
 
-_BLOCK = 2 << 20
+_BLOCK = 4 << 20  # smaller ones make the threads wait for each other, larger ones for the last
 _TAIL = 1 << 16
 _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
@@ -100,11 +100,14 @@ class Lines:
             rest = data[cut:]
             if cut:
                 lines = int(np.count_nonzero(np.frombuffer(data, np.uint8, cut) == 10))
+                if b"\0" in data:
+                    data = _without_holes(data[:cut])
+                    cut = len(data)
                 if delimiter == " ":
                     data = _single_blanks(data[:cut])
                     cut = len(data)
-                elif (spaced := delimiter.encode() + b' "') in data:  # else no quote to the parser
-                    data = data[:cut].replace(spaced, delimiter.encode() + b'"')
+                elif b'"' in data:  # the parser knows a quote only right behind the delimiter
+                    data = data[:cut].replace(delimiter.encode() + b' "', delimiter.encode() + b'"')
                     cut = len(data)
                 yield Block(data, cut, line, lines, delimiter)
                 line += lines
@@ -162,6 +165,8 @@ class Lines:
                 held = b"\r" if chunk.endswith(b"\r") else b""
                 chunk = chunk[: len(chunk) - len(held)]
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            if b"\0" in chunk:  # space that was never written can be longer than any line
+                chunk = re.sub(rb"\0+", b"\0", chunk)
             yield chunk
         if held:
             yield b"\n"
@@ -191,6 +196,19 @@ class Lines:
                 if not more or sum(map(len, parts)) >= _BLOCK:
                     yield b"".join(parts)
                     parts.clear()
+
+
+def _without_holes(rows: bytes) -> bytes:
+    """The rows with a lone NUL, too few cells for any table, in place of each row that has one.
+
+    What is left of such a row on both sides of the hole need not belong together.
+    """
+    kept = []
+    at = 0
+    while (hole := rows.find(b"\0", at)) >= 0:
+        kept += [rows[at : rows.rfind(b"\n", at, hole) + 1 or at], b"\0\n"]
+        at = rows.find(b"\n", hole) + 1
+    return b"".join([*kept, rows[at:]])
 
 
 def _single_blanks(rows: bytes) -> bytes:

@@ -119,7 +119,13 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     text = _decode(head[bom:], encoding, complete)
     _refuse_text_formats(text, path)
     lines = _logical_lines(text, complete, path)
-    body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s)]
+    holes = [n for n, s, _ in lines if "\0" in s]
+    if len(holes) > len(lines) / 2:
+        raise UserError(
+            f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
+            "give a text log",
+        )
+    body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s) and "\0" not in s]
     if not body:
         raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
     stated = options.delimiter
@@ -249,12 +255,7 @@ def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, 
         for few, many, codec in ((even, odd, "utf-16-le"), (odd, even, "utf-16-be")):
             if many > len(head) // 5 and few <= many // 50:
                 return codec, 0, f"{codec} (every second byte is NUL)"
-        line = head.count(b"\n", 0, head.index(0)) + 1
-        raise UserError(
-            f"{path}: is binary or damaged: NUL bytes in line {line}",
-            "give a text log; cut out the damaged part if the rest is wanted",
-        )
-    controls = sum(head.count(bytes([b])) for b in range(32) if b not in b"\t\n\r\f\v\x1a\x1b")
+    controls = sum(head.count(bytes([b])) for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
     if controls > max(4, len(head) // 200):
         raise UserError(f"{path}: is a binary file, not CSV", "give a CSV or MCAP log")
     if head.isascii():
@@ -572,6 +573,8 @@ def _class_before(
 ) -> str:
     if not text.strip():
         return "blank"
+    if "\0" in text:
+        return "NUL bytes"
     if is_comment(text):
         return "comment"
     if top < start and line >= table[top][0]:
