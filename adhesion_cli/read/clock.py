@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from ..errors import UserError
 from ..model import Bools, Finding, Times
+from . import arrow as pc
 from .sniff import NULLS, Dialect, number_grammar
 from .source import ReadOptions
 from .words import (
@@ -554,7 +554,9 @@ def _decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
         array = array.cast(pa.decimal128(38, scale))
     words = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
     low, high = words[0::2], words[1::2]
-    ok = np.asarray(array.is_valid()) & (high == low >> 63)
+    ok = high == low >> 63
+    if array.null_count:
+        ok &= np.asarray(array.is_valid())
     t = np.where(ok, low, 0)
     if extra is not None:
         with np.errstate(over="ignore"):

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv
 from numpy.typing import NDArray
 
 from ..errors import UserError
 from ..model import Bools, Column, Finding, Floats, Severity, Times
+from . import arrow as pc
 from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
 from .lines import Block, Lines, read_head, read_tail
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
