@@ -13,12 +13,15 @@ from .read.log import open_source, survey
 from .settings import Settings
 
 
-def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], int]:
+def inspect(
+    path: Path, load: Callable[..., Settings], seen: Callable[[Log], None] = lambda _: None
+) -> tuple[dict[str, Any], int]:
     """One log's entry of the document, and the exit code it deserves; never raises UserError.
 
     Args:
         path: the log.
         load: gives the settings.
+        seen: is given the log, if it can be read.
     """
     settings = load()
     doc: dict[str, Any] = {
@@ -32,6 +35,7 @@ def inspect(path: Path, load: Callable[..., Settings]) -> tuple[dict[str, Any], 
     except UserError as error:
         doc |= {"status": "error", "error": error.text, "hint": error.hint}
         return doc, error.code
+    seen(log)
     findings = list(dict.fromkeys((*log.findings, *_of_records(log, settings))))
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)

@@ -4,7 +4,7 @@ Data only, SI only. Times are int64 nanoseconds as the log states them: since 19
 has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -84,6 +84,16 @@ class Channel:
         return f"{self.name} {self.field}".strip()
 
 
+class Reject(NamedTuple):
+    """A row that was left out of a text log, or used without one of its cells."""
+
+    line: int  # of its first line, from 1
+    byte: int  # from the start of the (decompressed) file to its first byte
+    reason: str
+    column: str  # of the cell, "" where the whole row was left out
+    text: str  # the row as the file has it
+
+
 @dataclass(frozen=True, slots=True)
 class Log:
     """A log as read: its channels and everything that was found on the way."""
@@ -95,6 +105,7 @@ class Log:
     rows_read: int
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
+    rejects: Iterable[Reject] = ()  # read from the file again; of a text log, and where asked for
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:
         """An axle's own channel, else the one that is nobody's: a train may have one pressure."""

@@ -1,5 +1,6 @@
 """The command as users run it: real processes, real files."""
 
+import csv
 import hashlib
 import json
 import subprocess
@@ -369,3 +370,43 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     assert log["start"] == "2024-11-05T07:12:00Z"
     (train,) = (c for c in log["channels"] if c["meaning"] == "train_speed")
     assert (train["rows"], train["valid"]) == (4, 0)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["inspect"], ["analyze"], ["compare", "-a", "neso"], ["slip", "-a", "neso"], ["convert"]],
+)
+def test_what_was_left_out_is_written_where_asked_for(run: Run, tmp_path: Path, command) -> None:
+    lines = rows().splitlines()
+    lines[300] = "5.98,=cmd|' /C calc'!A1,\x1b[2J"
+    lines[301] = "-1"
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    out = ["out.mcap"] if command == ["convert"] else []
+    done = run(*command, "log.csv", *out, "--rejects", "left-out.csv")
+    assert done.returncode == 3, done.stderr
+    with (tmp_path / "left-out.csv").open(newline="") as file:
+        found = list(csv.DictReader(file))
+    text = "5.98,=cmd|' /C calc'!A1,\\x1b[2J"
+    byte = str(len("\n".join(lines[:300])) + 1)
+    assert found[:2] == [
+        {"file": "log.csv", "line": "301", "byte": byte, "reason": "no number", "column": c,
+         "text": text}
+        for c in ("bc pressure [bar]", "wheel speed [km/h]")
+    ]  # fmt: skip
+    assert [(r["line"], r["reason"], r["text"]) for r in found[2:]] == [
+        ("302", "too few cells", "'-1")
+    ]
+    other = ["other.mcap"] if out else []
+    again = run(*command, "log.csv", *other, "--rejects", "left-out.csv")
+    assert again.returncode == 1
+    assert "--force" in again.stderr
+    assert not (tmp_path / "other.mcap").exists()
+
+
+def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(rows() + "x\n")
+    assert run("analyze", "log.csv", "--rejects", "missing/left-out.csv").returncode == 1
+    assert run("analyze", "log.csv", "--strict", "--rejects", "left-out.csv").returncode == 1
+    assert run("convert", "log.csv", "a.csv", "--rejects", "a.csv").returncode == 1
+    assert run("inspect", "log.csv", "--force", "--rejects", "log.csv").returncode == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]

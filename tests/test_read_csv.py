@@ -591,3 +591,44 @@ def test_real_log_of_three_interleaved_trains():
     assert (np.diff(speed.t) > 0).all()
     assert source.absolute
     assert source.lines == {"used": len(speed.t), "other group": 37 - len(speed.t)}
+
+
+REJECTED = {
+    "61": ("too few cells", ""),
+    "62,1,2,3": ("too many cells", ""),
+    "x,1,压": ("time unreadable", ""),
+    ",=1+2,压": ("time missing", ""),
+    "63,压,1": ("no number", "p"),
+    '64,x,"\n\n压"': ("no number", "p"),
+    "\0\0,1": ("NUL bytes", ""),
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16-le", "utf-16-be", "gb18030"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("block", [64, 1 << 20])
+def test_every_row_and_cell_left_out_can_be_found_again(log, monkeypatch, encoding, end, block):
+    monkeypatch.setattr("adhesion_cli.read.lines._BLOCK", block)
+    good = [f"{k},{k}.5,压{k}" for k in range(60)]
+    lines = ["t [s],p,注", *good, "# 压", *REJECTED, "", *good]
+    raw = "\n".join(lines).replace("\n", end).encode(encoding)
+    source, _ = read(log, raw, rejects=True, encoding=encoding)
+    found = list(source.rejects)
+    assert [(r.reason, r.column) for r in found] == list(REJECTED.values())
+    mark = 3 * (encoding == "utf-8-sig")
+    for reject, row in zip(found, REJECTED, strict=True):
+        text = row.replace("\n", end)
+        assert reject.text == text
+        assert raw[reject.byte :].startswith(text.encode(encoding.removesuffix("-sig")))
+        before = raw[mark : reject.byte].decode(encoding)
+        assert before.count(end) == reject.line - 1
+    assert list(source.rejects) == found
+
+
+def test_rejects_of_a_file_that_changed_meanwhile(log):
+    source, _ = read(
+        log, "t [s],p\n" + "".join(f"{k},1\n" for k in range(9)) + "x,1\n", rejects=True
+    )
+    log.write_text("t [s],p\n")
+    with pytest.raises(UserError, match="changed while it was read"):
+        list(source.rejects)

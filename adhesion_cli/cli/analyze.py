@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import EVERY, Logs, Shared, checked, shared
+from .options import EVERY, Logs, Shared, checked, rejects, shared, targets
 
 if TYPE_CHECKING:
     from ..model import Result
@@ -27,7 +27,7 @@ def command(logs: Logs, shared: Shared) -> int:
     load = checked(shared, logs)
     folder = shared.out or Path()
     paths = [outputs(folder, log, "adhesion") for log in logs]
-    files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
+    files.check(targets(shared, [p for pair in paths for p in pair]), shared.force, inputs=logs)
     results = [
         analyze(
             log, load, shared.algo, shared.axle, (shared.from_, shared.to),
@@ -35,7 +35,8 @@ def command(logs: Logs, shared: Shared) -> int:
         )
         for log in logs
     ]  # fmt: skip
-    write(results, paths, shared.force)
+    with rejects(shared, (r.log for r in results), logs):
+        write(results, paths, shared.force)
     entries = [entry(r, named(pair)) for r, pair in zip(results, paths, strict=True)]
     if shared.json:
         print(dumps(document(entries)))

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import EVERY, Shared, checked, shared
+from .options import EVERY, Shared, checked, rejects, shared, targets
 
 
 @shared(*EVERY)
@@ -34,7 +34,7 @@ def command(
         show.message(f"no log given: comparing {logs[0]}", shared.quiet)
     load = checked(shared, logs)
     pair = outputs(shared.out or Path(), logs[0], "compare")
-    files.check(pair, shared.force, inputs=logs)
+    files.check(targets(shared, pair), shared.force, inputs=logs)
     results = [
         analyze(
             log, load, shared.algo, shared.axle, (shared.from_, shared.to),
@@ -42,7 +42,10 @@ def command(
         )
         for log in logs
     ]  # fmt: skip
-    with files.outputs(pair, shared.force, inputs=logs) as (record, picture):
+    with (
+        rejects(shared, (r.log for r in results), logs),
+        files.outputs(pair, shared.force, inputs=logs) as (record, picture),
+    ):
         mcap.write_comparison(record, results, embedded(results))
         rrd.write_comparison(picture, results, list(registry()))
     found = [f for r in results for f in r.findings]

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, loader, shared
+from .options import Shared, loader, rejects, shared, targets
 
 
-@shared("config", "set_", "json", "force", "strict")
+@shared("config", "set_", "json", "force", "strict", "rejects")
 def command(
     log: Annotated[Path, typer.Argument(metavar="IN", help="Log: CSV or MCAP.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv or .mcap.")],
@@ -25,9 +25,12 @@ def command(
 
     write = writer(target)
     settings = loader(shared)()
-    files.check([target], shared.force, inputs=[log])
+    files.check(targets(shared, [target]), shared.force, inputs=[log])
     result = unchanged(open_source(log, settings.read), settings.mappings)
-    with files.outputs([target], shared.force, inputs=[log]) as (temporary,):
+    with (
+        rejects(shared, [result], [log]),
+        files.outputs([target], shared.force, inputs=[log]) as (temporary,),
+    ):
         write(temporary, result)
     if shared.json:
         from ..document import dumps, findings_document

@@ -1,13 +1,17 @@
 """`adhesion inspect`: what is in a log."""
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from .options import Logs, Shared, loader, shared
+from .options import Logs, Shared, loader, rejects, shared, targets
+
+if TYPE_CHECKING:
+    from ..model import Log
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 
 
-@shared("config", "set_", "json", "strict")
+@shared("config", "set_", "json", "force", "strict", "rejects")
 def command(logs: Logs, shared: Shared) -> int:
     """Show channels, what each means and why, units, rates, gaps and everything found.
 
@@ -15,8 +19,16 @@ def command(logs: Logs, shared: Shared) -> int:
     """
     from ..document import dumps
     from ..inspection import inspect
+    from ..write import files
 
-    seen = [inspect(log, loader(shared)) for log in logs]
+    files.check(targets(shared), shared.force, inputs=logs)
+    read: list[Log] = []
+    seen = [
+        inspect(log, loader(shared), lambda log: read.append(replace(log, channels=())))
+        for log in logs
+    ]
+    with rejects(shared, read, logs):
+        pass
     if shared.json:
         print(dumps({"schema": "adhesion.inspect/1", "logs": [doc for doc, _ in seen]}))
     else:

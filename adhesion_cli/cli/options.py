@@ -2,12 +2,16 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
+
+if TYPE_CHECKING:
+    from ..model import Log
 
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs: CSV, MCAP or results.")]
 
@@ -31,6 +35,7 @@ class Shared:
     json: Annotated[bool, _option("--json", text="One JSON document on stdout, nothing else.")] = False  # fmt: skip  # noqa: E501
     force: Annotated[bool, _option("--force", text="Replace existing results.")] = False
     strict: Annotated[bool, _option("--strict", text="Damaged data is an error, not a finding.")] = False  # fmt: skip  # noqa: E501
+    rejects: Annotated[Path | None, _option("--rejects", metavar="FILE.csv", text="Write each row and cell left out of CSV logs here.")] = None  # fmt: skip  # noqa: E501
     quiet: Annotated[bool, _option("-q", "--quiet", text="No messages but errors.")] = False
     debug: Annotated[bool, _option("--debug", text="Show the traceback of an error.")] = False
     view: Annotated[bool, _option("--view", text="Open the result in the Rerun viewer.")] = False
@@ -81,7 +86,35 @@ def loader(shared: Shared) -> Callable[..., Any]:
     from ..settings import load
 
     flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
-    return functools.partial(load, shared.config, [*shared.set_, *flags], strict=shared.strict)
+    return functools.partial(
+        load, shared.config, [*shared.set_, *flags], strict=shared.strict,
+        rejects=shared.rejects is not None,
+    )  # fmt: skip
+
+
+def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
+    """Everything a run will write: its results and, if asked for, what was left out."""
+    return [*paths, shared.rejects] if shared.rejects else [*paths]
+
+
+@contextmanager
+def rejects(shared: Shared, logs: "Iterable[Log]", inputs: Sequence[Path]) -> Iterator[None]:
+    """Writes what was left out of the logs, if asked for; it appears after what is written within.
+
+    Raises:
+        UserError: where it cannot be written.
+    """
+    if shared.rejects is None:
+        yield
+        return
+    from ..write import files
+    from ..write.csv import write_rejects
+    from . import show
+
+    with files.outputs([shared.rejects], shared.force, inputs=inputs) as (place,):
+        count = write_rejects(place, logs)
+        yield
+    show.message(f"wrote {shared.rejects}: {count} rows and cells left out", shared.quiet)
 
 
 def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import EVERY, Logs, Shared, checked, shared
+from .options import EVERY, Logs, Shared, checked, rejects, shared, targets
 
 if TYPE_CHECKING:
     from ..slip import Summary
@@ -26,10 +26,10 @@ def command(logs: Logs, shared: Shared) -> int:
 
     load = checked(shared, logs)
     paths = [outputs(shared.out or Path(), log, "slip") for log in logs]
-    files.check([p for pair in paths for p in pair], shared.force, inputs=logs)
-    axles, found = [], []
-    for log, pair in zip(logs, paths, strict=True):
-        tell = show.progress(shared.quiet)
+    files.check(targets(shared, [p for pair in paths for p in pair]), shared.force, inputs=logs)
+    tell = show.progress(shared.quiet)
+    results, told = [], []
+    for log in logs:
         result = analyze(
             log, load, shared.algo, shared.axle, (shared.from_, shared.to), tell,
             train_speed=True,
@@ -37,11 +37,16 @@ def command(logs: Logs, shared: Shared) -> int:
         findings, summaries = list(result.findings), []
         for axle in result.axles:
             tell(f"{log.name}: rail under axle {axle.record.axle}")
-            one, told = summary(axle, result.vehicle)
+            one, more = summary(axle, result.vehicle)
             summaries.append(one)
-            findings += told
+            findings += more
+        results.append(result)
+        told.append((summaries, findings))
+    with rejects(shared, (r.log for r in results), logs):
+        write(results, paths, shared.force)
+    axles, found = [], []
+    for log, pair, result, (summaries, findings) in zip(logs, paths, results, told, strict=True):
         start = result.log.start_ns()
-        write([result], [pair], shared.force)
         axles += [slip_axle(str(log), start, s) for s in summaries]
         found += findings
         if not shared.json:

@@ -8,7 +8,7 @@ wanted columns.
 import os
 import re
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -22,16 +22,18 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model import Bools, Column, Finding, Floats, Severity, Times
+from ..model import Bools, Column, Finding, Floats, Reject, Severity, Times
 from . import arrow as pc
 from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
 from .lines import Block, Lines, read_head, read_tail
+from .rejects import Rejects
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
 from .source import Field, ReadOptions
 from .words import is_group_name
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _MAX_MET = 1_000  # values of a group column, beyond which no more are collected
+_T, _GROUP = -1, -2  # what a scan gives beside its columns
 _HALF_DAY = 43_200 * 1_000_000_000
 _MAX_GROUPS = 64
 _SKIPPED = {
@@ -92,6 +94,7 @@ class CsvSource:
         self.findings: list[Finding] = list(clock.findings)
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
         self.lines: Counter[str] = Counter()
+        self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         self._expected = expected  # rows, roughly
         self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
@@ -149,6 +152,7 @@ class CsvSource:
         t, codes, values = scan.read()
         self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
         self.rows = scan.lines["used"] + scan.lines["other group"]
+        self.rejects = scan.rejects or ()
         self._report_rows(scan)
         self._report_cells(scan, int(t.min()))
         of_day = self._clock.pattern and not self.absolute
@@ -302,28 +306,31 @@ class _Part:
     """What one block gave; arrays of its n rows of the right width."""
 
     block: Block
-    rows: int
-    arrays: dict[int, Any]  # Arrow arrays by column
-    t: Times
+    rows: slice  # of the scan's columns: where its times and values are
+    arrays: dict[int, Any]  # Arrow arrays of the columns that are looked at again
     timed: Bools
-    values: dict[int, tuple[Floats, NDArray[np.int8]]]
-    wrong: list[tuple[int, str, str]]  # number among the block's rows, class and text of others
+    states: dict[int, NDArray[np.int8]]
+    wrong: list[tuple[int, str, str]]  # row of the block, class and text of others
     blank: int
     inside: int  # line ends inside quotes
     _spans: NDArray[np.int64] | None = None
 
-    def line(self, row: int) -> tuple[int, str]:
-        """Line number and text of a row of the arrays."""
-        wrong = np.array([number - 1 for number, _, _ in self.wrong], np.int64)
+    def numbers(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Rows of the arrays as rows of the block, wrong ones included; both from 0."""
+        wrong = np.array([number for number, _, _ in self.wrong], np.int64)
         # wrong rows stand between: row k of the arrays is row k + (wrong ones before it)
         gaps = wrong - np.arange(len(wrong))
-        return self.raw_line(row + int(np.searchsorted(gaps, row, side="right")))
+        return rows + np.searchsorted(gaps, rows, side="right")
 
-    def raw_line(self, number: int) -> tuple[int, str]:
-        """Line number and text of a row of the block, counted from 0, wrong ones included."""
+    def places(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Start, end, first and last line of rows of the block, shape (n, 4)."""
         if self._spans is None:
             self._spans = self.block.rows()
-        start, end, line = self._spans[number]
+        return self._spans[numbers]
+
+    def line(self, row: int) -> tuple[int, str]:
+        """Line number and text of a row of the arrays."""
+        ((start, end, line, _),) = self.places(self.numbers(np.array([row])))
         text = self.block.data[start : min(end, start + 100_000)]
         return int(line), text.decode("utf-8", "replace")
 
@@ -341,6 +348,8 @@ class _Scan:
     indices: list[int]
     group: int | None = None
     groups: list[str] | None = None  # values of the group wanted; None: every one met
+    used: int = 0  # rows of `columns` that are final
+    columns: dict[int, NDArray[Any]] = field(default_factory=dict)  # by index, _T and _GROUP
     lines: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, str]] = field(default_factory=dict)
     cells: Counter[tuple[int, int]] = field(default_factory=Counter)
@@ -348,6 +357,7 @@ class _Scan:
     met: list[str] = field(default_factory=list)
     damage: str = ""
     open_end: bool = False
+    rejects: Rejects | None = None
 
     def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
         """Times, group codes and values of the rows that have a time and a wanted group."""
@@ -356,46 +366,73 @@ class _Scan:
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
         source = Lines(self.path, self.dialect, self.options.max_unpacked)
+        if self.options.rejects:
+            self.rejects = Rejects(source, self.dialect.names)
         room = self.expected + self.expected // 16
-        times, codes = _Grown(np.int64, room), _Grown(np.int64, room)
-        values = {i: _Grown(np.float64, room) for i in self.indices}
+        whole = [_T] if self.group is None else [_T, _GROUP]
+        self.columns = {i: np.empty(room, np.int64) for i in whole}
+        self.columns |= {i: np.empty(room) for i in self.indices}
         for part in self._parts(source):
             self._count_lines(part)
             keep = self._count_times(part)
-            code = self._count_groups(part, keep)
-            self.lines["used"] += int(keep.sum())
-            every = slice(None) if keep.all() else keep
-            times.append(part.t[every])
-            if code is not None:
-                codes.append(code[every])
-            for i, (value, state) in part.values.items():
+            self._count_groups(part, keep)
+            for i, state in part.states.items():
                 self._count_cells(part, i, state, keep)
-                values[i].append(value[every])
+            self._close_up(part, keep)
+        self.lines["used"] = self.used
         self.damage, self.open_end = source.damage, source.open_end
         if source.cut_off:
             self.lines["cut off"] += 1
             self.first["cut off"] = source.cut_off
-        if not self.lines["used"]:
+            if self.rejects is not None:
+                self.rejects.add(np.full((1, 2), source.cut_off[0]), "cut off")
+        if not self.used:
             raise UserError(
                 f"{self.path}: no row has a time stamp that can be read",
                 'state the time, as time = {channel = "…", unit = "s"} under [channels]',
             )
-        return times.array(), codes.array(), {i: grown.array() for i, grown in values.items()}
+        final = {i: column[: self.used] for i, column in self.columns.items()}
+        return final[_T], final.get(_GROUP, np.empty(0, np.int64)), final
 
     def _parts(self, source: Lines) -> Iterator[_Part]:
-        """The blocks parsed, in order, as many at once as there are processors."""
+        """The blocks parsed, in order, as many at once as there are processors.
+
+        Each writes its times and values where they belong if no line before it is left out.
+        """
         workers = min(os.cpu_count() or 1, 4)
+        at = 0
         with ThreadPoolExecutor(workers) as pool:
             waiting: deque[Future[_Part]] = deque()
             for block in source.blocks():
-                waiting.append(pool.submit(self._parse, block))
+                if at + block.lines > len(self.columns[_T]):
+                    while waiting:
+                        yield waiting.popleft().result()
+                    at = self.used
+                    self._grow(at + block.lines)
+                waiting.append(pool.submit(self._parse, block, at))
+                at += block.lines
                 if len(waiting) > workers:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
 
-    def _parse(self, block: Block) -> _Part:
-        """One block's columns; changes nothing but `types`."""
+    def _grow(self, need: int) -> None:
+        """Makes room for so many rows, and as many again where there was not enough."""
+        if need > len(self.columns[_T]):
+            for i, column in self.columns.items():
+                self.columns[i] = np.empty(2 * need, column.dtype)
+                self.columns[i][: self.used] = column[: self.used]
+
+    def _close_up(self, part: _Part, keep: Bools) -> None:
+        """Moves a part's rows behind the final ones, without those that are left out."""
+        end = self.used + int(keep.sum())
+        if part.rows != slice(self.used, end):
+            for column in self.columns.values():
+                column[self.used : end] = column[part.rows][keep]
+        self.used = end
+
+    def _parse(self, block: Block, at: int) -> _Part:
+        """One block's columns; changes nothing but `types`, and `columns` from `at` on."""
         blank = inside = 0
         if b'"' in block.data:
             feeds, ends = block.ends()
@@ -429,9 +466,16 @@ class _Scan:
                     f"{self.path}: the quotes after line {block.first_line} cannot be followed",
                     "mend the quotes in the log",
                 )
+        rows = slice(at, at + table.num_rows)
         t, timed = self.clock.nanoseconds([arrays[i] for i in self.clock.columns])
-        values = {i: checked_floats(arrays[i], self.dialect.decimal) for i in self.indices}
-        return _Part(block, table.num_rows, arrays, t, timed, values, wrong, blank, inside)
+        self.columns[_T][rows] = t
+        states = {}
+        for i in self.indices:
+            value, states[i] = checked_floats(arrays.pop(i), self.dialect.decimal)
+            self.columns[i][rows] = value
+        if timed.all():
+            arrays = {i: a for i, a in arrays.items() if i == self.group}
+        return _Part(block, rows, arrays, timed, states, wrong, blank, inside)
 
     def _is_exact(self, i: int, array: Any) -> bool:
         """Whether float64 says what the cells of a column said.
@@ -453,7 +497,7 @@ class _Scan:
                 kind = "blank"
             elif is_comment(text):
                 kind = "comment"
-            wrong.append((row.number, kind, text[:100]))
+            wrong.append((row.number - 1, kind, text[:100]))
             return "skip"
 
         return pyarrow.csv.read_csv(
@@ -496,20 +540,31 @@ class _Scan:
 
     def _count_lines(self, part: _Part) -> None:
         self.lines.update({"blank": part.blank, "inside quotes": part.inside})
+        wrong: dict[str, list[int]] = {}
         for number, kind, text in part.wrong:
-            self.lines[kind] += 1
             if kind not in self.first:
-                self.first[kind] = part.raw_line(number - 1)[0], text
+                self.first[kind] = int(part.places(np.array([number]))[0, 2]), text
+            wrong.setdefault(kind, []).append(number)
+        for kind, numbers in wrong.items():
+            self.lines[kind] += len(numbers)
+            if kind in _SKIPPED:
+                self._reject(part, np.array(numbers), kind)
+
+    def _reject(
+        self, part: _Part, numbers: NDArray[np.int64], reason: str, column: int = -1
+    ) -> None:
+        if self.rejects is not None:
+            self.rejects.add(part.places(numbers)[:, 2:], reason, column)
 
     def _count_times(self, part: _Part) -> Bools:
         """Which rows have a time; those that have none are counted by class."""
         ok = part.timed.copy()
         if ok.all():
             return ok
-        missing = np.zeros(part.rows, bool)
+        missing = np.zeros(len(ok), bool)
         for i in self.clock.columns:
             missing |= is_missing(part.arrays[i])
-        comment = np.zeros(part.rows, bool)
+        comment = np.zeros(len(ok), bool)
         if any(mark in part.block.data for mark in (b"#", b"%", b"//")):
             comment[[r for r in np.flatnonzero(~ok) if is_comment(part.line(int(r))[1])]] = True
         self.lines["comment"] += int(comment.sum())
@@ -517,10 +572,10 @@ class _Scan:
         self._drop(part, ~ok & ~missing & ~comment, "time unreadable")
         return ok
 
-    def _count_groups(self, part: _Part, keep: Bools) -> NDArray[np.int64] | None:
-        """Index of each row's group in `met`; takes rows of no or another group from `keep`."""
+    def _count_groups(self, part: _Part, keep: Bools) -> None:
+        """Finds each row's group in `met`; takes rows of no or another group from `keep`."""
         if self.group is None:
-            return None
+            return
         array = pc.cast(part.arrays[self.group], pa.string())
         encoded = pc.utf8_trim_whitespace(pc.fill_null(array, "")).dictionary_encode()
         texts = encoded.dictionary.to_pylist()
@@ -537,13 +592,14 @@ class _Scan:
         other = keep & said[index] & (codes[index] < 0)
         self.lines["other group"] += int(other.sum())
         keep &= codes[index] >= 0
-        return np.asarray(codes[index])
+        self.columns[_GROUP][part.rows] = codes[index]
 
     def _drop(self, part: _Part, which: Bools, kind: str) -> None:
         if n := int(which.sum()):
             self.lines[kind] += n
             if kind not in self.first:
                 self.first[kind] = part.line(int(which.argmax()))
+            self._reject(part, part.numbers(np.flatnonzero(which)), kind)
 
     def _count_cells(self, part: _Part, i: int, state: NDArray[np.int8], keep: Bools) -> None:
         if not state.any():
@@ -552,32 +608,15 @@ class _Scan:
             which = (state == k) & keep
             if n := int(which.sum()):
                 self.cells[i, k] += n
+                if k == 2:
+                    self._reject(part, part.numbers(np.flatnonzero(which)), "no number", i)
                 if (i, k) not in self.first_cell:
                     row = int(which.argmax())
                     line, text = part.line(row)
                     cells = split(text, part.block.delimiter)
                     shown = cells[i] if i < len(cells) else ""
-                    self.first_cell[i, k] = line, shown, int(part.t[row])
-
-
-class _Grown:
-    """An array that grows by parts, so that only one block's parts stay beside it."""
-
-    def __init__(self, dtype: Any, room: int) -> None:
-        self._room = np.empty(room, dtype)
-        self._used = 0
-
-    def append(self, part: NDArray[Any]) -> None:
-        need = self._used + len(part)
-        if need > len(self._room):
-            room = np.empty(2 * need, self._room.dtype)
-            room[: self._used] = self._room[: self._used]
-            self._room = room
-        self._room[self._used : need] = part
-        self._used = need
-
-    def array(self) -> NDArray[Any]:
-        return self._room[: self._used]
+                    t = int(self.columns[_T][part.rows][row])
+                    self.first_cell[i, k] = line, shown, t
 
 
 def _flat(column: Any) -> Any:

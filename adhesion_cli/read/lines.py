@@ -11,6 +11,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
 _MAX_QUOTED = 1 << 20  # bytes and lines of one quoted cell; beyond, the quote is taken to be stray
 _MAX_QUOTED_LINES = 100
+_MAX_TEXT = 2_000  # bytes of a row that are told
 
 
 @dataclass(slots=True)
@@ -52,11 +54,11 @@ class Block:
         return feeds, feeds[~inside]
 
     def rows(self) -> NDArray[np.int64]:
-        """Start, end and line number of each row that is not blank, shape (n, 3)."""
+        """Start, end, first and last line of each row that is not blank, shape (n, 4)."""
         feeds, ends = self.ends()
         starts = np.concatenate(([0], ends[:-1] + 1))
-        lines = self.first_line + np.searchsorted(feeds, starts)
-        return np.column_stack((starts, ends, lines))[ends > starts]
+        first, last = (self.first_line + np.searchsorted(feeds, x) for x in (starts, ends))
+        return np.column_stack((starts, ends, first, last))[ends > starts]
 
 
 @dataclass(slots=True)
@@ -111,6 +113,39 @@ class Lines:
                     cut = len(data)
                 yield Block(data, cut, line, lines, delimiter)
                 line += lines
+
+    def texts(self, rows: NDArray[np.int64]) -> Iterator[tuple[int, str]]:
+        """Where rows begin [bytes] and what they say, as the file has them.
+
+        Args:
+            rows: first and last line of each, in order; shape (n, 2).
+
+        Raises:
+            UserError: where the file has become shorter since.
+        """
+        unit = np.dtype({"utf-16-le": "<u2", "utf-16-be": ">u2"}.get(self.dialect.encoding, "u1"))
+        line, at, data, k = 1, self.dialect.bom, b"", 0
+        skip = at
+        for chunk in chain(self._bytes(), [b""]):
+            done = not chunk
+            data, skip = data + chunk[skip:], 0
+            units = np.frombuffer(data, unit, len(data) // unit.itemsize)
+            feeds = units == 10
+            ends = feeds | ((units == 13) & ~np.append(feeds[1:], not done))
+            starts = np.append(0, np.flatnonzero(ends) + 1)
+            if done:
+                starts = np.append(starts, len(units))
+            while k < len(rows) and rows[k, 1] - line + 1 < len(starts):
+                a, b = (starts[rows[k] - line + (0, 1)] * unit.itemsize).tolist()
+                text = data[a : min(b, a + _MAX_TEXT)].decode(self.dialect.encoding, "replace")
+                yield at + a, text.rstrip("\r\n")
+                k += 1
+            if k == len(rows):
+                return
+            kept = min(len(starts) - 1, int(rows[k, 0]) - line)
+            a = int(starts[kept]) * unit.itemsize
+            data, at, line = data[a:], at + a, line + kept
+        raise UserError(f"{self.path}: changed while it was read", "read it when it is complete")
 
     def _close(self, data: bytes, line: int) -> bytes:
         """The file's end, with the line end that it lacks or without what damage cut."""

@@ -141,7 +141,7 @@ def _log(
         findings += found
     return Log(
         str(source.path), source.format, _sha256(source.path), source.absolute, source.rows,
-        tuple(channels), (*source.findings, *findings),
+        tuple(channels), (*source.findings, *findings), source.rejects,
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """MCAP logs: which numbers their messages hold, by which clock, and columns of them."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from ..errors import UserError
-from ..model import Bools, Column, Finding, Floats, Severity, Times
+from ..model import Bools, Column, Finding, Floats, Reject, Severity, Times
 from .mcap_records import HEADER, MESSAGE, Records, Schema, Walk
 from .source import Field, ReadOptions
 from .tree import (
@@ -111,6 +111,7 @@ class McapSource:
     """An MCAP log, see Source."""
 
     format = "mcap"
+    rejects: Iterable[Reject] = ()
 
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.path, self._options = path, options

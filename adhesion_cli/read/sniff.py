@@ -37,6 +37,7 @@ _CLOCK = (
 _STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+{_CLOCK})?|{_CLOCK})")
 _OPEN_QUOTE = re.compile(r'(?:^|[;,\t|] ?)"[^"]*(?:""[^"]*)*$')
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[., '’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")
+_CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 _MAGIC = (
     (b"\x89MCAP0\r\n", "an MCAP file", "give it the suffix .mcap"),
     (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive", "export it as CSV"),
@@ -255,7 +256,7 @@ def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, 
         for few, many, codec in ((even, odd, "utf-16-le"), (odd, even, "utf-16-be")):
             if many > len(head) // 5 and few <= many // 50:
                 return codec, 0, f"{codec} (every second byte is NUL)"
-    controls = sum(head.count(bytes([b])) for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
+    controls = len(head) - len(head.translate(None, _CONTROLS))
     if controls > max(4, len(head) // 200):
         raise UserError(f"{path}: is a binary file, not CSV", "give a CSV or MCAP log")
     if head.isascii():
@@ -448,10 +449,10 @@ def _first_data(table: list[tuple[int, list[str]]], width: int, decimal: str) ->
         if len(cells) != width:
             return False
         said = [cells[i] for i in numeric if not is_null(cells[i])]
-        if any(time_name(c) for c in said):  # a header whose other names are numbers
+        words = [c for c in said if not typed(c)]
+        if any(time_name(c) for c in words):  # a header whose other names are numbers
             return False
-        good = sum(typed(c) for c in said)
-        return good > 0.5 * len(said)
+        return len(words) < 0.5 * len(said)
 
     flags = [like(cells) for _, cells in table]
     for i, flag in enumerate(flags):

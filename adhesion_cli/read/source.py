@@ -1,11 +1,11 @@
 """What a log format must offer: named scalar fields first, columns of the wanted ones after."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from ..model import Column, Finding
+from ..model import Column, Finding, Reject
 
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 
@@ -41,6 +41,7 @@ class ReadOptions:
     decimal: str | None = None
     encoding: str | None = None
     strict: bool = False  # damage is an error, not a finding
+    rejects: bool = False  # CSV: remember each row and cell left out
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to
     max_record: int = 1 << 27  # bytes one MCAP record may declare
@@ -57,6 +58,7 @@ class Source(Protocol):
     findings: list[Finding]  # grows while reading
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
     stated: dict[str, Any]  # dialect decisions and why, for `inspect`
+    rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
 
     @property
     def fields(self) -> Sequence[Field]:

@@ -1,6 +1,10 @@
-"""Logs as CSV: one column per channel with its unit in the header, one row per time stamp."""
+"""Logs as CSV: one column per channel with its unit in the header, one row per time stamp.
 
-from collections.abc import Iterator
+Rows that reading left out, too.
+"""
+
+import csv
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +12,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow.csv import CSVWriter
 
-from ..model import Log, Times
+from ..model import Log, Reject, Times
+from ..text import printable
 from . import names
 
 _ROWS = 1 << 16  # written at once
@@ -50,6 +55,29 @@ def write_log(path: Path, log: Log) -> None:
             writer.write_batch(pa.record_batch(columns, schema=schema))
 
 
+def write_rejects(path: Path, logs: Iterable[Log]) -> int:
+    """Write what was left out of text logs, a line each, and how many there are.
+
+    Args:
+        path: file to write; its old content is lost.
+        logs: as read with `ReadOptions.rejects`.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: a log cannot be read any more.
+    """
+    count = 0
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(("file", *Reject._fields))
+        for log in logs:
+            for reject in log.rejects:
+                cells = (log.path, *reject)
+                table.writerow([_cell(printable(c)) if isinstance(c, str) else c for c in cells])
+                count += 1
+    return count
+
+
 def _rows(axes: list[Times]) -> tuple[Times, list[NDArray[np.int64]]]:
     """One row per distinct time stamp, and the row of each sample of each channel.
 
@@ -86,5 +114,5 @@ def _parts(rows: int) -> Iterator[slice]:
 
 
 def _cell(text: str) -> str:
-    """A header that no spreadsheet takes for a formula."""
+    """A cell that no spreadsheet takes for a formula."""
     return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text

@@ -75,8 +75,8 @@ def check_distinct(paths: Sequence[Path]) -> None:
         place = path.parent.resolve() / path.name
         if place in seen:
             raise UserError(
-                f"{_shown(path)}: two logs would give this one result",
-                "run them one by one, each with its own --out",
+                f"{_shown(path)}: two results of this run would have this name",
+                "run several logs one by one, each with its own --out",
             )
         seen.add(place)
 
