@@ -189,6 +189,13 @@ def _told(
     if not applications:
         text = "no brake application found: estimators are not scored"
         findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))
+    begins = np.zeros(len(record), dtype=np.bool_)
+    begins[[s.start for s in metrics.started(record, applications)]] = True
+    text = (
+        "the log, or what follows a gap, begins in mid-brake: estimators start there from nothing, "
+        f"their first {metrics.START_UP:g} s are not scored"
+    )
+    tell("started-braked", "info", text, begins)
     mu = np.abs(np.nan_to_num(physics.coefficient(force, vehicle)))
     text = f"adhesion coefficient up to {mu.max():.1f}: units or vehicle parameters are wrong"
     tell("implausible", "warning", text, mu > 1.0)

@@ -17,7 +17,8 @@ the interval it was; the answer then depends on the signals, not on how often th
 `euler = 1` is the printed alternative: both held at their value at t_{k-1}.
 
 Start. ω̂ = y and F̂ = 0, as in the paper, also where a segment starts in mid-brake: the wheel may be
-sliding there, so no better force is known. Such a segment opens with the response time.
+sliding there, so no better force is known; `td`, which has no force but (5), starts at φK. Such a
+segment opens with the response time, which is not scored (`metrics.started`).
 """
 
 import math

@@ -250,7 +250,7 @@ class Score:
     lag_s: float | None
     gain: float | None
     response_s: float | None
-    noise_gain: float | None
+    ripple_n: float | None
     relative: float | None = None
 
 

@@ -1,5 +1,6 @@
 """Metrics as properties: what each one sees, and what it must not mistake for something else."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -124,26 +125,91 @@ def test_response_to_a_step_between_two_levels() -> None:
     assert metrics.response(never) is None
 
 
+@pytest.mark.parametrize("factor", [0.0, 0.8])
+def test_an_estimate_that_never_gets_there_has_no_response(factor: float) -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    target = np.where((t >= 2.0) & (t < 12.0), 5400.0, 0.0)  # and a release, as high as the step
+    r = record(t, target / 0.27)
+    c = metrics.compared(r, factor * target, target, metrics.applications(r))
+    assert c is not None
+    assert metrics.response(c) is None
+
+
+@settings(derandomize=True, max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.floats(0.2, 1.0), st.floats(0.0, 200.0))
+def test_noise_and_a_release_do_not_choose_the_response(
+    seed: int, tau: float, sigma: float
+) -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    pressed = (t >= 2.0) & (t < 12.0)
+    noise = np.random.default_rng(seed).normal(0.0, [[20.0], [sigma / 10.0]], (2, len(t)))
+    target = np.where(pressed, 5400.0, 0.0) + noise[0]
+    estimate = 5400.0 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / tau)) * (t < 12.0) + noise[1]
+    r = record(t, pressed * 2e4)
+    c = metrics.compared(r, estimate, target, metrics.applications(r))
+    assert c is not None
+    assert metrics.response(c) == pytest.approx(3.0 * tau, rel=0.15)
+
+
+def test_response_waits_for_the_estimate_to_stay() -> None:
+    t = np.arange(0.0, 12.0, 0.01)
+    target = np.where(t >= 2.0, 5400.0, 0.0)
+    since = t - 2.0
+    overshoots = np.where(
+        since >= 0.0, 5400.0 * (1.0 - np.exp(-2.0 * since) * np.cos(6 * since)), 0
+    )
+    r = record(t, target / 0.27)
+    c = metrics.compared(r, overshoots, target, metrics.applications(r))
+    assert c is not None
+    below = since[(overshoots < 0.95 * 5400.0) & (since > 0.0)]
+    assert below[-1] > 1.0 > since[(overshoots > 5400.0)][0]
+    assert metrics.response(c) == pytest.approx(below[-1], abs=0.05)
+
+
+@pytest.mark.parametrize("late", [0.3, 0.8, 1.2, 1.6])
+def test_a_periodic_force_is_late_and_not_early(late: float) -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    wave = 3000.0 + 1000.0 * np.sin(np.pi * t)
+    r = record(t, np.full(len(t), 2e4))
+    c = metrics.compared(
+        r, 3000.0 + 1000.0 * np.sin(np.pi * (t - late)), wave, metrics.applications(r)
+    )
+    assert c is not None
+    assert metrics.lag(c) == pytest.approx(late, abs=0.01)
+    assert metrics.gain(c) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("gaps", [0, 1, 2])
+def test_a_gap_in_mid_brake_does_not_change_the_score(gaps: int) -> None:
+    t = np.arange(0.0, 40.0, 0.01)
+    K = np.interp(t, [2.0, 4.0], [0.0, 2e4])
+    at = [1200, 2400][:gaps]
+    r = record(t, K, splits=tuple(at))
+    truth, estimate = 0.27 * K, 0.27 * K + 50.0
+    for first in at:
+        since = t[first:] - t[first]
+        estimate[first:] = truth[first:] + 50.0 - 5000.0 * np.exp(-since / 0.3)
+    r = replace(r, truth=truth)
+    applications = metrics.applications(r)
+    assert [s.start for s in metrics.started(r, applications)] == at
+    (score,) = metrics.scores(r, reference(truth), {"late": estimate}, applications)
+    assert score.rmse_n == pytest.approx(50.0, rel=0.01)
+    assert score.max_error_n == pytest.approx(50.0, rel=0.01)
+
+
 def test_a_slow_build_up_is_no_step() -> None:
     t = times(100.0)
     assert metrics.response(compared(t, force(t - 0.2), force(t))) is None
 
 
-@pytest.mark.parametrize("slope", [0.0, 3.0e5])
-def test_noise_gain_is_output_ripple_per_input_noise(slope: float) -> None:
-    t = np.arange(0.0, 30.0, 0.01)
-    rng = np.random.default_rng(5)
-    speed = 60.0 - t + rng.normal(0.0, 3e-3, len(t))
-    r = record(t, force(t) / 0.27, speed)
-    estimate = force(t) + rng.normal(0.0, 30.0, len(t)) + slope * 1e-3 * (t > 6.0)
-    c = metrics.compared(r, estimate, force(t), metrics.applications(r))
-    assert c is not None
-    assert metrics.noise_gain(c) == pytest.approx(30.0 / 3e-3, rel=0.1)
-
-
-def test_noise_gain_is_unknown_without_noise() -> None:
-    t = np.arange(0.0, 30.0, 0.01)
-    assert metrics.noise_gain(compared(t, force(t), force(t))) is None
+@pytest.mark.parametrize("step", [0.0, 300.0])
+@pytest.mark.parametrize("rate", [20.0, 500.0])
+def test_ripple_is_what_is_quick_and_not_a_step(step: float, rate: float) -> None:
+    t = np.arange(0.0, 30.0, 1.0 / rate)
+    noise = np.random.default_rng(5).normal(0.0, 30.0, len(t))
+    c = compared(t, force(t) + noise + step * (t > 6.0), force(t))
+    assert metrics.ripple(c) == pytest.approx(30.0, rel=0.15)
+    assert metrics.ripple(compared(t, force(t) + 100.0, force(t))) == pytest.approx(0.0, abs=1e-6)
 
 
 def spans(r: AxleRecord) -> list[tuple[float, float]]:
@@ -166,6 +232,12 @@ def test_applications_are_found_through_offset_and_noise(
     assert b == pytest.approx(23.0, abs=0.7)  # with the tail
     assert c == pytest.approx(40.0, abs=0.7)
     assert d == pytest.approx(52.0, abs=0.7)
+
+
+def test_a_drag_brake_is_braking_before_and_after_the_stronger_one() -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    K = np.interp(t, [30, 31, 40, 41], [8e3, 2e4, 2e4, 8e3])
+    assert spans(record(t, K)) == [pytest.approx((0.0, 59.99))]
 
 
 def test_a_log_that_begins_and_ends_braked_is_one_application() -> None:

@@ -40,12 +40,12 @@ def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
     """The table of estimators, whatever stands in the first column."""
     header = [
         title, "algorithm", "against", "rmse [N]", "bias [N]", "max [N]", "lag [s]", "gain",
-        "95 % [s]", "ripple [N/(rad/s)]", "relative",
+        "95 % [s]", "ripple [N]", "relative",
     ]  # fmt: skip
     lines = [
         [
             name, s.algo, s.against, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
-            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), number(s.noise_gain),
+            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), _newtons(s.ripple_n),
             number(s.relative, 2),
         ]
         for name, s in rows
