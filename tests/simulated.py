@@ -9,6 +9,7 @@ import numpy as np
 
 from adhesion_cli import simulate
 from adhesion_cli.model import Vehicle
+from adhesion_cli.read.units import UNITS
 from adhesion_cli.scenario import Sensor
 from adhesion_cli.simulate import Recording
 
@@ -98,6 +99,33 @@ def stuck(log: Recordings, signal: str, axle: int, at: float, seconds: float) ->
     return changed(log, signal, change, axle)
 
 
+def put(
+    log: Recordings, signal: str, axle: int, where: Callable[[Recording], np.ndarray], value: float
+) -> Recordings:  # fmt: skip
+    """Another value at some samples: a wire that comes loose, a disturbance, NaN for none."""
+    return changed(
+        log, signal, lambda r: replace(r, value=np.where(where(r), value, r.value)), axle
+    )
+
+
+def during(at: float, seconds: float) -> Callable[[Recording], np.ndarray]:
+    """The samples of a time."""
+    return lambda r: (r.t * 1e-9 >= at) & (r.t * 1e-9 < at + seconds)
+
+
+def single(random: np.random.Generator, count: int) -> Callable[[Recording], np.ndarray]:
+    """Some samples here and there."""
+    return lambda r: np.isin(np.arange(len(r.t)), random.integers(0, len(r.t), count))
+
+
+def scaled(log: Recordings, signal: str, axle: int, times: float, plus: float = 0.0) -> Recordings:
+    """Values that many times as large, and shifted by so many SI units."""
+    return changed(
+        log, signal,
+        lambda r: replace(r, value=times * r.value + plus / UNITS[r.unit.lower()].factor), axle,
+    )  # fmt: skip
+
+
 def saturated(log: Recordings, share: float) -> Recordings:
     """Pressure sensors whose range ends at this share of the highest pressure."""
     top = max(float(log[i].value.max()) for i in which(log, "pressure"))
@@ -120,9 +148,8 @@ def late(log: Recordings, signal: str, seconds: float) -> Recordings:
 
 def worn(log: Recordings, axle: int, scale: float) -> Recordings:
     """A wheel speed that many times as large, as with another diameter."""
-    return changed(
-        log, "wheel_speed", lambda r: replace(r, value=r.value * scale, decimals=None), axle
-    )
+    exact = changed(log, "wheel_speed", lambda r: replace(r, decimals=None), axle)
+    return scaled(exact, "wheel_speed", axle, scale)
 
 
 def slower(log: Recordings, times: float) -> Recordings:

@@ -1,6 +1,7 @@
 """Sensors that lie: silent on good logs, told or harmless on bad ones."""
 
 import ast
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -12,9 +13,11 @@ import simulated
 from simulated import Recordings
 
 from adhesion_cli import analysis, settings, simulate
+from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel, Column, Finding, Result
 from adhesion_cli.read import align, checks
 from adhesion_cli.read.log import open_source, read
+from adhesion_cli.read.units import ATMOSPHERE
 
 ROOT = Path(__file__).parent.parent
 CODES = {
@@ -93,6 +96,7 @@ def test_the_sample_logs_are_not_accused(path: Path) -> None:
 # --- faults -------------------------------------------------------------------------------------
 
 Fault = tuple[set[str], Recordings]
+FORCE = {"unit-suspect", "vehicle-suspect", "brake-unknown", "pressure-suspect", "implausible"}
 
 
 def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
@@ -103,37 +107,81 @@ def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
     at, seconds = random.uniform(0.1, 0.6) * end, random.uniform(0.5, 12.0)
     unit = {r.signal: r.unit for r in log}
     known = ["Pa", "kPa", "MPa", "bar", "psi"]
-    pressures = [u for u in known if u != unit.get("pressure")]
     speeds = [u for u in ("rad/s", "rpm", "m/s", "km/h") if u != unit["wheel_speed"]]
-    vehicle = {"unit-suspect", "vehicle-suspect", "brake-unknown", "implausible"}
+    brake = "pressure" if "pressure" in unit else "clamping_force"
+    fast, high = (
+        float(random.uniform(1.3, 3.0) * log[simulated.which(log, s)[0]].value.max())
+        for s in ("wheel_speed", brake)
+    )
+    some = simulated.single(random, int(random.integers(1, 20)))
+    then = simulated.during(at, seconds)
+    stuck = {"pressure-frozen", "pressure-suspect", *FORCE}
     drawn = {
         "stuck speed": (
             {"speed-frozen"}, simulated.stuck(log, "wheel_speed", axle, at, seconds),
         ),
-        "speed unit": (
-            vehicle, simulated.mislabelled(log, "wheel_speed", str(random.choice(speeds))),
+        "all speeds stuck": (
+            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", 0, at, seconds),
         ),
-        "time unit": (
-            vehicle, simulated.slower(log, float(random.choice([1e-3, 1e3]))),
+        "no speed": (
+            {"speed-frozen", "wheel-locked"},
+            simulated.put(log, "wheel_speed", axle, then, 0.0),
+        ),
+        "missing speed": (
+            {"gap"}, simulated.put(log, "wheel_speed", axle, then, math.nan),
+        ),
+        "speed drops": (
+            {"speed-spike"}, simulated.put(log, "wheel_speed", axle, some, 0.0),
+        ),
+        "speed spikes": (
+            {"speed-spike", "unit-suspect"}, simulated.put(log, "wheel_speed", axle, some, fast),
+        ),
+        "speed unit": (
+            FORCE, simulated.mislabelled(log, "wheel_speed", str(random.choice(speeds))),
+        ),
+        "speed turned": (
+            {"reverse-running"}, simulated.scaled(log, "wheel_speed", axle, -1.0),
+        ),
+        "time unit": (FORCE, simulated.slower(log, float(random.choice([1e-3, 1e3])))),
+        "stuck brake": (stuck, simulated.stuck(log, brake, 0, at, seconds)),
+        "no brake": (stuck, simulated.put(log, brake, 0, then, 0.0)),
+        "missing brake": ({"gap"}, simulated.put(log, brake, axle, then, math.nan)),
+        "brake drops": ({"pressure-spike"}, simulated.put(log, brake, axle, some, 0.0)),
+        "brake spikes": (
+            {"pressure-spike", "unit-suspect"}, simulated.put(log, brake, axle, some, high),
+        ),
+        "late brake": (
+            {"pressure-clock-offset", *FORCE},
+            simulated.late(log, brake, float(random.choice([-5.0, -1.0, -0.4, 0.4, 1.0, 5.0]))),
+        ),
+        "scaled brake": (
+            FORCE, simulated.scaled(log, brake, 0, float(random.choice([0.4, 0.6, 1.6, 2.5]))),
         ),
     }  # fmt: skip
-    if "pressure" in unit:
-        drawn["stuck pressure"] = (
-            {"pressure-frozen", *vehicle}, simulated.stuck(log, "pressure", axle, at, seconds),
-        )  # fmt: skip
+    if brake == "pressure":
+        drawn["stuck pressure"] = (stuck, simulated.stuck(log, "pressure", axle, at, seconds))
         drawn["saturated pressure"] = (
-            {"pressure-saturated", *vehicle},
+            {"pressure-saturated", *FORCE},
             simulated.saturated(log, float(random.uniform(0.3, 0.9))),
         )
         drawn["pressure unit"] = (
-            vehicle, simulated.mislabelled(log, "pressure", str(random.choice(pressures))),
+            FORCE,
+            simulated.mislabelled(
+                log, "pressure", str(random.choice([u for u in known if u != unit["pressure"]]))
+            ),
+        )
+        drawn["from vacuum"] = (
+            {"pressure-absolute", *FORCE}, simulated.scaled(log, "pressure", 0, 1.0, ATMOSPHERE),
+        )  # fmt: skip
+        drawn["below zero"] = (
+            {"pressure-impossible"}, simulated.scaled(log, "pressure", 0, 1.0, -ATMOSPHERE),
+        )  # fmt: skip
+        drawn["pressure turned"] = (
+            {"pressure-impossible"}, simulated.scaled(log, "pressure", axle, -1.0),
         )  # fmt: skip
     if axles > 1:
         one, other = (int(x) + 1 for x in random.permutation(axles)[:2])
-        drawn["swapped axles"] = (
-            {"axles-swapped"},
-            simulated.swapped(log, one, other),
-        )
+        drawn["swapped axles"] = ({"axles-swapped"}, simulated.swapped(log, one, other))
     return drawn
 
 
@@ -148,7 +196,7 @@ def outside(result: Result) -> float:
     for a in result.axles:
         truth = a.record.truth
         assert truth is not None
-        braked = a.record.clamping_force_smooth > 100.0
+        braked = (a.record.clamping_force_smooth > 100.0) | (np.abs(truth) > 100.0)
         there = braked & np.isfinite(truth) & np.isfinite(a.reference.force)
         known += int(there.sum())
         wrong += int((there & ((truth < a.reference.lower) | (truth > a.reference.upper))).sum())
@@ -166,12 +214,27 @@ SENSORS: dict[str, dict[str, float]] = {
 DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig"})
 
 
+def told_of(log: Recordings, folder: Path) -> set[str]:
+    """Codes of all findings before anything is computed, "refused" where it is not."""
+    path = simulated.write(folder / "log.csv", log)
+    try:
+        one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+        return {f.code for f in (*one.findings, *align.records(one, DEFAULT.vehicle)[1])}
+    except UserError:
+        return {"refused"}
+
+
 def never_confident_and_wrong(name: str, seed: int, folder: Path, kinds: slice) -> None:
     """Every fault is told, or what comes out holds the truth as well as without it."""
     random = np.random.default_rng([seed, *name.encode()])
     log = clean(name, seed, str(random.choice(list(SENSORS))))
-    allowed = max(0.1, outside(analysed(log, folder)) + 0.05)
+    allowed = None
     for kind, (expected, bad) in list(faults(log, random).items())[kinds]:
+        told = told_of(bad, folder)
+        if told & {*expected, "refused"}:
+            continue
+        if allowed is None:
+            allowed = max(0.1, outside(analysed(log, folder)) + 0.05)
         result = analysed(bad, folder)
         told = {f.code for f in result.findings}
         assert told & expected or outside(result) < allowed, (kind, told & CODES)
@@ -184,7 +247,7 @@ def test_no_fault_is_confident_and_wrong(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 21))
+@pytest.mark.parametrize("seed", range(1, 9))
 @pytest.mark.parametrize("name", DRIVEN)
 def test_no_fault_ever_is(name: str, seed: int, tmp_path: Path) -> None:
     never_confident_and_wrong(name, seed, tmp_path, slice(None))
@@ -324,9 +387,10 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
 # --- the page that lists them all ---------------------------------------------------------------
 
 
+@cache
 def finding_codes() -> set[str]:
     """Every code in the source: first arguments of what tells findings, and `code = "…"`."""
-    tellers = {"Finding", "tell", "_tell", "_report", "Fault"}
+    tellers = {"Finding", "told", "tell", "_tell", "_report", "Fault"}
     kebab = re.compile(r"[a-z]+(-[a-z0-9]+)*")
     texts: list[object] = []
     for path in (ROOT / "adhesion_cli").rglob("*.py"):

@@ -22,6 +22,7 @@ from ..model import (
 )  # fmt: skip
 from ..physics import clamping_force, force_per_pressure
 from . import checks, plausible, timeaxis
+from .grid import Axle
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -63,7 +64,7 @@ def records(
             code=2,
         )
     asked = axles or numbers
-    found: list[plausible.Axle] = []
+    found: list[Axle] = []
     findings: list[Finding] = []
     for axle in numbers:
         speed = log.find("wheel_speed", axle)
@@ -79,19 +80,19 @@ def records(
         moving = [c for c in (*speeds.values(), *trains.values()) if c is not speed]
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
-        since = (brake.data.t - log.start_ns()) / 1e9
-        stuck, below = checks.stuck_pressure(brake, beside), checks.impossible(brake)
-        told = _told_of_pressure(brake, stuck, below, _inside(since, window), since)
-        spikes = checks.spikes(speed)
-        told += _told_of_spikes(speed, spikes, log.start_ns(), window)
+        of_speed, of_brake = checks.of_speed(speed), checks.of_pressure(brake, beside)
+        told = [
+            *_told(speed, of_speed, log.start_ns(), window),
+            *_told(brake, of_brake, log.start_ns(), window),
+        ]
         record, more = _record(
             log, vehicle, axle, window,
-            _without(speed, spikes), _without(brake, stuck | below), train, log.find("truth", axle),
+            _without(speed, of_speed), _without(brake, of_brake), train, log.find("truth", axle),
             moving,
         )  # fmt: skip
         findings += [*told, *more] if axle in asked else []
         if record:
-            found.append(plausible.Axle(record, speed, brake, train))
+            found.append(Axle(record, speed, brake, train))
     chosen = [a for a in found if a.record.axle in asked]
     if not chosen:
         raise _nothing(log, speeds, pressures or forces, window)
@@ -110,43 +111,24 @@ def _inside(since: Floats, window: Window) -> Bools:
     return inside
 
 
-def _told_of_spikes(speed: Channel, spikes: Bools, start_ns: int, window: Window) -> list[Finding]:
-    since = (speed.data.t - start_ns) / 1e9
-    where = spikes & _inside(since, window)
-    if not where.any():
-        return []
-    text = "single samples that no wheel can reach and leave again: left out"
-    first = float(since[np.argmax(where)])
-    return [Finding("speed-spike", "warning", text, speed.title, int(where.sum()), first)]
-
-
-def _told_of_pressure(
-    brake: Channel, stuck: Bools, below: Bools, inside: Bools, since: Floats
+def _told(
+    channel: Channel, faults: Sequence[checks.Fault], start_ns: int, window: Window
 ) -> list[Finding]:
-    """What the pressure's own samples show."""
+    """What a channel's own samples show, within the window."""
+    since = (channel.data.t - start_ns) / 1e9
+    inside = _inside(since, window)
     findings = []
-    for code, message, where in (
-        ("pressure-frozen",
-         f"the {brake.meaning} repeats one value while its noise or the other axles say it must "
-         "change: left out; check the sensor, or name another channel in [channels]",
-         stuck & inside),
-        ("pressure-impossible",
-         f"the {brake.meaning} is far below zero: a broken sensor or wire; left out",
-         below & inside),
-        ("pressure-saturated",
-         f"the {brake.meaning} stands at its highest value without its noise: the sensor's range "
-         "ends there, the true one is higher and so is the force; leave it out with --from and "
-         "--to",
-         checks.saturated(brake) & inside),
-    ):  # fmt: skip
-        if count := int(where.sum()):
-            when = float(since[np.argmax(where)])
-            findings.append(Finding(code, "warning", message, brake.title, count, when))
+    for fault in faults:
+        if (where := fault.where & inside).any():
+            first, count = float(since[np.argmax(where)]), int(where.sum())
+            text = f"the {channel.meaning} {fault.text}".replace("_", " ")
+            findings.append(Finding(fault.code, "warning", text, channel.title, count, first))
     return findings
 
 
-def _without(channel: Channel, left_out: Bools) -> Channel:
-    """A channel without some of its samples: a gap stays where they were."""
+def _without(channel: Channel, faults: Sequence[checks.Fault]) -> Channel:
+    """A channel without the samples that are none: a gap stays where they were."""
+    left_out = np.any([f.where for f in faults if f.left_out], axis=0)
     if not left_out.any():
         return channel
     kept = np.cumsum(~left_out)

@@ -5,6 +5,7 @@ repeating the last value is impossible for one that works: on the noise it other
 what the rest of the train does meanwhile.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats
-from ..physics import white_noise
+from ..physics import true_runs, white_noise
 from . import timeaxis
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
@@ -20,8 +21,52 @@ _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
 _HARDEST = 250.0  # far more than any wheel is slowed or driven by [rad/s²]
+_QUICKEST = 4.0  # faster than any valve fills or vents a cylinder, of its highest value [1/s]
+_AROUND = 10  # samples before and after
 _VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
+
+
+class Fault(NamedTuple):
+    """What one channel's samples show of its sensor."""
+
+    code: str
+    text: str  # behind "the pressure", "the wheel speed"
+    where: Bools  # shape (n,)
+    left_out: bool
+
+
+def of_speed(speed: Channel) -> list[Fault]:
+    """What a wheel speed [rad/s] shows by itself."""
+    text = "has single samples that no wheel can reach and leave again: left out; check the sensor"
+    return [Fault("speed-spike", text, speed_spikes(speed), True)]
+
+
+def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
+    """What a pressure [Pa] or K [N] shows by itself and beside the other axles'."""
+    return [
+        Fault(
+            "pressure-frozen",
+            "repeats one value while its noise or the other axles say it must change: left out; "
+            "check the sensor, or name another channel in [channels]",
+            stuck_pressure(pressure, others), True,
+        ),
+        Fault(
+            "pressure-impossible", "is far below zero: a broken sensor or wire; left out",
+            pressure.data.value < _VACUUM, True,
+        ),
+        Fault(
+            "pressure-spike",
+            "has single samples that no valve can reach and leave again: left out; check the wire",
+            pressure_spikes(pressure), True,
+        ),
+        Fault(
+            "pressure-saturated",
+            "stands at its highest value without its noise: the sensor's range ends there, the "
+            "true one is higher and so is the force; leave it out with --from and --to",
+            saturated(pressure), False,
+        ),
+    ]  # fmt: skip
 
 
 class _Runs(NamedTuple):
@@ -84,7 +129,8 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
             before, after = (timeaxis.interpolated(timeaxis.Over(t[i], 0, 1), other) for i in runs)
             fast = before > 0.1 * np.max(other.data.value)
             np.divide(np.abs(after - before) * value, before, out=row, where=fast)
-        known = np.isfinite(moved).any(axis=0)
+        # Where all of them stand still to the last digit, it is the logger that does.
+        known = np.isfinite(moved).any(axis=0) & (np.nan_to_num(moved).max(axis=0) > 0.0)
         expected[known] = np.nanmedian(moved[:, known], axis=0)
         steps[known] = 4.0
     stuck = (
@@ -97,35 +143,52 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
     return _repeats(len(y), runs, stuck)
 
 
-def spikes(speed: Channel) -> Bools:
+def speed_spikes(speed: Channel) -> Bools:
     """Single samples of a wheel speed that no wheel can reach and leave again, shape (n,).
 
-    Away from both neighbours, which agree with each other, by more than the noise and what the
-    hardest brake or slide could do in the time between.
+    Also those far above all within ten samples: a slide only goes down.
     """
-    t, y = speed.data.t, speed.data.value
-    found = np.zeros(len(t), dtype=np.bool_)
-    if len(t) < 5:
-        return found
-    dt = np.diff(t) / 1e9
-    noise = 8.0 * np.sqrt(white_noise([y])) + 6.0 * speed.step
-    could = _HARDEST * np.abs(dt) + noise
-    away = np.diff(y)
-    there, back = away[:-1], away[1:]
-    found[1:-1] = (
-        (np.abs(there) > could[:-1])
-        & (np.abs(back) > could[1:])
-        & (np.sign(there) == -np.sign(back))
-        & (np.abs(there + back) < np.minimum(np.abs(there), np.abs(back)) / 2.0)
-        & (np.diff(t)[:-1] > 0)
-        & (np.diff(t)[1:] > 0)
-    )
+    y, n = speed.data.value, len(speed.data.t)
+    alone, steep = _alone(speed)
+    wide = np.pad(y, _AROUND, constant_values=-np.inf)
+    before = np.lib.stride_tricks.sliding_window_view(wide, _AROUND).max(axis=1)
+    highest = np.maximum(before[:n], before[_AROUND + 1 :])
+    above = y > np.maximum(1.1 * highest, highest + _noise(speed))
+    dropped = (y == 0.0) & (steep > _HARDEST / 2.5)  # to lock, and not only to slide, takes longer
+    found: Bools = alone & (above | dropped | (steep > _HARDEST))
     return found
 
 
-def impossible(pressure: Channel) -> Bools:
-    """Samples of a pressure that no brake cylinder can have: well below atmosphere; shape (n,)."""
-    return pressure.data.value < _VACUUM
+def pressure_spikes(pressure: Channel) -> Bools:
+    """Single samples of a pressure that no valve can reach and leave again, shape (n,)."""
+    alone, steep = _alone(pressure)
+    found: Bools = alone & (steep > _QUICKEST * np.max(pressure.data.value, initial=0.0))
+    return found
+
+
+def _alone(c: Channel) -> tuple[Bools, Floats]:
+    """Where one sample departs from neighbours that agree, and how steeply [SI/s]; shape (n,)."""
+    t, y = c.data.t, c.data.value
+    alone, steep = np.zeros(len(t), dtype=np.bool_), np.zeros(len(t))
+    if len(t) < 5:
+        return alone, steep
+    dt, away = np.diff(t) / 1e9, np.diff(y)
+    there, back = away[:-1], -away[1:]
+    less = np.minimum(np.abs(there), np.abs(back)) - _noise(c)
+    alone[1:-1] = (
+        (less > 0.0)
+        & (np.sign(there) == np.sign(back))
+        & (np.abs(there - back) < np.minimum(np.abs(there), np.abs(back)) / 2.0)
+        & (dt[:-1] > 0.0)
+        & (dt[1:] > 0.0)
+    )
+    steep[1:-1][alone[1:-1]] = (less / np.maximum(dt[:-1], dt[1:]))[alone[1:-1]]
+    return alone, steep
+
+
+def _noise(c: Channel) -> float:
+    """More than two samples differ by from noise alone."""
+    return 8.0 * math.sqrt(white_noise([c.data.value])) + 6.0 * c.step
 
 
 def locked(speed: Channel, others: Sequence[Channel]) -> Bools:
@@ -232,16 +295,31 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
 
 
 def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bools:
-    """Runs during which the other axles' pressures change by much; shape (k,)."""
+    """Runs left behind by every other axle's pressure, for longer than a valve would; shape (k,).
+
+    All below it: the brake is released, and no slide protection vents every other axle for that
+    long (a single other one it may). Or all above it. One at full pressure while others are vented
+    is no fault.
+    """
     t, x = pressure.data.t, pressure.data.value
-    top = max((float(c.data.value.max()) for c in others), default=0.0)
     found = np.zeros(len(runs.first), dtype=np.bool_)
+    if not others:
+        return found
+    top = max(float(c.data.value.max()) for c in others)
     long = (runs.length >= 5) & ((t[runs.last] - t[runs.first]) / 1e9 >= _LASTS)
     long &= (x[runs.first] > 0.05 * top) | (len(found) == 1)  # let go while others brake, or dead
     long &= _leap(x, runs) > 0.2 * top
     for i in np.flatnonzero(long):
-        a, b = t[runs.first[i]], t[runs.last[i]]
-        inside = [c.data.value[(c.data.t >= a) & (c.data.t <= b)] for c in others]
-        ranges = [float(np.ptp(v)) for v in inside if len(v)]
-        found[i] = bool(ranges) and float(np.median(ranges)) > 0.3 * top
+        run = slice(runs.first[i], runs.last[i] + 1)
+        at, seconds, value = (
+            timeaxis.Over(t[run], 0, 1),
+            (t[run] - t[run.start]) / 1e9,
+            x[run.start],
+        )
+        beside = np.array([timeaxis.interpolated(at, c) for c in others])
+        above, below = beside > value + 0.3 * top, beside < value - 0.3 * top
+        if len(others) == 1:
+            below = beside < 0.05 * top
+        for apart in (above.all(axis=0), below.all(axis=0)):
+            found[i] |= any(seconds[b - 1] - seconds[a] >= _LASTS for a, b in true_runs(apart))
     return found

@@ -2,10 +2,11 @@
 
 import math
 import re
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from ..errors import UserError
-from ..model import Meaning
+from ..model import Channel, Meaning, Vehicle
 
 Dimension = Literal[
     "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time"
@@ -85,6 +86,13 @@ EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "truth": ("force",),
 }
 
+_USUAL: dict[Meaning, tuple[str, ...]] = {
+    "pressure": ("Pa", "kPa", "bar", "MPa", "psi"),
+    "wheel_speed": ("rad/s", "rpm", "rps", "m/s", "km/h", "mph"),
+    "train_speed": ("m/s", "km/h", "mph"),
+    "clamping_force": ("N", "kN"),
+}
+
 # Written into names without brackets only where nothing else is written like that.
 _IN_NAMES = {
     s for s, u in UNITS.items()
@@ -161,3 +169,25 @@ def in_name(name: str) -> tuple[str, str]:
     if camel and (found := unit(camel[1].replace("RadS", "rad_s"))):
         return name[: camel.start()] + name[camel.end() :], found.name
     return name, ""
+
+
+def others(channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]) -> list[str]:
+    """Usual units a channel may be in instead, given by how much larger its values may be."""
+    taken = UNITS.get(channel.unit.strip().lower())
+    if taken is None or channel.meaning is None:
+        return []
+    R = vehicle.radius(channel.axle or 1).value
+    found = []
+    for name in _USUAL[channel.meaning]:
+        unit = UNITS[name.lower()]
+        along = {"speed": 1.0, "angular speed": R}
+        times = unit.factor * along.get(unit.dimension, 1.0)
+        times /= taken.factor * along.get(taken.dimension, 1.0)
+        if abs(math.log(times)) > 0.1 and fits(times):
+            found.append(name)
+    return found
+
+
+def listed(units: list[str]) -> str:
+    """The same as a question behind a text, "" for none."""
+    return f" ({' or '.join(units)}?)" if units else ""

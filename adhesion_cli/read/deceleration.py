@@ -1,0 +1,297 @@
+"""Whether the pressure explains how the train slows: units, clocks, stuck sensors, other brakes.
+
+While every wheel rolls, (1) gives the train's deceleration from K alone.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Bools, Finding, Floats, Severity, Vehicle
+from ..physics import G, clamping_force, true_runs
+from .grid import LEAST, Grid, Scene, largest
+from .units import listed, others
+
+_FASTEST = 500.0 / 3.6  # no train is faster [m/s]
+_HIGHEST = 12e5  # no brake cylinder has more [Pa]
+_LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
+_HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
+_STARTING = 1.5  # nor does a train start harder [m/s²]
+_GRADIENT = 0.4  # deceleration that a gradient of 4 % explains [m/s²]
+_CHANGES = 0.15  # deceleration by which a gradient changes between two brakes [m/s²]
+_UNBRAKED = 0.5  # deceleration without pressure that no gradient explains [m/s²]
+_LASTS = 3.0  # and no slide protection [s]
+_CLEAR = 0.8  # share of the deceleration that goes with K where both are right
+_CLEARER = 0.9  # the same where K hardly varies: a wheel that locks slows evenly, too
+_NEAR = 1.15  # as near as this to a unit's factor, the unit is the likely cause
+_ABSURD = 30.0  # no slide explains that either
+_ANY_VEHICLE = 6.0  # no vehicle is that far from another
+_LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
+_REACH = 5.0  # and the largest looked for [s]
+
+
+# Values that no train has
+
+
+def impossible(s: Scene) -> Iterator[Finding]:
+    """Speeds and pressures that no train has."""
+    for i, (a, rim) in enumerate(zip(s.axles, s.grid.rim, strict=True)):
+        if (fast := rim > _FASTEST).any():
+            peak = float(np.nanmax(rim))
+            likely = others(a.speed, s.vehicle, lambda x: 5.0 < x * peak < 120.0)  # noqa: B023
+            text = (
+                f"the wheel runs at up to {3.6 * peak:.0f} km/h: "
+                f"state the unit in [channels] speed{listed(likely)}"
+            )
+            yield s.told("unit-suspect", "warning", text, a.speed, fast, i)
+    for i, (a, pressure) in enumerate(zip(s.axles, s.grid.pressure, strict=True)):
+        if (high := pressure > _HIGHEST).any():
+            top = float(np.nanmax(pressure))
+            likely = others(a.brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)  # noqa: B023
+            text = (
+                f"a cylinder pressure of up to {top / 1e5:.0f} bar: "
+                f"state the unit in [channels] pressure{listed(likely)}"
+            )
+            yield s.told("unit-suspect", "warning", text, a.brake, high, i)
+
+
+def too_hard(s: Scene) -> Iterator[Finding]:
+    """Wheels that stop harder than any brake does."""
+    slowing = -s.grid.slope(s.grid.rim)
+    moving = np.isfinite(slowing) & (s.grid.rim > 0.1 * np.nanmax(s.grid.rim, initial=0.0))
+    hard = slowing > _LOCKING
+    if moving.any() and hard[moving].mean() > 0.25:
+        text = (
+            f"the wheels slow by {np.median(slowing[moving & hard]):.0f} m/s² at the rim, more "
+            "than any brake does: state the units of time and speed in [channels]"
+        )
+        yield s.told("unit-suspect", "warning", text, s.axles[0].speed, largest(slowing) > _LOCKING)
+
+
+# Another brake, another clock, another unit or vehicle
+
+
+def unbraked(s: Scene) -> Iterator[Finding]:
+    """The train brakes, and no cylinder has the pressure for it."""
+    g, brake, top = s.grid, s.axles[0].brake, float(np.nanmax(s.grid.pressure, initial=0.0))
+    alone = (g.braking > _UNBRAKED) & (g.braking < _HARDEST) & g.rolling.any(axis=0)
+    alone &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * _UNBRAKED
+    long = _lasting(alone, _LASTS, g)
+    if not long.any():
+        return
+    text = f"the wheels slow by {float(np.median(g.braking[long])):.1f} m/s²"
+    likely = others(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
+    if likely and _alike(np.mean(g.pressure, axis=0), g.braking):
+        code = "unit-suspect"
+        text += (
+            f" with a pressure of at most {top / 1e5:.2g} bar: "
+            f"state its unit in [channels] pressure{listed(likely)}"
+        )
+    else:
+        code = "brake-unknown"
+        text += (
+            f" without pressure: a stuck sensor, a wrong unit{listed(likely)}, or another brake, "
+            "whose force (1) does not know; name pressure and unit in [channels], or leave these "
+            "times out with --from and --to"
+        )
+    yield s.told(code, "warning", text, brake, long)
+
+
+def late_pressure(s: Scene) -> Iterator[Finding]:
+    """A pressure whose clock is not the wheel speed's: the train slows before or after it rises."""
+    g = s.grid
+    K, braking = g.mean(np.mean(g.clamping, axis=0)), g.braking
+    rolls = g.rolling.all(axis=0) & np.isfinite(braking)
+    n = np.arange(len(K)) * g.step
+    reach = min(_REACH, n[-1] / 4.0)
+    lates = np.arange(-round(reach / 0.05), round(reach / 0.05) + 1) * 0.05
+    left = np.full(len(lates), np.inf)
+    for i, late in enumerate(lates):
+        then = np.interp(n + late, n, K, left=np.nan, right=np.nan)
+        used = rolls & np.isfinite(then)
+        if used.sum() < max(LEAST, 0.6 * rolls.sum()) or not np.ptp(then[used]) > 0.5 * np.nanmax(
+            K
+        ):
+            continue
+        slope, level = _fitted(then[used], braking[used])
+        if slope > 0.0:
+            of = float(np.var(braking[used]))
+            left[i] = float(np.mean((braking[used] - slope * then[used] - level) ** 2)) / of
+    best = int(np.argmin(left))
+    late = float(lates[best])
+    now = left[len(lates) // 2]
+    clear = left[best] < 0.1 and left[best] < 0.4 * now and abs(late) < reach - 0.2
+    if clear and abs(late) > max(_LATE, 0.5 * g.step):
+        way = "behind" if late > 0.0 else "ahead of"
+        text = (
+            f"the train slows as the pressure says {abs(late):.1f} s {way} it: the force is wrong "
+            "by that wherever the pressure changes; correct the time stamps of one of them"
+        )
+        yield s.told("pressure-clock-offset", "warning", text, s.axles[0].brake)
+
+
+def another_factor(s: Scene) -> Iterator[Finding]:
+    """The train slows as many times as hard as the pressure explains, all along."""
+    fit = _fit(s.grid)
+    if fit is None:
+        return
+    factor = fit.slope / s.by_rolling
+    absurd = not 1.0 / _ABSURD < factor < _ABSURD
+    if fit.explained < (0.5 if absurd else _CLEAR if fit.varied else _CLEARER):
+        return
+    gradient = _CHANGES if fit.varied else _GRADIENT
+    if factor <= 0.0 or abs(factor - 1.0) * fit.top * s.by_rolling < gradient:
+        return
+    if abs(math.log(factor)) < math.log1p(3.0 * _tolerance(s.vehicle)):
+        return
+    # Braked all the time and slow to slow down: a rig or a gradient does that too.
+    severity: Severity = "warning" if fit.varied or factor > 1.0 else "info"
+    suspects = "axle_mass, lever_ratio, friction and the cylinder in [vehicle]"
+    units = _that_explain(s, factor)
+    code = "unit-suspect"
+    text = f"the train slows {factor:.3g} times as hard as the pressure explains by (1)"
+    if units:
+        text += f": it would fit with {' or '.join(units)}; state the unit in [channels]"
+        text += f", or check {suspects}"
+    elif 1.0 / _ANY_VEHICLE < factor < _ANY_VEHICLE:
+        code, severity, text = "vehicle-suspect", "info", f"{text}: check {suspects}"
+    else:
+        text += f": check the units in [channels], and {suspects}"
+    yield s.told(code, severity, text, s.axles[0].brake)
+
+
+def _tolerance(v: Vehicle) -> float:
+    """1 sigma of the deceleration by the pressure, as a share of it, from what is stated."""
+    chain = (v.friction, v.axle_mass, v.discs, v.efficiency, v.lever_ratio, v.radius_ratio)
+    shares = [x.tolerance / x.value for x in chain]
+    return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
+
+
+def unexplained(s: Scene) -> Iterator[Finding]:
+    """For a while the train slows more, or less, than the pressure explains elsewhere.
+
+    An axle that slides is braked less than its pressure says, never more.
+    """
+    g = s.grid
+    x, y = s.by_rolling * g.mean(np.mean(g.clamping, axis=0)), g.braking
+    known = np.isfinite(x) & (y < _HARDEST) & (y > -_STARTING)
+    rolls = known & g.rolling.all(axis=0)
+    line = _line(x, y, rolls)
+    off = y - (line[0] * x + line[1] if line else x)
+    allowed = 0.2 + (0.15 if line else 3.0 * _tolerance(s.vehicle)) * np.fmax(x, y)
+    for where, way in (
+        (known & g.rolling.any(axis=0) & (off > allowed), "more"),
+        (rolls & (off < -allowed), "less"),
+    ):
+        long = _lasting(where, _LASTS, g)
+        if not long.any():
+            continue
+        most = float(np.median(np.abs(off[long])))
+        severity: Severity = "warning" if most > _GRADIENT else "info"
+        text = (
+            f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
+            "elsewhere: a stuck, cut off or drifting pressure sensor, another brake, or a gradient "
+            f"of {100.0 * most / G:.0f} %; leave these times out with --from and --to"
+        )
+        yield s.told("pressure-suspect", severity, text, s.axles[0].brake, long)
+
+
+def _line(x: Floats, y: Floats, used: Bools) -> tuple[float, float] | None:
+    """Slope and level of the line that most of the samples follow, None where they do not.
+
+    Beginning with what is stated of the vehicle, and with what fits all.
+    """
+    best, many = None, max(LEAST, int(used.sum()) // 3)
+    for start in ((1.0, 0.0), _fitted(x[used], y[used])):
+        slope, level = start
+        for _ in range(5):
+            near = used & (np.abs(y - slope * x - level) < 0.15 + 0.1 * np.fmax(x, y))
+            if near.sum() < many or np.ptp(x[near]) < 0.3 * np.max(x[used]):
+                break
+            slope, level = _fitted(x[near], y[near])
+        if near.sum() >= many and 0.3 < slope < 3.0:
+            best, many = (slope, level), int(near.sum()) + 1
+    return best
+
+
+def _fitted(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope and level of the straight line through samples; slope 0 where x does not vary."""
+    if not len(x):
+        return 0.0, 0.0
+    spread = float(np.var(x))
+    slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread else 0.0
+    return slope, float(y.mean() - slope * x.mean())
+
+
+def _lasting(mask: Bools, seconds: float, g: Grid) -> Bools:
+    """The runs of True that last longer than that, shape (n,)."""
+    long = np.zeros(len(mask), dtype=np.bool_)
+    for first, past in true_runs(mask):
+        long[first:past] = (past - first) * g.step > seconds
+    return long
+
+
+class _Fit(NamedTuple):
+    """Deceleration of the rolling train as a line over the mean K of its axles."""
+
+    slope: float  # [m/s² per N]
+    explained: float  # share of the deceleration's square
+    top: float  # highest mean K [N]
+    varied: bool  # K did, so that the slope is the brake's alone
+
+
+def _fit(g: Grid) -> _Fit | None:
+    """None where the log has too little of a brake application without slides."""
+    used = g.rolling.all(axis=0)
+    braking = g.braking
+    K = g.mean(np.mean(g.clamping, axis=0))
+    used = used & np.isfinite(braking) & np.isfinite(K)
+    if used.sum() < LEAST or not (K[used] > 0.0).any():
+        return None
+    x, y = K[used], braking[used]
+    low, high = np.percentile(x, [5.0, 95.0])
+    level = 0.0  # braked all the time: no telling a gradient from the brake
+    slope = float(x @ y / (x @ x))
+    whole = float(y @ y)
+    varied = bool(high - low > 0.5 * float(x.max()))
+    if varied:
+        slope, level = _fitted(x, y)
+        whole = float(np.sum((y - y.mean()) ** 2))
+    left = float(np.sum((y - slope * x - level) ** 2))
+    return _Fit(slope, 1.0 - left / whole if whole else 0.0, float(x.max()), varied)
+
+
+def _alike(x: Floats, y: Floats) -> bool:
+    """Whether two columns rise and fall together."""
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    if len(x) < LEAST or not np.ptp(x) or not np.ptp(y):
+        return False
+    return float(np.corrcoef(x, y)[0, 1]) > 0.9
+
+
+def _that_explain(s: Scene, factor: float) -> list[str]:
+    """What could be in another unit, so that the pressure explains the deceleration."""
+    near = _NEAR if 1.0 / _ANY_VEHICLE < factor < _ANY_VEHICLE else 1.6
+
+    def one(x: float) -> bool:
+        return abs(math.log(x)) < math.log(near)
+
+    a, g, vehicle = s.axles[0], s.grid, s.vehicle
+    K = float(np.nanmean(g.clamping))
+
+    def pressed(times: float) -> bool:
+        p = times * g.pressure[np.isfinite(g.pressure)]
+        return one(factor * K / max(float(np.mean(clamping_force(p, vehicle))), 1e-9))
+
+    speed = others(a.speed, vehicle, lambda x: one(factor * x))
+    by_pressure = a.brake.meaning == "pressure"
+    brake = others(a.brake, vehicle, pressed if by_pressure else lambda x: one(factor / x))
+    found = [f"wheel speed in {u}" for u in speed]
+    found += [f"{'pressure' if by_pressure else 'clamping force'} in {u}" for u in brake]
+    for times, what in ((1e-3, "ms for s, or us for ms"), (1e3, "s for ms, or ms for us")):
+        if one(factor / times):
+            found.append(f"time in another unit ({what})")
+    return found

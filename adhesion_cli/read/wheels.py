@@ -1,0 +1,203 @@
+"""Wheel speeds against the train's, or each other: units, clocks, diameters, swapped axles."""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Bools, Channel, Finding, Floats, Vehicle
+from .grid import LEAST, Grid, Scene, far, largest
+from .units import UNITS, listed, others
+
+_CRAWL = 1.0  # slower, speeds say little about each other [m/s]
+_FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
+_SIGMAS = 2.0  # of the wheel radius are tolerated
+_SWAP = 12  # samples of a slide that show whose pressure it follows
+_LATE = 0.4  # a clock offset that matters [s]
+_REACH = 5.0  # and the largest looked for [s]
+
+
+class _Match(NamedTuple):
+    """How one speed follows another: reference(t) ≈ scale · speed(t − late)."""
+
+    scale: float
+    late: float  # [s]
+    left: float  # median of what differs [m/s]
+
+
+def _match(reference: Floats, x: Floats, step: float, late: float, scaled: bool = True) -> _Match:
+    """The scale, 1 unless `scaled`, at which a speed that much later fits best."""
+    n = np.arange(len(x)) * step
+    y = np.interp(n - late, n, x, left=np.nan, right=np.nan)
+    fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), _CRAWL)
+    used = fast & np.isfinite(y) & (y > _CRAWL)
+    if used.sum() < LEAST:
+        return _Match(1.0, late, math.inf)
+    scale = float(np.median(reference[used] / y[used])) if scaled else 1.0
+    return _Match(scale, late, float(np.median(np.abs(reference[used] - scale * y[used]))))
+
+
+def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
+    """What is left of a wheel speed's quantisation in the mean over a step of the grid [m/s]."""
+    interval = 1.0 / speed.rate_hz if speed.rate_hz else 0.0
+    rim = max(r.value for r in vehicle.wheel_radius) * speed.step
+    return rim * min(1.0, interval / step) / 2.0
+
+
+def _late(g: Grid, floor: float) -> float:
+    """By how much the train speed is behind the fastest wheel [s], 0 where that is not clear.
+
+    A wheel that is too large leads as a clock does that is behind: whichever explains more.
+    """
+    assert g.train is not None
+    x = largest(g.rim)
+    lates = np.arange(-_REACH, _REACH + 0.01, 0.1)
+
+    def best(scaled: bool) -> _Match:
+        every = (_match(g.train, x, g.step, late, scaled) for late in lates)  # type: ignore[arg-type]
+        return min(every, key=lambda m: m.left)
+
+    if _match(g.train, x, g.step, 0.0, scaled=False).left < floor:
+        return 0.0
+    either = min(_match(g.train, x, g.step, 0.0), best(scaled=False), key=lambda m: m.left)
+    both = best(scaled=True)
+    m = either if either.left < max(1.5 * both.left, floor) else both
+    return m.late if m.left < 2.0 * floor and abs(m.late) < _REACH - 0.2 else 0.0
+
+
+def speeds(s: Scene) -> Iterator[Finding]:
+    """Units, clocks and wheel diameters that do not go with the train's speed or each other."""
+    axles, g, vehicle = s.axles, s.grid, s.vehicle
+    floor = _FLOOR + max(_rounding(a.speed, g.step, vehicle) for a in axles)
+    late = 0.0
+    train = axles[0].train
+    if g.train is not None and train is not None:
+        floor += train.step / 3.0
+        late = _late(g, floor)
+        if abs(late) > max(_LATE, 0.75 * g.step):
+            way = "behind" if late > 0.0 else "ahead of"
+            text = (
+                f"the train speed is {abs(late):.1f} s {way} the wheel speeds: slip is wrong "
+                "by that; correct its time stamps, or leave it out"
+            )
+            yield s.told("train-clock-offset", "warning", text, train)
+    for i, a in enumerate(axles):
+        if g.train is not None:
+            reference = g.train
+        elif len(axles) > 2:
+            reference = np.median(g.rim, axis=0)
+        elif i == 0 and len(axles) == 2:
+            reference = g.rim[1]
+        else:
+            continue
+        if not 0.8 < (kept := _kept_share(g, i)) < 1.25:
+            yield _odd_wheel(s, i, 1.0 / kept)
+            continue
+        m = _match(reference, g.rim[i], g.step, late)
+        R = vehicle.radius(a.record.axle)
+        allowed = _SIGMAS * R.tolerance / R.value
+        differs = abs(m.scale - 1.0)
+        if m.left > floor or differs < max(allowed, 0.005):
+            continue
+        free = _free(g, i) & (reference > _CRAWL) & (g.rim[i] > _CRAWL)
+        if free.any():  # an unbraked wheel does not slide
+            differs = min(
+                differs, 2.0 * abs(float(np.median(reference[free] / g.rim[i][free])) - 1.0)
+            )
+            if differs < allowed:
+                continue
+        elif g.train is None and g.step > 0.5:  # a steady slide looks the same
+            continue
+        if differs * float(np.nanmedian(reference)) >= 2.0 * floor:
+            yield _odd_wheel(s, i, m.scale)
+
+
+def _free(g: Grid, i: int) -> Bools:
+    """Where a wheel is not braked, nor was within half a second, shape (n,)."""
+    return far(g.clamping[i] <= 0.0, g.half)
+
+
+def _kept_share(g: Grid, i: int) -> float:
+    """The share of the train's speed that a wheel keeps to, 1 where it keeps to none.
+
+    A wheel without brake rolls. A braked one does where it keeps to one share again and again, the
+    highest such share: one that slides all the time wanders and keeps to none.
+    """
+    if g.train is None:
+        return 1.0
+    fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), _CRAWL)
+    fast &= g.rim[i] > _CRAWL / 10.0
+    share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
+    second = max(3, round(1.0 / g.step))
+    free = np.sort(share[fast & _free(g, i)])
+    if len(free) >= second:
+        return float(np.median(free))
+    some = np.sort(share[np.isfinite(share)])
+    near = np.searchsorted(some, 1.03 * some) - np.searchsorted(some, 0.97 * some)
+    kept = some[near >= max(second, LEAST, len(some) // 5)]
+    return float(kept[-1]) if len(kept) else 1.0
+
+
+def _odd_wheel(s: Scene, i: int, scale: float) -> Finding:
+    """A wheel speed that is always the same share of what it should be."""
+    a, by_train = s.axles[i], s.grid.train is not None
+    other = "the train speed" if by_train else "the other axles"
+    text = f"the wheel speed is {1.0 / scale:.3g} times that of {other}"
+    if not 0.8 < scale < 1.25:
+        likely = others(a.speed, s.vehicle, lambda x: 0.87 < x / scale < 1.15)
+        text += f": state the unit in [channels] speed{listed(likely)}"
+        if by_train and a.train:
+            likely = others(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
+            text += f" or train_speed{listed(likely)}"
+        return s.told("unit-suspect", "warning", text, a.speed, axle=i)
+    unit = UNITS.get(a.speed.unit.strip().lower())
+    if unit is not None and unit.dimension == "speed":
+        text += (
+            f": the logger takes a wheel {100.0 * abs(1.0 - scale):.1f} % too "
+            f"{'large' if scale < 1.0 else 'small'}, and slip is wrong by that; correct the "
+            "diameter in the logger"
+        )
+    else:
+        diameter = 2.0 * scale * s.vehicle.radius(a.record.axle).value
+        text += (
+            f": the wheel's diameter is {diameter:.4f} m; "
+            "state it in [vehicle] wheel_diameter, one per axle"
+        )
+    return s.told("wheel-diameter", "warning", text, a.speed, axle=i)
+
+
+# Swapped axles
+
+
+def swapped(s: Scene) -> Iterator[Finding]:
+    """Axles that answer to another axle's pressure while they slide, not to their own.
+
+    A wheel that slides is free: by (1) its ω̇ follows −aφK at once, while F changes slowly.
+    """
+    axles, g = s.axles, s.grid
+    change = _kink(_kink(g.rim))
+    release = -_kink(g.clamping)
+    slides = g.share < 0.97
+    follows = np.zeros((len(axles), len(axles)))
+    for i, j in np.ndindex(*follows.shape):
+        used = slides[i] & np.isfinite(change[i]) & np.isfinite(release).all(axis=0)
+        x, y = change[i][used], release[j][used]
+        if len(x) >= _SWAP and np.ptp(x) and np.ptp(y) > 0.2 * float(np.nanmax(g.clamping)):
+            follows[i, j] = np.corrcoef(x, y)[0, 1]
+    for i, a in enumerate(axles):
+        j = int(np.argmax(follows[i]))
+        if follows[i, j] > 0.7 and follows[i, i] < 0.3:
+            text = (
+                f"where axle {a.record.axle} slides it follows the pressure of axle "
+                f"{axles[j].record.axle}, not its own: swapped? "
+                "State which channel is whose in [channels]"
+            )
+            yield s.told("axles-swapped", "warning", text, a.speed, slides[i], i)
+
+
+def _kink(x: Floats) -> Floats:
+    """Change from the sample before to the one behind, shape (..., n)."""
+    change = np.full(x.shape, np.nan)
+    change[..., 1:-1] = x[..., 2:] - x[..., :-2]
+    return change
