@@ -14,6 +14,7 @@ import pytest
 import zstandard
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+from mcap.reader import make_reader
 from mcap.records import (
     Attachment,
     Channel,
@@ -25,6 +26,7 @@ from mcap.records import (
     Schema,
 )
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 from mcap_logs import (
     MAGIC,
     START,
@@ -178,6 +180,98 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
             other.log_time, other.publish_time, other.sequence, other.data,
         )  # fmt: skip
     assert [r.data for r in records if isinstance(r, Attachment)] == [b"", b"attached"]
+
+
+def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
+    """Behind a broken length: chunks, attachments and metadata by their indexes."""
+    path, copy = tmp_path / "log.mcap", tmp_path / "copy.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=200)
+        writer.start()
+        channel = writer.register_channel("/c", "json", 0)
+        for i in range(40):
+            writer.add_message(channel, START + i, b'{"x": %d}' % i, START + i)
+            if i in (5, 35):
+                writer.add_attachment(0, 0, f"a{i}", "text/plain", b"attached")
+                writer.add_metadata(f"m{i}", {"wagon": str(i)})
+        writer.finish()
+    whole = path.read_bytes()
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    hole = summary.chunk_indexes[1].chunk_start_offset
+    path.write_bytes(whole[:hole] + bytes(64) + whole[hole + 64 :])
+    source = open_mcap(path, ReadOptions())
+    (column,) = source.columns(source.fields)
+    lost = set(range(40)) - set(column.value.astype(int).tolist())
+    assert 0 < len(lost) < 10
+    assert "a record of kind 0" in source.findings[0].message
+    with copy.open("wb") as out:
+        copy_whole(path, out, ReadOptions())
+    with copy.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == 40 - len(lost)
+        assert [a.name for a in reader.iter_attachments()] == ["a5", "a35"]
+        assert [m.name for m in reader.iter_metadata()] == ["m5", "m35"]
+
+
+CHUNKED = [kind for kind in SMALL if kind != "unchunked"]
+
+
+def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, int]]) -> None:
+    """Recovers damaged logs; checks the copies by mcap's own reader.
+
+    Every chunk that the damage does not touch must be in the copy, every attachment before it too.
+
+    Args:
+        folder: where to work.
+        kind: which of `SMALL`.
+        damages: first byte changed, first byte behind, and what the first is XORed with; 0: the
+            file ends before it.
+    """
+    raw, messages = SMALL[kind].bytes(), SMALL[kind].messages
+    path, copy = folder / "damaged.mcap", folder / "copy.mcap"
+    path.write_bytes(raw)
+    walk = open_mcap(path, ReadOptions()).walk
+    spans = [(block.at, block.end) for block in walk.blocks]
+    attached = [(at, at + 9 + length) for at, length in walk.attachments]
+    for first, behind, flip in damages:
+        path.write_bytes(raw[:first] + (bytes([raw[first] ^ flip]) + raw[behind:] if flip else b""))
+        kept = [k for k, (a, b) in enumerate(spans) if b <= first or behind <= a]
+        try:
+            with copy.open("wb") as out:
+                told = copy_whole(path, out, ReadOptions())
+        except UserError as error:
+            where = error.text
+            assert not kept, (first, flip)
+        else:
+            where = f"{path}: byte"
+            with copy.open("rb") as file:
+                reader = make_reader(file, validate_crcs=True)
+                found = {message.data for _, _, message in reader.iter_messages()}
+                attachments = sum(1 for _ in reader.iter_attachments())
+            assert found >= {m.data for k in kept for m in messages[8 * k : 8 * k + 8]}, first
+            assert told or len(found) == len(messages)
+            before = sum(b <= first for _, b in attached)
+            assert before <= attachments <= len(attached)
+        assert f"{path}: byte" in where
+
+
+@pytest.mark.parametrize("kind", CHUNKED)
+def test_recovery_keeps_every_untouched_chunk(tmp_path: Path, kind: str) -> None:
+    size, chance = len(SMALL[kind].bytes()), random.Random(kind)
+    at = chance.sample(range(len(MAGIC), size), 150)
+    _recovers(tmp_path, kind, ((n, n + 1, 1 << chance.randrange(8)) for n in at))
+    _recovers(tmp_path, kind, ((n, size, 0) for n in at[:50]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", CHUNKED)
+def test_recovery_from_every_flipped_bit_and_truncation(tmp_path: Path, kind: str) -> None:
+    size = len(SMALL[kind].bytes())
+    every = range(len(MAGIC), size)
+    _recovers(tmp_path, kind, ((n, n + 1, 1 << bit) for n in every for bit in range(8)))
+    _recovers(tmp_path, kind, ((n, size, 0) for n in every))
 
 
 # ---------------------------------------------------------------------- hostile files

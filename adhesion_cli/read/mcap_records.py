@@ -28,6 +28,12 @@ from .tree import PADDING, Bytes, Offsets
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER = struct.Struct("<BQ")  # opcode and length of every record
+_INDEXED: dict[int, Opcode] = {
+    Opcode.CHUNK_INDEX: Opcode.CHUNK,
+    Opcode.ATTACHMENT_INDEX: Opcode.ATTACHMENT,
+    Opcode.METADATA_INDEX: Opcode.METADATA,
+}
+_FOOTER = struct.Struct("<BQQQI8s")  # and the magic bytes behind it
 MESSAGE = 22  # bytes of a Message record before its data: channel, sequence, two times
 _AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _PIECE = 1 << 20  # bytes read from the file at once
@@ -200,17 +206,13 @@ class Walk:
         self.attachments: list[tuple[int, int]] = []  # offset and length of the whole ones
         self._head_bytes = 0
         self._pending: _Block | None = None
-        self._chunks: dict[int, int] = {}  # offset and length, for the chunk indexes
+        self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, dict[str, int], dict[int, int]] | None = None
         with self._opened() as self._file:
             self._check_magic()
-            try:
-                self._walk()
-            except DamageError as damage:
-                self._flush()
-                self._note(damage)
+            self._walk()
             self._compare()
         defined = self._defined.values()
         self.schemas = {one.id: one for one in defined if isinstance(one, Schema)}
@@ -309,10 +311,22 @@ class Walk:
         return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
 
     def _walk(self) -> None:
-        """Walks the file up to its footer; damage of one whole record does not end the walk."""
+        """Walks the file up to its footer.
+
+        Damage of one whole record does not end the walk. Where a record has no end, the walk goes
+        on in the summary, whose indexes lead to what stands behind the damage.
+        """
         at, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
-            opcode, length = self._head(at)
+            try:
+                opcode, length = self._head(at)
+            except DamageError as damage:
+                self._flush()
+                self._note(damage)
+                if self._data_end or not (at := self._summary()):
+                    break
+                self._data_end = at
+                continue
             after = at + HEADER.size + length
             if at == len(MAGIC) and opcode != Opcode.HEADER:
                 self._note(DamageError(at, "first record is no header"))
@@ -320,7 +334,7 @@ class Walk:
                 if opcode in _AMONG_MESSAGES and not self._data_end:
                     after = self._run(at, length)
                 else:
-                    self._record(opcode, at, length)
+                    self._record(opcode, at, length, in_data=not self._data_end)
             except DamageError as damage:
                 self._note(damage)
             at = after
@@ -339,6 +353,17 @@ class Walk:
         if length > limit and opcode != Opcode.ATTACHMENT:  # those are read in pieces
             raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
         return opcode, length
+
+    def _summary(self) -> int:
+        """Where the summary begins, if its CRC holds; else 0."""
+        footer = self._file.size - _FOOTER.size
+        if footer < len(MAGIC):
+            return 0
+        raw = self._file.read(footer, _FOOTER.size)
+        opcode, length, start, _, crc, magic = _FOOTER.unpack(raw)
+        if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not 0 < start < footer:
+            return 0
+        return start if self._file.crc(start, footer + HEADER.size + 16) == crc else 0
 
     def _run(self, at: int, length: int) -> int:
         """Takes messages and definitions outside chunks together; returns the offset behind."""
@@ -360,10 +385,11 @@ class Walk:
     def _content(self, at: int, length: int) -> _Content:
         return _Content(self._file.read(at + HEADER.size, length), at)
 
-    def _record(self, opcode: int, at: int, length: int) -> None:
+    def _record(self, opcode: int, at: int, length: int, in_data: bool) -> None:
         end = at + HEADER.size + length
         self._kinds[opcode] += 1
-        in_data = not self._data_end
+        if in_data and opcode in _INDEXED.values():
+            self._met[at] = opcode, end - at
         if opcode == Opcode.MESSAGE_INDEX and in_data:
             if (chunk := self._pending) and chunk.chunk:
                 chunk.index_at = chunk.index_at or at
@@ -372,7 +398,6 @@ class Walk:
         self._flush()
         if opcode == Opcode.CHUNK and in_data:
             self._pending = _Block(at, end, True)
-            self._chunks[at] = end - at
         elif opcode == Opcode.DATA_END and in_data:
             self._data_end = end
             crc = self._content(at, length).number(4)
@@ -392,18 +417,26 @@ class Walk:
             self._define(opcode, content, at, self._defined)
         elif opcode == Opcode.STATISTICS:
             self._read_statistics(at, length)
-        elif opcode == Opcode.CHUNK_INDEX:
+        elif opcode in _INDEXED:
             content = self._content(at, length)
-            content.raw(16)
-            place, size = content.number(8), content.number(8)
-            if self._chunks.get(place) != size:
-                raise DamageError(at, f"an index of a chunk at byte {place} that is not there")
+            content.raw(16 if opcode == Opcode.CHUNK_INDEX else 0)
+            self._index(_INDEXED[opcode], content.number(8), content.number(8), at)
         elif opcode == Opcode.FOOTER:
             self._footer(at, length)
         elif opcode in (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END, Opcode.HEADER):
             raise DamageError(at, f"a record of kind {opcode} where none may be")
         elif opcode not in set(Opcode):
             self.unknown += 1
+
+    def _index(self, kind: Opcode, place: int, size: int, at: int) -> None:
+        """Compares an index with what was met; where the walk missed it, goes there."""
+        if self._met.get(place) == (kind, size):
+            return
+        if self.damage and self._head(place) == (kind, size - HEADER.size):
+            self._record(kind, place, size - HEADER.size, in_data=True)
+        else:
+            what = f"an index of a {kind.name.lower()} at byte {place} that is not there"
+            raise DamageError(at, what)
 
     def _flush(self) -> None:
         """Hands on the block whose end was not known until now."""
