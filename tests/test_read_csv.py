@@ -526,6 +526,21 @@ REFUSED = {
         "hours and minutes or minutes and seconds",
         "seconds",
     ),
+    "clock stands still": (
+        b"t [s],p\n5.0,1\n5.0,2\n5.0,3\n",
+        "clock stands still: all 3 rows have '5.0' in column 't .s.'",
+        "another column",
+    ),
+    "time runs backwards": (
+        b"t [s],p\n" + b"".join(b"%d,%d\n" % (99 - k, k) for k in range(9)),
+        "'t .s.' runs backwards .from 99 to 91.",
+        "oldest first",
+    ),
+    "stamps run backwards": (
+        b"time,p\n" + b"".join(b"2026-01-01 00:00:%02d,%d\n" % (30 - k, k) for k in range(9)),
+        "'time' runs backwards",
+        "oldest first",
+    ),
     "no delimiter": (b"speed\n1.5\n2.5\n3.5\n", "no delimiter", "time column"),
 }
 

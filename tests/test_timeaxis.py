@@ -57,6 +57,36 @@ def test_equal_duplicates_are_dropped_and_different_ones_masked() -> None:
     assert axis.duplicates == 2
 
 
+def test_stamps_too_coarse_to_tell_samples_apart_are_told_once() -> None:
+    axis = timeaxis.clean("x", column([1000.0 * (i // 8) for i in range(80)]), 0)
+    assert codes(axis) == {"time-coarse": 80}
+    assert "about 8 samples share each time stamp, 1 s apart" in axis.findings[0].message
+    assert not len(axis.data.t)
+
+
+def test_a_clock_that_stands_still_is_told_apart_from_repeated_rows() -> None:
+    t = [*range(0, 100, 10), 50, *[100] * 40, *range(110, 200, 10), 190, 150]
+    axis = timeaxis.clean("x", column([float(x) for x in t]), 0)
+    assert codes(axis) == {"time-stuck": 40, "time-conflict": 2, "time-late": 2}
+    assert next(f.first_s for f in axis.findings if f.code == "time-stuck") == 0.1
+
+
+def test_a_wrap_is_located_in_the_continued_time() -> None:
+    t = np.arange(2**32 - 3000, 2**32 + 3000, 10) % 2**32
+    data = column(t.tolist())
+    unwrapped, found = timeaxis.unwrapped(data.t)
+    assert (np.diff(unwrapped) == 10 * MS).all()
+    assert list(found) == ["32-bit millisecond counter"]
+    (finding,) = timeaxis.clean("x", data, int(unwrapped.min())).findings
+    assert (finding.code, finding.first_s) == ("time-wrapped", 3.0)
+
+
+def test_an_hour_without_samples_may_be_summer_time() -> None:
+    t = [*range(0, 500, 10), *range(3_600_500, 3_601_000, 10)]
+    (finding,) = timeaxis.clean("x", column(t), 0).findings
+    assert "summer time?" in finding.message
+
+
 def test_a_late_sample_is_left_out_and_not_sorted_in() -> None:
     axis = timeaxis.clean("x", column([0, 10, 30, 20, 40, 50, 60]), 0)
     assert codes(axis) == {"time-late": 1}

@@ -182,6 +182,14 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
     )
 
 
+def backwards(path: Any, name: str, cells: Sequence[str]) -> UserError:
+    """The refusal of a log whose time falls, as `cells` of column `name` do."""
+    return UserError(
+        f"{path}: time column {name!r} runs backwards (from {cells[0]} to {cells[-1]})",
+        "export the rows in the order of time, the oldest first; nothing is sorted here",
+    )
+
+
 def column_index(dialect: Dialect, name: str, path: Any) -> int:
     """Column of a name: the header text, one of its parts if unique, or "column N".
 
@@ -289,6 +297,8 @@ def _number_clock(
     if not values:
         return None
     falls = sum(b < a for a, b in pairwise(values))
+    if falls > 0.9 * (len(values) - 1) > 1:
+        raise backwards(path, name, cells)
     if why != "stated" and falls > 0.3 * len(values):  # a T that is a temperature
         return None
     steps = [b - a for a, b in pairwise(values) if b > a]

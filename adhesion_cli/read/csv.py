@@ -24,7 +24,15 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from ..model import Bools, Column, Finding, Floats, Reject, Severity, Times
 from . import arrow as pc
-from .clock import Clock, checked_floats, column_index, find_clock, is_missing, toml
+from .clock import (
+    Clock,
+    backwards,
+    checked_floats,
+    column_index,
+    find_clock,
+    is_missing,
+    toml,
+)
 from .lines import Block, Lines, read_head, read_tail
 from .rejects import Rejects
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
@@ -153,6 +161,7 @@ class CsvSource:
         self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
         self.rows = scan.lines["used"] + scan.lines["other group"]
         self.rejects = scan.rejects or ()
+        self._refuse_time(t)
         self._report_rows(scan)
         self._report_cells(scan, int(t.min()))
         of_day = self._clock.pattern and not self.absolute
@@ -171,6 +180,20 @@ class CsvSource:
             value = value[rows[k]] if len(rows) > 1 else value
             out.append(Column(times[k], value, np.isfinite(value)))
         return out
+
+    def _refuse_time(self, t: Times) -> None:
+        """Refuses times that never change, or fall all the time."""
+        i = self._clock.columns[-1]
+        name, cells = self._dialect.names[i], self._dialect.column(i)
+        steps = np.diff(t)
+        if not steps.any():
+            what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
+            raise UserError(
+                f"{self.path}: the clock stands still: {what} {cells[0]!r} in column {name!r}",
+                "state another column, as time = {channel = …} under [channels], or log anew",
+            )
+        if (steps < 0).sum() > 0.9 * len(steps) > 1:
+            raise backwards(self.path, name, cells)
 
     def _scan(self, indices: list[int], group: int | None, groups: list[str] | None) -> "_Scan":
         return _Scan(

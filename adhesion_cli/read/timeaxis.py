@@ -14,6 +14,7 @@ WRAPS_NS = {
     "24-hour clock": 24 * 3600 * 10**9,
 }
 HOUR_NS = 3600 * 10**9
+_STUCK = 10  # samples of one stamp: more than a repeated or doubled row
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +68,12 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
 
     def tell(code: str, message: str, where: Bools, severity: str = "warning") -> None:
         if count := int(where.sum()):
-            first = (int(column.t[np.argmax(where)]) - start_ns) / 1e9
+            first = (int(t[np.argmax(where)]) - start_ns) / 1e9
             findings.append(Finding(code, severity, message, name, count, first))  # type: ignore[arg-type]
 
-    t = column.t
-    for width, wrap_ns in WRAPS_NS.items():
-        fall = np.diff(t, prepend=t[:1])
-        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
-        if wrapped.any():
-            tell("time-wrapped", f"{width} wrapped: continued", wrapped)
-            t = t + wrap_ns * np.cumsum(wrapped)
+    t, wraps = unwrapped(column.t)
+    for width, wrapped in wraps.items():
+        tell("time-wrapped", f"{width} wrapped: continued", wrapped)
     usable = column.valid & np.isfinite(column.value)
     # Cells without any value are the reader's to tell; in a wide table of several rates most are.
     tell("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
@@ -107,11 +104,31 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         previous[kept] = np.concatenate([kept[:1], kept[:-1]])
         value = column.value
         differs = same & (value != value[previous]) & usable & usable[previous]
-        tell("time-duplicate", "samples repeated with the same time: dropped", same & ~differs)
         # Two values for one instant: every sample of that stamp is masked, not just the later ones.
         groups = np.cumsum(~same)
         clash = np.isin(groups, groups[differs]) & ~late
-        tell("time-conflict", "different values with one time stamp: all left out", clash)
+        sizes = np.bincount(groups[kept], minlength=groups[-1] + 1)
+        stuck = (sizes > _STUCK)[groups] & ~late
+        sizes = sizes[sizes > 0]
+        if np.mean(sizes > 1) > 0.5 and len(sizes) > 1:
+            apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
+            tell(
+                "time-coarse",
+                f"about {np.median(sizes):.0f} samples share each time stamp, {apart:g} s apart: "
+                "those that differ are left out, for what came when is not known; export the time "
+                "with more decimals, or state [channels] group if rows of several devices "
+                "alternate", same | clash,
+            )  # fmt: skip
+        else:
+            tell(
+                "time-stuck",
+                "the clock stands still: samples of one time stamp are left out, or one is kept if "
+                "they are equal", stuck,
+            )  # fmt: skip
+            said = same & ~differs & ~stuck
+            tell("time-duplicate", "samples repeated with the same time: dropped", said)
+            said = clash & ~stuck
+            tell("time-conflict", "different values with one time stamp: all left out", said)
         usable &= ~(same | clash)
 
     piece_of = np.zeros(len(t), dtype=np.int64)
@@ -126,13 +143,27 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     if long.any():
         first = (int(data.t[np.argmax(long)]) - start_ns) / 1e9
         longest = float(steps[long].max()) / 1e9
-        message = f"no samples for up to {longest:.3f} s: not bridged, a new segment begins"
+        hour = abs(longest * 1e9 - HOUR_NS) < HOUR_NS / 100
+        summer = " (an hour: summer time?)" if hour else ""
+        message = f"no samples for up to {longest:.3f} s{summer}: not bridged, a new segment begins"
         findings.append(Finding("gap", "warning", message, name, int(long.sum()), first))
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
         data, starts, interval, limit, int(long.sum()), int(same.sum()),
         int(late.sum()) + len(restarts) - 1, tuple(findings),
     )  # fmt: skip
+
+
+def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
+    """The times of a counter as if it had not wrapped, and where it did, by its width."""
+    found = {}
+    for width, wrap_ns in WRAPS_NS.items():
+        fall = np.diff(t, prepend=t[:1])
+        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
+        if wrapped.any():
+            found[width] = wrapped
+            t = t + wrap_ns * np.cumsum(wrapped)
+    return t, found
 
 
 def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
