@@ -383,6 +383,62 @@ def test_long_layout_one_device_after_the_other(log):
     assert columns["p", "2"].value.tolist() == [20, 21, 22]
 
 
+TWO_KEYS = "time [s],car,axle,p\n" + "".join(
+    f"{k / 10 + late * (2 * car + axle):.4g},{car},{axle},{100 * car + 10 * axle + k}\n"
+    for late in (0, 0.01)
+    for k in range(20 * (late > 0), 20 + 20 * (late > 0))
+    for car in (1, 2)
+    for axle in (1, 2)
+)  # half of it with one stamp for all, half with one for each row
+
+
+def test_two_columns_tell_series_apart(log):
+    source, columns = read(log, TWO_KEYS)
+    assert [group for _, group in columns] == ["1, 1", "1, 2", "2, 1", "2, 2"]
+    assert columns["p", "2, 1"].value.tolist() == [210 + k for k in range(40)]
+    (told,) = (f for f in source.findings if f.code == "long-layout")
+    assert 'group = {channel = "car", equals = "1"}' in told.message
+
+
+def test_the_rows_of_one_car_are_told_apart_by_axle(log):
+    source, columns = read(log, TWO_KEYS, group_channel="car", group_equals="2")
+    assert [group for _, group in columns] == ["1", "2"]
+    assert columns["p", "2"].value.tolist() == [220 + k for k in range(40)]
+    assert source.lines["other group"] == 80
+
+
+def test_a_column_that_repeats_another_is_no_part_of_the_name(log):
+    text = (
+        LONG.replace("axle", "axle,sensor,unit").replace(",1,", ",1,a,u,").replace(",2,", ",2,b,u,")
+    )
+    _, columns = read(log, text)
+    assert list(columns) == [("p", "1"), ("p", "2")]
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+
+
+def test_table_of_signals(log):
+    text = "time [s];Kanal;Wert;Einheit\n" + "".join(
+        f"{k},5;v Achse 1;{k},25;km/h\n" + (f"{k},5;BCP 1;{k};bar\n" if k % 2 else "")
+        for k in range(40)
+    )
+    source, columns = read(log, text)
+    assert [(f.channel, f.group, f.unit, f.unit_from) for f in source.fields] == [
+        ("v Achse 1", "", "km/h", "units column"), ("BCP 1", "", "bar", "units column"),
+    ]  # fmt: skip
+    assert columns["BCP 1"].value.tolist() == [*range(1, 40, 2)]
+    assert columns["v Achse 1"].t.tolist() == [k * S + S // 2 for k in range(40)]
+
+
+def test_signal_that_changes_its_unit_is_two_series(log):
+    text = "time [s],signal,value,unit\n" + "".join(
+        f"{k},p,{k},{'bar' if k < 20 else 'kPa'}\n{k},v,1,km/h\n" for k in range(40)
+    )
+    source, _ = read(log, text)
+    assert sorted((f.channel, f.unit) for f in source.fields) == [
+        ("p", "bar"), ("p", "kPa"), ("v", "km/h"),
+    ]  # fmt: skip
+
+
 def test_row_number_called_id_is_no_device(log):
     _, columns = read(log, "id,t [s],p\n" + "".join(f"{k},{k / 8},1\n" for k in range(20_000)))
     assert list(columns) == ["id", "p"]

@@ -11,9 +11,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -28,22 +26,20 @@ from .clock import (
     Clock,
     backwards,
     checked_floats,
-    column_index,
     find_clock,
     is_missing,
     toml,
 )
 from .lines import Block, Lines, read_head, read_tail
+from .longtable import Key, Series, find_keys, interleaved
 from .rejects import Rejects
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
 from .source import Field, ReadOptions
-from .words import is_group_name
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
-_MAX_MET = 1_000  # values of a group column, beyond which no more are collected
+_MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _T, _GROUP = -1, -2  # what a scan gives beside its columns
 _HALF_DAY = 43_200 * 1_000_000_000
-_MAX_GROUPS = 64
 _SKIPPED = {
     "too few cells": "have too few cells",
     "too many cells": "have too many cells",
@@ -106,22 +102,25 @@ class CsvSource:
         self._options, self._dialect, self._clock = options, dialect, clock
         self._expected = expected  # rows, roughly
         self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
-        self._group, self._groups = self._find_groups()
+        self._keys = find_keys(dialect, clock.columns, options, self._survey, path)
+        self._series = list(self._keys.series.values()) or [Series()]
+        self.findings += self._keys.findings
         names = dialect.names
-        taken = {*clock.columns, self._group}
+        taken = {*clock.columns, *self._keys.columns}
         self._tail = read_tail(path, dialect)
         numeric = [i for i in range(len(names)) if i not in taken and self._is_numeric(i)]
-        self._index = {names[i]: i for i in numeric}
-        self.fields: list[Field] = [
-            Field(
-                channel=names[i],
-                group=group,
-                unit=(unit := dialect.units[i] if dialect.units else ""),
-                unit_from="units row" if unit else "",
-            )
-            for group in (self._groups or [""])
-            for i in numeric
-        ]
+        self._places: dict[Field, tuple[int, int]] = {}  # number of the series, and column
+        for k, series in enumerate(self._series):
+            for i in numeric:
+                channel = series.signal or names[i]
+                if series.signal and len(numeric) > 1:
+                    channel += f" {names[i]}"
+                unit, source = dialect.units[i] if dialect.units else "", "units row"
+                if series.unit:
+                    unit, source = series.unit, "units column"
+                one = Field(channel, "", "", series.group, unit, source if unit else "")
+                self._places[one] = k, i
+        self.fields: list[Field] = list(self._places)
         self.stated: dict[str, Any] = dict(dialect.why)
         self.stated["time"] = clock.reason
         text = [names[i] for i in range(len(names)) if i not in taken and i not in numeric]
@@ -134,15 +133,16 @@ class CsvSource:
                     f"left out: its decimal mark is not {dialect.decimal!r} as elsewhere; state "
                     "decimal = … under [csv]", name, 1,
                 )  # fmt: skip
-        if self._group is not None:
-            self.stated["group"] = f"{names[self._group]!r}: {', '.join(self._groups)}"
+        if self._keys.columns:
+            keys = " and ".join(repr(names[i]) for i in self._keys.columns)
+            self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         if dialect.duplicates:
             self._report(
                 "csv-duplicate-names", "info",
                 f"{', '.join(map(repr, dialect.duplicates))} stand above several columns; the "
                 'second is called "… (2)"', "", len(dialect.duplicates),
             )  # fmt: skip
-        if self._group is None and (found := interleaved(dialect, clock.columns)):
+        if not self._keys.columns and (found := interleaved(dialect, clock.columns)):
             self._report("interleaved", "warning", *found)
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -155,8 +155,8 @@ class CsvSource:
             UserError: where the log cannot be read, with file, place and remedy; with
                 `ReadOptions.strict` also where a row or cell cannot.
         """
-        indices = sorted({self._index[f.channel] for f in wanted})
-        scan = self._scan(indices, self._group, self._groups)
+        indices = sorted({self._places[f][1] for f in wanted})
+        scan = self._scan(indices, self._keys.columns, list(self._keys.series))
         t, codes, values = scan.read()
         self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
         self.rows = scan.lines["used"] + scan.lines["other group"]
@@ -171,14 +171,18 @@ class CsvSource:
                 "the time of day starts anew (midnight); there is no date to continue with",
                 self._dialect.names[self._clock.columns[0]], back,
             )  # fmt: skip
-        rows = [codes == k for k in range(len(self._groups))] if self._group is not None else []
-        times = [t[r] for r in rows] if len(rows) > 1 else [t]
+        order = np.argsort(codes, kind="stable")  # each series in the log's own order
+        bounds = np.searchsorted(codes, np.arange(len(self._series) + 1), sorter=order)
+        times: dict[int, Times] = {}
         out = []
         for f in wanted:
-            value = values[self._index[f.channel]]
-            k = self._groups.index(f.group) if len(rows) > 1 else 0
-            value = value[rows[k]] if len(rows) > 1 else value
-            out.append(Column(times[k], value, np.isfinite(value)))
+            k, i = self._places[f]
+            value = values[i]
+            if len(codes):
+                rows = order[bounds[k] : bounds[k + 1]]
+                value = value[rows]
+                times.setdefault(k, t[rows])
+            out.append(Column(times.get(k, t), value, np.isfinite(value)))
         return out
 
     def _refuse_time(self, t: Times) -> None:
@@ -195,10 +199,16 @@ class CsvSource:
         if (steps < 0).sum() > 0.9 * len(steps) > 1:
             raise backwards(self.path, name, cells)
 
-    def _scan(self, indices: list[int], group: int | None, groups: list[str] | None) -> "_Scan":
+    def _survey(self, columns: tuple[int, ...]) -> tuple[Times, NDArray[np.int64], list[Key]]:
+        """Times, the number of the key of each row, and the keys that these columns hold."""
+        scan = self._scan([], columns, None)
+        t, codes, _ = scan.read()
+        return t, codes, scan.met
+
+    def _scan(self, indices: list[int], keys: tuple[int, ...], wanted: list[Key] | None) -> "_Scan":
         return _Scan(
             self.path, self._options, self._dialect, self._clock, self._types, self._expected,
-            indices, group, groups,
+            indices, keys, wanted,
         )  # fmt: skip
 
     def _is_numeric(self, i: int) -> bool:
@@ -218,57 +228,6 @@ class CsvSource:
         cells = self._dialect.column(i)
         found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
         return len(found) > len(cells) / 2
-
-    def _find_groups(self) -> tuple[int | None, list[str]]:
-        """Column that tells devices or axles apart, and its values; (None, []) in a wide log."""
-        names = self._dialect.names
-        stated = self._options.group_channel
-        if stated is None:
-            candidates = [
-                i
-                for i, name in enumerate(names)
-                if self._dialect.headed and is_group_name(name) and i not in self._clock.columns
-            ]
-        else:
-            candidates = [column_index(self._dialect, stated, self.path)]
-        for i in candidates:
-            if stated is None and len(set(self._dialect.column(i))) > _MAX_GROUPS:
-                continue  # a row number, not a device
-            scan = self._scan([], i, None)
-            t, codes, _ = scan.read()
-            groups = scan.met
-            if stated is not None:
-                return i, self._chosen(groups, i)
-            if _is_long(t, codes, len(groups)):
-                self._report(
-                    "long-layout", "info",
-                    f"column {names[i]!r} tells {len(groups)} series apart ({', '.join(groups)}); "
-                    "each value column is read once for each", names[i], len(groups),
-                )  # fmt: skip
-                return i, groups
-        return None, []
-
-    def _chosen(self, groups: list[str], i: int) -> list[str]:
-        name = self._dialect.names[i]
-        if len(groups) > _MAX_GROUPS and self._options.group_equals is None:
-            raise UserError(
-                f"{self.path}: column {name!r} has {len(groups)} values, too many to be devices",
-                f'state one, as group = {{channel = {toml(name)}, equals = "…"}} under [channels]',
-            )
-        if self._options.group_equals is None:
-            return groups
-        if self._options.group_equals not in groups:
-            raise UserError(
-                f"{self.path}: no row has {self._options.group_equals!r} in column {name!r}",
-                f"values: {', '.join(groups[:20])}",
-            )
-        self._report(
-            "interleaved", "info",
-            f"rows of {len(groups)} devices alternate: column {name!r} holds "
-            f"{', '.join(sorted(groups))}; only {self._options.group_equals} is read, as stated",
-            name, len(groups),
-        )  # fmt: skip
-        return [self._options.group_equals]
 
     def _report_rows(self, scan: "_Scan") -> None:
         skipped = {c: scan.lines[c] for c in _SKIPPED if scan.lines[c]}
@@ -369,15 +328,15 @@ class _Scan:
     types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
     expected: int  # rows, roughly
     indices: list[int]
-    group: int | None = None
-    groups: list[str] | None = None  # values of the group wanted; None: every one met
+    keys: tuple[int, ...] = ()  # columns that tell series apart
+    wanted: list[Key] | None = None  # their cells; None: every one met
     used: int = 0  # rows of `columns` that are final
     columns: dict[int, NDArray[Any]] = field(default_factory=dict)  # by index, _T and _GROUP
     lines: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, str]] = field(default_factory=dict)
     cells: Counter[tuple[int, int]] = field(default_factory=Counter)
     first_cell: dict[tuple[int, int], tuple[int, str, int]] = field(default_factory=dict)
-    met: list[str] = field(default_factory=list)
+    met: list[Key] = field(default_factory=list)
     damage: str = ""
     open_end: bool = False
     rejects: Rejects | None = None
@@ -385,14 +344,14 @@ class _Scan:
     def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
         """Times, group codes and values of the rows that have a time and a wanted group."""
         self.lines.update(self.dialect.before)
-        self.met = list(self.groups or [])
+        self.met = list(self.wanted or [])
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
         source = Lines(self.path, self.dialect, self.options.max_unpacked)
         if self.options.rejects:
             self.rejects = Rejects(source, self.dialect.names)
         room = self.expected + self.expected // 16
-        whole = [_T] if self.group is None else [_T, _GROUP]
+        whole = [_T, _GROUP] if self.keys else [_T]
         self.columns = {i: np.empty(room, np.int64) for i in whole}
         self.columns |= {i: np.empty(room) for i in self.indices}
         for part in self._parts(source):
@@ -462,8 +421,8 @@ class _Scan:
             inside = len(feeds) - len(ends)
         while True:
             types = {i: self.types[i][0] for i in (*self.clock.columns, *self.indices)}
-            if self.group is not None:
-                types.setdefault(self.group, pa.string())
+            for i in self.keys:
+                types.setdefault(i, pa.string())
             wrong: list[tuple[int, str, str]] = []
             try:
                 table = self._table(block, types, inside > 0, wrong)
@@ -497,7 +456,7 @@ class _Scan:
             value, states[i] = checked_floats(arrays.pop(i), self.dialect.decimal)
             self.columns[i][rows] = value
         if timed.all():
-            arrays = {i: a for i, a in arrays.items() if i == self.group}
+            arrays = {i: a for i, a in arrays.items() if i in self.keys}
         return _Part(block, rows, arrays, timed, states, wrong, blank, inside)
 
     def _is_exact(self, i: int, array: Any) -> bool:
@@ -597,20 +556,21 @@ class _Scan:
 
     def _count_groups(self, part: _Part, keep: Bools) -> None:
         """Finds each row's group in `met`; takes rows of no or another group from `keep`."""
-        if self.group is None:
+        if not self.keys:
             return
-        array = pc.cast(part.arrays[self.group], pa.string())
-        encoded = pc.utf8_trim_whitespace(pc.fill_null(array, "")).dictionary_encode()
-        texts = encoded.dictionary.to_pylist()
+        cells = [pc.fill_null(pc.cast(part.arrays[i], pa.string()), "") for i in self.keys]
+        cells = [pc.utf8_trim_whitespace(c) for c in cells]
+        encoded = pc.binary_join_element_wise(*cells, "\0").dictionary_encode()  # no row has a NUL
+        keys = [tuple(text.split("\0")) for text in encoded.dictionary.to_pylist()]
+        said = np.array([not any(map(is_null, key)) for key in keys], bool)
         at = {v: k for k, v in enumerate(self.met)}
-        if self.groups is None and len(at) <= _MAX_MET:
-            for v in texts:
-                if not is_null(v):
-                    at.setdefault(v, len(at))
+        if self.wanted is None and len(at) <= _MAX_MET:
+            for key, whole in zip(keys, said, strict=True):
+                if whole:
+                    at.setdefault(key, len(at))
             self.met = list(at)
         index = np.asarray(encoded.indices)
-        codes = np.array([at.get(v, -1) for v in texts], np.int64)
-        said = np.array([not is_null(v) for v in texts], bool)
+        codes = np.array([at.get(v, -1) for v in keys], np.int64)
         self._drop(part, keep & ~said[index], "group missing")
         other = keep & said[index] & (codes[index] < 0)
         self.lines["other group"] += int(other.sum())
@@ -669,63 +629,3 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
         f'{hint}pressure."axle 1" = {{channel = "column {rest[0]}", unit = "bar"}}, '
         f'speed."axle 1" = {{channel = "column {rest[-1]}", unit = "km/h"}}',
     )
-
-
-def _is_long(t: Times, codes: NDArray[np.int64], groups: int) -> bool:
-    """Whether a column tells several series apart that share one table."""
-    if not 2 <= groups <= _MAX_GROUPS:
-        return False
-    order = np.argsort(codes, kind="stable")
-    within = np.diff(t[order])[np.diff(codes[order]) == 0]
-    if not len(within):
-        return False
-    overall = np.diff(t)
-    still_wrong = (within <= 0).sum()
-    if (overall <= 0).any():
-        return bool(still_wrong <= 0.5 * (overall <= 0).sum())
-    return bool((np.diff(codes) != 0).mean() >= 0.3)
-
-
-def interleaved(dialect: Dialect, time: Sequence[int]) -> tuple[str, str, int] | None:
-    """Message, column and number of values where rows of several devices seem to alternate.
-
-    A column of few values that keeps changing, while the others run smoothly only within one of
-    its values.
-    """
-    rows = dialect.rows
-    number = dialect.number()
-    numeric: dict[int, Floats] = {}
-    for i in range(len(dialect.names)):
-        cells = [row[i] for row in rows]
-        if i not in time and all(number.fullmatch(c) for c in cells):
-            value = np.array([float(c.replace(",", ".")) for c in cells])
-            if np.isfinite(value).all():
-                numeric[i] = value
-    for i, name in enumerate(dialect.names):
-        cells = [row[i] for row in rows]
-        counts = Counter(cells)
-        if i in time or not 2 <= len(counts) <= 32 or min(counts.values()) < 3:
-            continue
-        if any(is_null(c) or not re.fullmatch(r"\w{1,16}", c) for c in counts):
-            continue
-        if sum(a != b for a, b in pairwise(cells)) < 0.3 * len(cells):
-            continue
-        key = np.array(cells)
-        smooth, judged = 0, 0
-        for k, value in numeric.items():
-            if k == i or len(set(value)) < max(5, len(value) // 10):
-                continue
-            across = median(np.abs(np.diff(value)))
-            within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
-            judged += 1
-            smooth += within < 0.5 * across
-        if judged and smooth >= 0.5 * judged:
-            values = sorted(counts)
-            return (
-                f"rows of several devices alternate: column {name!r} holds {', '.join(values)}; "
-                f"state one, as group = {{channel = {toml(name)}, equals = {toml(values[0])}}} "
-                "under [channels]",
-                name,
-                len(values),
-            )
-    return None

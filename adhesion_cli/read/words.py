@@ -47,6 +47,13 @@ _GROUP = (
     "fahrzeugid fahrzeugnr wagen wagennr drehgestell "
     "轴 轴号 轴位 车轴 车轴号 轮对 轮对号 设备 设备号 设备id 车号 车厢 车厢号 转向架"
 ).split()
+_SIGNAL = (
+    "signal signalname signalid channel channelname channelid variable variablename parameter "
+    "parametername param tag tagname quantity measurement measurand name topic "
+    "kanal kanalname messgröße messgroesse größe messkanal variablenname bezeichnung messstelle "
+    "信号 信号名 信号名称 通道 通道名 通道名称 变量 变量名 参数 名称 测点"
+).split()
+_UNITS_NAME = "unit units einheit einheiten 单位".split()
 _COUNTER = "index idx i n no nr number row rownumber sample samples samplenumber count counter seq sequence record frame line id zeile lfdnr nummer 序号 编号 行号".split()  # noqa: E501
 
 _UNITS_ROW = frozenset(
@@ -107,8 +114,18 @@ def is_clock_name(header: str) -> bool:
 
 
 def is_group_name(header: str) -> bool:
-    """Whether a header names a device or an axle, as long layouts have."""
+    """Whether a header names a device or an axle, as long tables have."""
     return normal(header) in _GROUP
+
+
+def is_signal_name(header: str) -> bool:
+    """Whether a header says that the cells below name what another column holds."""
+    return normal(header) in _SIGNAL
+
+
+def is_units_name(header: str) -> bool:
+    """Whether a header says that the cells below are units."""
+    return normal(header) in _UNITS_NAME
 
 
 def is_counter_name(header: str) -> bool:
