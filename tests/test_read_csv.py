@@ -1,6 +1,8 @@
 """Logs that must be read right, and logs that must be refused in the right words."""
 
 import gzip
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +102,9 @@ SAME = {
     .replace("0\n", '0,"a\nb"\n')
     .replace("9\n", '9,""""\n')
     .replace("8\n", "8,c\n"),
+    "LabVIEW": "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\n"
+    "Channels\t2\t\nSamples\t3\t3\nDate\t2026/11/21\t2026/11/21\nX0\t0.0\t0.0\n"
+    "***End_of_Header***\t\t\n" + PLAIN.replace("v\n", "v,Comment\n").replace(",", "\t"),
 }
 
 
@@ -506,7 +511,8 @@ def test_damaged_gzip_keeps_what_was_whole(log):
 REFUSED = {
     "empty": (b"", "is empty", "header and data"),
     "only blanks": (b"\n \n\n", "is empty", "header and data"),
-    "header only": (b"t,p,v\n", "no data rows|no delimiter|holds numbers", ""),
+    "header only": (b"t [s],p 1 [bar],v 1 [km/h]\n", "one line .* and no data rows", "data rows"),
+    "header and units only": (b"t;p;v\ns;bar;km/h\n", "no data rows", "data rows"),
     "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
     "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
     "NUL bytes": (b"t,p\n0,1\n" + b"1,\0\0\0\0\0\n" * 9, "NUL bytes in line 3", "text log"),
@@ -538,8 +544,18 @@ REFUSED = {
     ),
     "grouped thousands": (
         b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n',
-        "groups digits",
-        "thousands",
+        "column 'p' groups digits, as in '1,234.5'",
+        "without thousands separators, as '1234.5'",
+    ),
+    "grouped thousands or another decimal mark": (
+        b"t [s];p\n0.00;7,000\n0.01;8,100\n0.02;8,200\n",
+        "column 'p' groups digits, as in '7,000'",
+        "if ',' is its decimal mark, with '.' as the others",
+    ),
+    "cell of 10 MB in the first row": (
+        b't [s],p\n0,"' + b"x" * 10_000_000 + b'"\n1,2\n',
+        "line 2 is longer than 512 KiB",
+        "one row per line",
     ),
     "comma, thousands or decimal": (
         b"t;p\n1;1,234\n2;2,345\n3;3,456\n",
@@ -703,3 +719,28 @@ def test_rejects_of_a_file_that_changed_meanwhile(log):
     log.write_text("t [s],p\n")
     with pytest.raises(UserError, match="changed while it was read"):
         list(source.rejects)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux for its peak")
+def test_reading_holds_the_columns_and_not_the_text(log):
+    row = b",1.5," + b"x" * 1000 + b"\n"
+    with log.open("wb") as file:
+        file.write(b"t [s],p,note\n")
+        file.writelines(b"%d%b" % (k, row) for k in range(150_000))
+    code = (
+        "import re, sys\n"
+        "from pathlib import Path\n"
+        "from adhesion_cli.read.csv import open_csv\n"
+        "from adhesion_cli.read.source import ReadOptions\n"
+        "source = open_csv(Path(sys.argv[1]), ReadOptions())\n"
+        "status = Path('/proc/self/status')\n"
+        "peak = lambda: int(re.search(r'VmHWM:\\s*(\\d+) kB', status.read_text())[1])\n"
+        "before = peak()\n"
+        "(column,) = source.columns(source.fields)\n"
+        "assert len(column.t) == 150_000\n"
+        "print(peak() - before)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, log], capture_output=True, text=True, check=True
+    )
+    assert 0 < int(done.stdout) * 1024 < log.stat().st_size * 0.6

@@ -133,7 +133,8 @@ def _log(
     channel: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
 ) -> Log:
     columns = source.columns([m.field for m in chosen])
-    start = min((int(timeaxis.unwrapped(c.t)[0].min()) for c in columns if len(c.t)), default=0)
+    times = {id(c.t): timeaxis.unwrapped(c.t)[0] for c in columns if len(c.t)}
+    start = min((int(t.min()) for t in times.values()), default=0)
     channels = []
     for m, column in zip(chosen, columns, strict=True):
         made, found = channel(m, column, start)

@@ -221,7 +221,8 @@ def understood(
     by_hand = {_find(fields, m): m for m in mappings}
     mapped = {m.meaning for m in mappings}
     meant: list[Meant] = []
-    repeated = {f for f in fields if _first_name(f.channel) in {g.channel for g in fields}}
+    channels = {f.channel for f in fields}
+    repeated = {f for f in fields if _first_name(f.channel) in channels}
     for field in fields:
         if m := by_hand.get(field):
             unit = m.unit or field.unit

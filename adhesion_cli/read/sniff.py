@@ -38,6 +38,7 @@ _STAMP = re.compile(rf"(?:{_DATE}(?:[T ,_]+{_CLOCK})?|{_CLOCK})")
 _OPEN_QUOTE = re.compile(r'(?:^|[;,\t|] ?)"[^"]*(?:""[^"]*)*$')
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[., '’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
+_REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
 _MAGIC = (
     (b"\x89MCAP0\r\n", "an MCAP file", "give it the suffix .mcap"),
     (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive", "export it as CSV"),
@@ -127,8 +128,17 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
             "give a text log",
         )
     body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s) and "\0" not in s]
+    marks = [k for k, (_, s) in enumerate(body) if s.startswith("***End_of_Header***")]
+    body = body[marks[-1] + 1 :] if marks else body  # LabVIEW's, whose header has rows of numbers
     if not body:
         raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
+    if len(body) == 1 and complete:
+        raise UserError(
+            f"{path}: one line ({body[0][1][:40]!r}) and no data rows",
+            "give a log with a header and data rows",
+        )
+    if len(body) == 1:
+        raise _too_long(lines[-1][0] + 1 + lines[-1][2], path)
     stated = options.delimiter
     if (directive := re.fullmatch(r"sep=(.)", body[0][1].strip())) and stated is None:
         stated = directive[1]
@@ -144,7 +154,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         why["delimiter"] = f"{delimiter!r} (stated in the line {directive[0]!r})"
     table = [(n, split(s, delimiter)) for n, s in body]
     rows = [cells for _, cells in table if len(cells) == width]
-    decimal, why["decimal"] = _decimal(rows, delimiter, width, options, path)
+    decimal, why["decimal"] = _decimal(rows, width, options, path)
     start = _first_data(table, width, decimal)
     if start is None:
         raise UserError(
@@ -167,6 +177,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     width = _without_trailing(heads, data, width)
     _refuse_width(heads, table, top, width, path)
     names, duplicates = _names(heads, width)
+    _refuse_grouped(data, names, decimal, options, path)
     before = Counter(
         _class_before(n, s, table, top, start, bool(unit_cells))
         for n, s, _ in lines
@@ -305,13 +316,17 @@ def _logical_lines(text: str, complete: bool, path: Path) -> list[tuple[int, str
                     line, more = "\n".join(lines[i : i + k + 1]), k
                     break
         if len(line) > HEAD_BYTES // 2:
-            raise UserError(
-                f"{path}: line {i + 1} is longer than {HEAD_BYTES >> 11} KiB",
-                "give a text log with one row per line",
-            )
+            raise _too_long(i + 1, path)
         out.append((i + 1, line, more))
         i += 1 + more
     return out
+
+
+def _too_long(line: int, path: Path) -> UserError:
+    return UserError(
+        f"{path}: line {line} is longer than {HEAD_BYTES >> 11} KiB",
+        "give a text log with one row per line",
+    )
 
 
 def _is_number(cell: str) -> bool:
@@ -363,9 +378,9 @@ def _worth(cell: str, delimiter: str) -> float:
 
 
 def _decimal(
-    rows: list[list[str]], delimiter: str, width: int, options: ReadOptions, path: Path
+    rows: list[list[str]], width: int, options: ReadOptions, path: Path
 ) -> tuple[str, str]:
-    """Decimal mark and why; refuses grouped digits and what could be either."""
+    """Decimal mark and why; refuses a comma that could group digits."""
     if options.decimal:
         if options.decimal not in (".", ","):
             raise UserError(f"decimal {options.decimal!r} is neither '.' nor ','", code=2)
@@ -387,35 +402,43 @@ def _decimal(
                 f"{path}: {example!r} may be a decimal comma or grouped thousands",
                 'state decimal = "," (or ".") under [csv]',
             )
+    return decimal, f"{decimal!r} ({reason})"
+
+
+def _refuse_grouped(
+    rows: list[list[str]], names: tuple[str, ...], decimal: str, options: ReadOptions, path: Path
+) -> None:
+    """Refuses numbers with thousands separators, and points that could be some."""
     number = number_grammar(decimal)
-    for i in range(width):
+    for i, name in enumerate(names):
         cells = [row[i] for row in rows if not is_null(row[i])]
         grouped = [c for c in cells if _GROUPED.fullmatch(c) and not number.fullmatch(c)]
-        if (
-            grouped
-            and sum(bool(number.fullmatch(c)) for c in cells) + len(grouped) > len(cells) / 2
-        ):
-            if _STAMP.fullmatch(grouped[0]):
-                continue
+        numbers = sum(bool(number.fullmatch(c)) for c in cells)
+        if grouped and numbers + len(grouped) > len(cells) / 2 and not _STAMP.fullmatch(grouped[0]):
+            mark = re.sub("[+0-9-]", "", grouped[0])[0]
+            either = mark in ",." and all(c.count(mark) == 1 for c in grouped)
+            bare = grouped[0].replace(mark, "")
             raise UserError(
-                f"{path}: column {i + 1} groups digits, as in {grouped[0]!r}",
-                'export without thousands separators, or state decimal = "," (or ".") under [csv]',
+                f"{path}: column {name!r} groups digits, as in {grouped[0]!r}",
+                f"export it without thousands separators, as {bare!r}"
+                + (f"; if {mark!r} is its decimal mark, with {decimal!r} as the others"
+                   if either and mark != decimal else ""),
+            )  # fmt: skip
+        dotted = [c for c in cells if "." in c and number.fullmatch(c)]
+        whole = [c for c in cells if c.isdigit()]
+        if (
+            decimal == "."
+            and not options.decimal
+            and len(dotted) > 1
+            and whole
+            and all(re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", c) for c in dotted)
+            and all(len(c) <= 3 for c in whole)
+        ):
+            raise UserError(
+                f"{path}: column {name!r}: {dotted[0]!r} beside {whole[0]!r} may be grouped "
+                "thousands or a decimal point",
+                'state decimal = "." under [csv] if it is a decimal point',
             )
-        if decimal == "." and delimiter != "," and not options.decimal:
-            dotted = [c for c in cells if "." in c and number.fullmatch(c)]
-            whole = [c for c in cells if c.isdigit()]
-            if (
-                len(dotted) > 1
-                and whole
-                and all(re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", c) for c in dotted)
-                and all(len(c) <= 3 for c in whole)
-            ):
-                raise UserError(
-                    f"{path}: column {i + 1}: {dotted[0]!r} beside {whole[0]!r} may be grouped "
-                    "thousands or a decimal point",
-                    'state decimal = "." under [csv] if it is a decimal point',
-                )
-    return decimal, f"{decimal!r} ({reason})"
 
 
 def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
@@ -526,7 +549,7 @@ def _refuse_width(
     heads: list[list[str]], table: list[tuple[int, list[str]]], top: int, width: int, path: Path
 ) -> None:
     for k, cells in enumerate(heads):
-        extra = [c for c in cells[width:] if c]
+        extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
         if len(cells) < width or extra:
             raise UserError(
                 f"{path}: the header (line {table[min(top + k, len(table) - 1)][0]}) names "
@@ -559,12 +582,14 @@ def _names(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[s
                 cells[i] = last
         filled.append(cells)
     names: list[str] = []
+    taken: set[str] = set()
     seen: Counter[str] = Counter()
     for i in range(width):
         name = " ".join(dict.fromkeys(row[i] for row in filled if row[i])) or f"column {i + 1}"
         seen[name] += 1
-        while name in names:
+        while name in taken:
             name = f"{name} ({seen[name]})"
+        taken.add(name)
         names.append(name)
     return tuple(names), tuple(n for n, k in seen.items() if k > 1)
 

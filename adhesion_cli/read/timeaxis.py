@@ -156,7 +156,9 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
 
 def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
     """The times of a counter as if it had not wrapped, and where it did, by its width."""
-    found = {}
+    found: dict[str, Bools] = {}
+    if not (t[1:] < t[:-1]).any():
+        return t, found
     for width, wrap_ns in WRAPS_NS.items():
         fall = np.diff(t, prepend=t[:1])
         wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
