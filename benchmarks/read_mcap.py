@@ -2,7 +2,7 @@
 
 Writes one log per encoding (8 channels) into a temporary folder, reads it with `mcap`'s reader
 and decoder (a part of the messages), with Rerun's McapReader where it decodes the encoding, and
-with ours, opening included, best of three; prints k messages/s and the ratios.
+with ours, opening included, best of three.
 
     python benchmarks/read_mcap.py [--messages 2900000]
 """
@@ -25,6 +25,7 @@ from google.protobuf.descriptor_pb2 import (
 )
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from table import Row, show
 
 from adhesion_cli.read.mcap import open_mcap
 from adhesion_cli.read.source import ReadOptions
@@ -167,31 +168,27 @@ def by_us(path: Path, messages: int) -> float:
     return seconds / messages
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--messages", type=int, default=2_900_000)
-    parser.add_argument("--sample", type=int, default=150_000, help="messages for mcap's reader")
-    parser.add_argument("--case", action="append", choices=CASES)
-    args = parser.parse_args()
-    print(f"{'encoding':18}{'mcap':>8}{'rerun':>8}{'ours':>8}  k messages/s   ratio  target")
+def rows(messages: int = 2_900_000, sample: int = 150_000) -> Iterator[Row]:
+    """A row per encoding and rival.
+
+    Args:
+        messages: in each log.
+        sample: how many of them mcap's own reader decodes.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        for case in args.case or CASES:
-            path = Path(folder) / "log.mcap"
-            write(path, case, args.messages)
-            theirs = by_mcap(path, case, args.sample)
-            ours = min(by_us(path, args.messages) for _ in range(3))
-            rerun = ""
-            if case.startswith("protobuf"):
-                try:
-                    rerun = f"{1e-3 / by_rerun(path, args.messages):8.0f}"
-                except ImportError:
-                    rerun = "-"
-            print(
-                f"{case:18}{1e-3 / theirs:8.0f}{rerun:>8}{1e-3 / ours:8.0f}"
-                f"{theirs / ours:21.1f}{TARGET[CASES[case][1]]:8d}",
-                flush=True,
-            )
+        path = Path(folder) / "log.mcap"
+        for case, (_, encoding, *_) in CASES.items():
+            write(path, case, messages)
+            theirs = 1e-3 / by_mcap(path, case, sample)
+            ours = 1e-3 / min(by_us(path, messages) for _ in range(3))
+            against = "mcap's reader with its decoder"
+            yield Row(f"read {case}", ours, theirs, "k msg/s", against, TARGET[encoding])
+            if encoding == "protobuf":
+                theirs = 1e-3 / by_rerun(path, messages)
+                yield Row(f"read {case}", ours, theirs, "k msg/s", "Rerun's McapReader", 1.5)
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--messages", type=int, default=2_900_000)
+    show(rows(parser.parse_args().messages))

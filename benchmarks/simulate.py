@@ -11,10 +11,12 @@ force, its tolerance the widest that is as good.
 import math
 import resource
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from table import Row, show
 
 from adhesion_cli import compiled, physics, rail, simulate
 
@@ -36,7 +38,7 @@ def hour() -> None:
     )
 
 
-def rival() -> None:
+def rows() -> Iterator[Row]:
     scenario = simulate.load("paper-varying")
     vehicle = scenario.vehicle
     R, I = vehicle.radius(1).value, vehicle.wheelset_inertia.value  # noqa: E741
@@ -71,13 +73,10 @@ def rival() -> None:
         taken = time.perf_counter() - begin
         if (theirs := error(solution.y[1])) <= error(ours.wheel_speed[:, 0]):
             break
-    print(
-        f"10 s, varying adhesion: {min(times) * 1e3:.1f} ms "
-        f"for {error(ours.wheel_speed[:, 0]):.1g} rad/s; "
-        f"Radau {taken * 1e3:.0f} ms for {theirs:.1g} rad/s; ratio {taken / min(times):.1f}"
-    )
+    against = f"scipy's Radau, as good to {theirs:.1g} rad/s"
+    yield Row("simulate 10 s, varying adhesion", min(times) * 1e3, taken * 1e3, "ms", against)
 
 
 if __name__ == "__main__":
     hour()
-    rival()
+    show(rows())

@@ -11,7 +11,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+from table import Row, show
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLE = ROOT / "sample_logs" / "service-brake.csv"
@@ -40,29 +43,16 @@ def seconds(*arguments: str) -> float:
     return statistics.median(times[1:])
 
 
-def main() -> None:
+def rows() -> Iterator[Row]:
     adhesion = ("-m", "adhesion_cli")
     bare = seconds("-c", "pass")
-    loading = seconds("-c", LOADING)
-    rows = [
-        ("adhesion --help", seconds(*adhesion, "--help"), bare, "python -c pass"),
-        (
-            "adhesion analyze --help",
-            seconds(*adhesion, "analyze", "--help"),
-            bare,
-            "python -c pass",
-        ),
-        ("adhesion estimators", seconds(*adhesion, "estimators"), bare, "python -c pass"),
-        (
-            "adhesion analyze SAMPLE --force",
-            seconds(*adhesion, "analyze", str(SAMPLE), "--force"),
-            loading,
-            "loading numpy, pyarrow.csv, rerun, numba's cache",
-        ),
-    ]
-    for name, own, rival, against in rows:
-        print(f"{name:32s} {own:6.3f} s   {own / rival:5.2f} x  {against} ({rival:.3f} s)")
+    for command in (["--help"], ["analyze", "--help"], ["estimators"]):
+        name = " ".join(["adhesion", *command])
+        yield Row(name, seconds(*adhesion, *command), bare, "s", "python -c pass")
+    own = seconds(*adhesion, "analyze", str(SAMPLE), "--force")
+    against = "loading numpy, pyarrow.csv, rerun, numba's cache"
+    yield Row("adhesion analyze SAMPLE", own, seconds("-c", LOADING), "s", against, most=1.5)
 
 
 if __name__ == "__main__":
-    main()
+    show(rows())

@@ -1,20 +1,20 @@
 """How much faster result files are written than with mcap.Writer and one protobuf object each.
 
-    python benchmarks/write_mcap.py [--rows 200000]
+    python benchmarks/write_mcap.py
 
 Both write the same `adhesion.Reference` messages (five doubles, no NaN) with zstd, chunk CRCs and
 message indexes; ours also reads its file back. Turn by turn, the quickest of the turns counts.
-A second line compares one `adhesion.Scalar` per message. Prints k messages/s and the ratio.
+A second row compares one `adhesion.Scalar` per message.
 """
 
-import argparse
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from mcap.writer import Writer
+from table import Row, show
 
 from adhesion_cli.model import (
     AxleRecord,
@@ -68,20 +68,17 @@ def best(*works: Callable[[], None]) -> list[float]:
     return [min(taken) for taken in times]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--rows", type=int, default=200_000)
-    rows = parser.parse_args().rows
+def rows(n: int = 200_000) -> Iterator[Row]:
     rng = np.random.default_rng(1)
-    t = START + np.arange(rows) * 10_000_000 + rng.integers(0, 100_000, rows)
-    v = [np.cumsum(rng.normal(0, 1, rows)) for _ in range(5)]
+    t = START + np.arange(n) * 10_000_000 + rng.integers(0, 100_000, n)
+    v = [np.cumsum(rng.normal(0, 1, n)) for _ in range(5)]
     fields = ["force", "sigma", "lower", "upper", "coefficient"]
     whole = result(t, v)  # input, reference and two estimates: four messages a row
-    data = Column(t, v[0], np.ones(rows, bool))
-    log = Log("", "csv", "", True, rows, (Channel("a", "", None, None, "N", "", data),), ())
+    data = Column(t, v[0], np.ones(n, bool))
+    log = Log("", "csv", "", True, n, (Channel("a", "", None, None, "N", "", data),), ())
     with tempfile.TemporaryDirectory() as folder:
         ours, theirs = Path(folder) / "ours.mcap", Path(folder) / "theirs.mcap"
-        few = rows // 4  # objects are slow
+        few = n // 4  # objects are slow
         for name, per_row, write, message, names, columns in (
             ("result", 4, lambda: mcap.write_result(ours, whole, "{}"), "Reference", fields, v),
             ("scalars", 1, lambda: mcap.write_log(ours, log), "Scalar", ["value"], v[:1]),
@@ -90,12 +87,10 @@ def main() -> None:
             object_time, our_time = best(
                 lambda m=message, n=names, c=cut: by_objects(theirs, m, n, t[:few], c), write
             )
-            slow, quick = few / object_time / 1e3, per_row * rows / our_time / 1e3
-            print(
-                f"{name:8} objects {slow:6.0f} k/s   ours {quick:6.0f} k/s   "
-                f"ratio {quick / slow:5.1f}   (target 5)"
-            )
+            quick, slow = per_row * n / our_time / 1e3, few / object_time / 1e3
+            against = "mcap.Writer, an object per message"
+            yield Row(f"write {name}", quick, slow, "k msg/s", against, least=5)
 
 
 if __name__ == "__main__":
-    main()
+    show(rows())
