@@ -10,10 +10,10 @@ import os
 import re
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ class Lines:
     cut_off: tuple[int, str] | None = None  # line and text of a row that damaged gzip ended in
     damage: str = ""  # what is wrong with the compression
     open_end: bool = False  # the last line has no line end
-    _held: bytes = field(default=b"")
+    _source: BinaryIO | None = None  # where the last chunk stands as it is, ending here
 
     def blocks(self) -> Iterator[Block]:
         """The rows in blocks, in order.
@@ -100,6 +100,9 @@ class Lines:
                 data = self._close(data, line)
             cut = self._cut(data, line, done, delimiter)
             rest = data[cut:]
+            if cut and self._source and len(rest) <= len(chunk or b""):
+                self._source.seek(-len(rest), os.SEEK_CUR)  # cheaper than joining it to the next
+                rest = b""
             if cut:
                 lines = int(np.count_nonzero(np.frombuffer(data, np.uint8, cut) == 10))
                 if b"\0" in data:
@@ -202,6 +205,8 @@ class Lines:
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
             if b"\0" in chunk:  # space that was never written can be longer than any line
                 chunk = re.sub(rb"\0+", b"\0", chunk)
+            if chunk is not raw:
+                self._source = None
             yield chunk
         if held:
             yield b"\n"
@@ -210,7 +215,9 @@ class Lines:
         if not is_gzip(self.path):
             with self.path.open("rb") as file:
                 while chunk := file.read(_BLOCK):
+                    self._source = file
                     yield chunk
+            self._source = None
             return
         total = 0
         parts: list[bytes] = []
