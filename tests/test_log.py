@@ -103,3 +103,18 @@ def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -
     assert "pressure-absolute" not in codes(stated)
     pressure = next(c for c in stated.channels if c.meaning == "pressure")
     assert abs(pressure.data.value[0]) < 100.0
+
+
+def test_a_needed_name_above_two_columns_is_refused_unless_mapped(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k / 50},{k % 7},{k % 5},{50 - k / 50}\n" for k in range(200))
+    path.write_text("time [s],BCP 1 [bar],BCP 1 [bar],axle 1 [km/h]\n" + rows)
+    with pytest.raises(UserError, match=r"several columns are called 'BCP 1 .bar.'") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    assert 'pressure."axle 1" = {channel = "BCP 1 [bar]"' in error.value.hint
+    assert 'called "BCP 1 [bar] (2)"' in error.value.hint
+    second = Mapping("pressure", 1, "BCP 1 [bar] (2)", unit="bar")
+    log = read(open_source(path, ReadOptions()), (second,), Vehicle())
+    pressure = log.find("pressure", 1)
+    assert pressure is not None
+    assert pressure.data.value[:6].tolist() == [0, 1e5, 2e5, 3e5, 4e5, 0]

@@ -102,6 +102,10 @@ SAME = {
     .replace("0\n", '0,"a\nb"\n')
     .replace("9\n", '9,""""\n')
     .replace("8\n", "8,c\n"),
+    "catman": (
+        "HBM_CATMAN_DATAFILE\t5.0\nTitel:\tBremsprobe\nKanäle:\t3\n"
+        + GERMAN.replace("t [s]", "Zeit  1 - Standardmessrate [s]").replace(";", "\t")
+    ).encode("cp1252"),
     "LabVIEW": "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\n"
     "Channels\t2\t\nSamples\t3\t3\nDate\t2026/11/21\t2026/11/21\nX0\t0.0\t0.0\n"
     "***End_of_Header***\t\t\n" + PLAIN.replace("v\n", "v,Comment\n").replace(",", "\t"),

@@ -310,6 +310,9 @@ def _number_clock(
         stated, source = from_row, "units row"
     if stated is None and named and named[1]:
         stated, source = named[1], "header"
+    in_brackets = re.search(r"[\[(]([^\])]*)[\])]$", name)  # "Zeit 1 - Standardmessrate [s]"
+    if stated is None and in_brackets:
+        stated, source = time_unit(in_brackets[1]), "header"
     notes: tuple[Finding, ...] = ()
     ask = (
         f'state it, as time = {{channel = {toml(name)}, unit = "ms"}} under [channels] '

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import UserError
 from ..model import Channel, Column, Finding, Floats, Log, Meaning, Vehicle
 from . import timeaxis, units
-from .meaning import Mapping, Meant, name, title, understood
+from .meaning import Mapping, Meant, first_name, name, title, understood
 from .source import ReadOptions, Source
 
 # What an analysis cannot do without, and the meanings that give it.
@@ -64,6 +64,7 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
     """
     meant, findings = _understood(source, mappings)
     chosen = [m for m in meant if m.meaning]
+    _refuse_repeated(chosen, source, {m.meaning for m in mappings})
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):
         spare = m.meaning == "clamping_force" and m.axle in braked  # K comes from p by (15)
@@ -75,6 +76,24 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
             _unit_of(m, source.path)
     log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
     return _without_empty(log)
+
+
+def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meaning]) -> None:
+    """Refuses a name that is needed and stands above several columns, unless they were mapped.
+
+    Raises:
+        UserError: names both as the reader tells them apart.
+    """
+    again = {(first_name(f.channel), f.group): f.channel for f in reversed(source.fields)}
+    for m in chosen:
+        second = again.get((m.field.channel, m.field.group))
+        if second and m.meaning in _KIND and m.meaning not in mapped:
+            raise UserError(
+                f"{source.path}: several columns are called {m.field.channel!r}: which one is the "
+                f"{m.meaning.replace('_', ' ')} is not stated",  # type: ignore[union-attr]
+                f"state it in a TOML given with -c: [channels] {_key(m)} = {{channel = "
+                f'"{m.field.channel}", unit = "…"}}; the next one is called "{second}"',
+            )
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
@@ -154,6 +173,13 @@ def _lacks(m: Meant) -> str:
     return "its unit is not stated"
 
 
+def _key(m: Meant) -> str:
+    """Where a channel of this meaning is stated under [channels]."""
+    if m.meaning == "train_speed":
+        return "train_speed"
+    return f'{"speed" if m.meaning == "wheel_speed" else m.meaning}."axle {m.axle or 1}"'
+
+
 def _unit_of(m: Meant, path: Path) -> units.Unit:
     """The unit of a channel with a meaning.
 
@@ -163,13 +189,11 @@ def _unit_of(m: Meant, path: Path) -> units.Unit:
     assert m.meaning
     if not m.unit:
         known = ", ".join(units.known_units(m.meaning))
-        key = {"wheel_speed": "speed"}.get(m.meaning, m.meaning)
-        place = key if m.meaning == "train_speed" else f'{key}."axle {m.axle or 1}"'
         field = f', field = "{m.field.path}"' if m.field.path else ""
         raise UserError(
             f"{path}: channel {title(m.field)!r} looks like the {m.meaning.replace('_', ' ')}, "
             f"but {_lacks(m)}",
-            f"state it in a TOML given with -c: [channels] {place} = "
+            f"state it in a TOML given with -c: [channels] {_key(m)} = "
             f'{{channel = "{m.field.channel}"{field}, unit = "…"}}; one of {known}',
         )
     unit = units.stated(m.unit, m.meaning, title(m.field))

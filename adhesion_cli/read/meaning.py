@@ -222,7 +222,7 @@ def understood(
     mapped = {m.meaning for m in mappings}
     meant: list[Meant] = []
     channels = {f.channel for f in fields}
-    repeated = {f for f in fields if _first_name(f.channel) in channels}
+    repeated = {f for f in fields if first_name(f.channel) in channels}
     for field in fields:
         if m := by_hand.get(field):
             unit = m.unit or field.unit
@@ -234,7 +234,7 @@ def understood(
             continue
         meaning, axle, unit, reason = _guess(field)
         if field in repeated:  # "(2)" is the reader's, for a name the log uses twice
-            axle = _axle(replace(field, channel=_first_name(field.channel)))
+            axle = _axle(replace(field, channel=first_name(field.channel)))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         meant.append(Meant(field, meaning, axle, unit, reason))
@@ -369,7 +369,7 @@ def title(field: Field) -> str:
     return f"{name(field)} {field.path}".strip()
 
 
-def _first_name(channel: str) -> str:
+def first_name(channel: str) -> str:
     """The name of which "name (2)" is a repetition; "" where it is none."""
     match = re.fullmatch(r"(.*) \(\d+\)", channel)
     return match[1] if match else ""
