@@ -21,7 +21,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force, force_per_pressure
-from . import checks, plausible, timeaxis
+from . import checks, held, plausible, timeaxis
 from .grid import Axle
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -153,20 +153,20 @@ class _Aligned(NamedTuple):
 
 
 def _aligned(
-    speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None
+    speed: Channel, brake: Channel, straight: Channel, train: Channel | None, truth: Channel | None
 ) -> _Aligned:
     parts = []
     pieces = timeaxis.pieces(speed.starts, len(speed.data.t))
     for k, piece in enumerate(pieces):
         at = timeaxis.Over(speed.data.t[piece], k, len(pieces))
-        held, fresh = timeaxis.hold(at, brake)
-        smooth = timeaxis.interpolated(at, brake)
+        last, fresh = timeaxis.hold(at, brake)
+        smooth = timeaxis.interpolated(at, straight)
         # No online estimator sees these two: they may be interpolated.
         known = [
             timeaxis.interpolated(at, c) if c else np.full(len(at.t), np.nan)
             for c in (train, truth)
         ]
-        parts.append((held, np.where(np.isfinite(smooth), smooth, held), fresh, *known))
+        parts.append((last, np.where(np.isfinite(smooth), smooth, last), fresh, *known))
     return _Aligned(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -176,7 +176,9 @@ def _record(
     others: Sequence[Channel],
 ) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
-    at = _aligned(speed, brake, train, truth)
+    every = held.interval(brake)
+    straight = held.straightened(brake, every) if every else brake
+    at = _aligned(speed, brake, straight, train, truth)
     backwards = y < -max(_REVERSE, speed.step)
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
@@ -218,6 +220,12 @@ def _record(
         backwards & inside,
     )  # fmt: skip
     tell("too-short", "warning", f"pieces of fewer than {SHORTEST} samples: left out", keep & ~kept)
+    if every:
+        text = (
+            f"each sample is repeated for {every:.3g} s: the reference takes straight lines "
+            "between them, online estimators what is held"
+        )
+        findings.append(Finding("pressure-held", "info", text, brake.title))
     if not segments:
         return None, findings
     if backwards.any():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats
 from ..physics import true_runs, white_noise
-from . import timeaxis
+from . import held, timeaxis
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
@@ -283,14 +283,16 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     small = np.abs(changes) <= max(0.02 * top, 2.5 * step)
     turns = (changes[1:] * changes[:-1] < 0.0) & small[1:] & small[:-1]
     turns &= np.maximum(np.abs(changes[1:]), np.abs(changes[:-1])) > 1.5 * step
-    short = runs.length < 30
+    repeats = max(1, round(held.interval(pressure) * (pressure.rate_hz or 0.0)))
+    length = np.maximum(runs.length // repeats, 1)
+    short = length < 30
     free = short & (x[runs.first] > x.min())
-    samples = int(runs.length[free].sum())
+    samples = int(length[free].sum())
     if samples < 20 or turns.sum() < max(6.0, 0.03 * samples):
         return np.zeros(len(runs.first), dtype=np.bool_)
     # How often it repeats by chance; more often half way between two steps.
     chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
-    long: Bools = runs.length > np.log(_NEVER / len(x)) / np.log(chance)
+    long: Bools = length > np.log(_NEVER / len(x)) / np.log(chance)
     return long
 
 

@@ -1,0 +1,70 @@
+"""A slow signal in a fast table: each of its samples is repeated until the next one comes.
+
+Online nobody knows better, and the last value holds. Offline the repeats are no measurements: a
+ramp that is read off once a second is not a staircase.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..model import Channel, Column, Floats
+
+_LEAST = 4  # stands of equal length that show how often a channel is sampled
+_SLOWEST = 2.0  # a longer interval is not a sensor's but a test's programme [s]
+
+
+def interval(channel: Channel) -> float:
+    """How often a channel that repeats its samples really has a new one [s]; 0 where each is new.
+
+    A signal that moves by more than one of its steps from one sample to the next goes on moving:
+    it never stands in between, unless it is held. And what is held stands equally long, or much
+    longer where it does not change. A rounded signal that moves slowly stands, too, but goes on by
+    a single step.
+    """
+    seconds, samples = [np.zeros(0)], [np.zeros(0)]
+    for piece in _pieces(channel):
+        t, x = _seconds(channel, piece), channel.data.value[piece]
+        first = np.flatnonzero(np.diff(x, prepend=np.nan))
+        clear = np.abs(np.diff(x[first])) > 1.5 * channel.step
+        seconds.append(np.diff(t[first])[clear])
+        samples.append(np.diff(first)[clear])
+    stood, count = np.concatenate(seconds), np.concatenate(samples)
+    short = stood < 1.5 * np.median(stood) if len(stood) else stood > 0.0
+    if short.sum() < _LEAST or np.mean(count < 2) > 0.05:
+        return 0.0
+    every = float(np.mean(stood[short]))
+    away = np.abs(stood - every)[short]
+    even = np.mean(away <= np.maximum(0.1 * every, (stood / count)[short]))
+    return every if every < _SLOWEST and even > 0.8 else 0.0
+
+
+def straightened(channel: Channel, interval: float) -> Channel:
+    """The channel with straight lines between the samples, `interval` [s] apart, that are its own.
+
+    The last one holds.
+    """
+    value = channel.data.value.copy()
+    for piece in _pieces(channel):
+        t, x = _seconds(channel, piece), channel.data.value[piece]
+        first = np.flatnonzero(np.diff(x, prepend=np.nan))
+        equal = np.maximum(np.rint(np.diff(t[first], append=t[-1]) / interval), 1.0).astype(int)
+        nth = np.arange(equal.sum()) - np.repeat(np.cumsum(equal) - equal, equal)
+        own = np.searchsorted(t, t[np.repeat(first, equal)] + nth * interval * (1.0 - 1e-9))
+        value[piece] = np.interp(t, t[own], x[own])
+    return replace(channel, data=Column(channel.data.t, value, channel.data.valid))
+
+
+def _pieces(channel: Channel) -> Iterator[slice]:
+    """Where neither a gap nor the clock interrupts."""
+    t = channel.data.t
+    cuts = np.flatnonzero((np.diff(t) <= 0) | (np.diff(t) > channel.gap_ns)) + 1
+    for a, b in zip([0, *cuts], [*cuts, len(t)], strict=True):
+        yield slice(int(a), int(b))
+
+
+def _seconds(channel: Channel, piece: slice) -> Floats:
+    t = channel.data.t[piece]
+    since: Floats = (t - t[0]) * 1e-9
+    return since
