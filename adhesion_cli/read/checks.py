@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats
 from ..physics import true_runs, white_noise
-from . import held, timeaxis
+from . import excursions, held, timeaxis
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
-_HARDEST = 250.0  # far more than any wheel is slowed or driven by [rad/s²]
+_LOCKS = 100.0  # no wheel is slowed harder for one sample and driven as hard in the next [rad/s²]
 _QUICKEST = 4.0  # faster than any valve fills or vents a cylinder, of its highest value [1/s]
 _AROUND = 10  # samples before and after
 _VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
+_JUMPS = (
+    "jumps as no {} can, and comes back or never changes again: a spike, a drop-out or a dead "
+    "sensor; left out; check the sensor and its wire"
+)
 
 
 class Fault(NamedTuple):
@@ -38,27 +42,26 @@ class Fault(NamedTuple):
 
 def of_speed(speed: Channel) -> list[Fault]:
     """What a wheel speed [rad/s] shows by itself."""
-    text = "has single samples that no wheel can reach and leave again: left out; check the sensor"
-    return [Fault("speed-spike", text, speed_spikes(speed), True)]
+    return [Fault("speed-spike", _JUMPS.format("wheel"), speed_spikes(speed), True)]
 
 
 def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
     """What a pressure [Pa] or K [N] shows by itself and beside the other axles'."""
+    below = pressure.data.value < _VACUUM
+    spikes = pressure_spikes(pressure) & ~below
     return [
         Fault(
             "pressure-frozen",
             "repeats one value while its noise or the other axles say it must change: left out; "
             "check the sensor, or name another channel in [channels]",
-            stuck_pressure(pressure, others), True,
+            stuck_pressure(pressure, others) & ~spikes, True,
         ),
         Fault(
             "pressure-impossible", "is far below zero: a broken sensor or wire; left out",
-            pressure.data.value < _VACUUM, True,
+            below, True,
         ),
         Fault(
-            "pressure-spike",
-            "has single samples that no valve can reach and leave again: left out; check the wire",
-            pressure_spikes(pressure), True,
+            "pressure-spike", _JUMPS.format("cylinder"), spikes, True,
         ),
         Fault(
             "pressure-saturated",
@@ -144,26 +147,27 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
 
 
 def speed_spikes(speed: Channel) -> Bools:
-    """Single samples of a wheel speed that no wheel can reach and leave again, shape (n,).
+    """Samples of a wheel speed that no wheel can reach and leave again, shape (n,).
 
-    Also those far above all within ten samples: a slide only goes down.
+    Where slides take few samples, single ones too: zeros from more than sensors read zero at, and
+    those far above all within ten samples; a slide only goes down.
     """
     y, n = speed.data.value, len(speed.data.t)
     alone, steep = _alone(speed)
     wide = np.pad(y, _AROUND, constant_values=-np.inf)
     before = np.lib.stride_tricks.sliding_window_view(wide, _AROUND).max(axis=1)
     highest = np.maximum(before[:n], before[_AROUND + 1 :])
-    above = y > np.maximum(1.1 * highest, highest + _noise(speed))
-    dropped = (y == 0.0) & (steep > _HARDEST / 2.5)  # to lock, and not only to slide, takes longer
-    found: Bools = alone & (above | dropped | (steep > _HARDEST))
+    above = y > np.maximum(1.1 * highest, highest + _noise(speed) + excursions.WHEEL.start)
+    dropped = (y == 0.0) & (highest > excursions.WHEEL.start) & (steep > _LOCKS)
+    found: Bools = excursions.of_wheel(speed) | alone & (above | dropped)
     return found
 
 
 def pressure_spikes(pressure: Channel) -> Bools:
-    """Single samples of a pressure that no valve can reach and leave again, shape (n,)."""
+    """Samples of a pressure that no valve can reach and leave again, shape (n,)."""
     alone, steep = _alone(pressure)
-    found: Bools = alone & (steep > _QUICKEST * np.max(pressure.data.value, initial=0.0))
-    return found
+    single = alone & (steep > _QUICKEST * np.max(pressure.data.value, initial=0.0))
+    return excursions.of_cylinder(pressure) | single
 
 
 def _alone(c: Channel) -> tuple[Bools, Floats]:
