@@ -153,3 +153,15 @@ def test_interpolation_stops_at_gaps() -> None:
     t = np.array([5, 40, 200, 505], dtype=np.int64) * MS
     value = timeaxis.interpolated(timeaxis.Over(t, 0, 1), with_gap)
     np.testing.assert_allclose(value, [0.5, 4.0, np.nan, 50.5])
+
+
+def test_channels_of_one_clean_time_share_it() -> None:
+    data = column([10.0 * i for i in range(50)])
+    assert timeaxis.clean("x", data, 0).data.t is data.t
+
+
+def test_many_jumps_back_are_one_finding() -> None:
+    t = [float(x) for k in range(3000) for x in (k, k + 20, k + 40, k + 60)]
+    axis = timeaxis.clean("x", column(t), 0)
+    (told,) = (f for f in axis.findings if f.code == "time-backward")
+    assert told.count == len(axis.starts) - 1 == 2999

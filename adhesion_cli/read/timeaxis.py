@@ -79,26 +79,31 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     tell("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
 
     # Late samples: older than the newest so far, while the clock itself goes on.
-    newest = np.maximum.accumulate(t) if len(t) else t
-    restarts = _restarts(t, newest)
+    rises = bool((t[1:] > t[:-1]).all())
+    restarts = (0,) if rises else _restarts(t, np.maximum.accumulate(t))
     late = np.zeros(len(t), dtype=np.bool_)
-    for piece in pieces(restarts, len(t)):
+    for piece in pieces(restarts, len(t)) if not rises else ():
         top = np.maximum.accumulate(t[piece])
         late[piece] = t[piece] < top
-    for index in restarts[1:]:
-        back = (int(t[index - 1]) - int(t[index])) / 1e9
-        where = np.arange(len(t)) == index - 1  # the last stamp before it says where it is
-        if abs(back * 1e9 - HOUR_NS) < HOUR_NS / 100:
-            tell("time-dst", "clock set back one hour (summer time?): a new segment begins", where)
-        else:
-            tell("time-backward", f"clock jumps back {back:.3f} s: a new segment begins", where)
+    last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
+    back = t[last] - t[last + 1]
+    hour = np.abs(back - HOUR_NS) < HOUR_NS / 100
+    by = "up to " * (len(last) > 1) + f"{back[~hour].max(initial=0) / 1e9:.3f} s"
+    for code, text, which in (
+        ("time-dst", "clock set back one hour (summer time?): a new segment begins", hour),
+        ("time-backward", f"clock jumps back {by}: a new segment begins", ~hour),
+    ):
+        where = np.zeros(len(t), dtype=np.bool_)
+        where[last[which]] = True
+        tell(code, text, where)
     tell("time-late", "samples older than their predecessor: left out, not sorted", late)
     usable &= ~late
 
     same = np.zeros(len(t), dtype=np.bool_)
-    kept = np.flatnonzero(~late)
-    repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
-    same[kept[repeats]] = True
+    if not rises:
+        kept = np.flatnonzero(~late)
+        repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
+        same[kept[repeats]] = True
     if same.any():
         previous = np.zeros(len(t), dtype=np.int64)
         previous[kept] = np.concatenate([kept[:1], kept[:-1]])
@@ -131,10 +136,14 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
             tell("time-conflict", "different values with one time stamp: all left out", said)
         usable &= ~(same | clash)
 
-    piece_of = np.zeros(len(t), dtype=np.int64)
-    piece_of[list(restarts[1:])] = 1
-    piece_of = np.cumsum(piece_of)[usable]
-    data = Column(t[usable], column.value[usable], np.ones(int(usable.sum()), dtype=np.bool_))
+    jumps = np.zeros(len(t), dtype=np.bool_)
+    jumps[last + 1] = True
+    piece_of = np.cumsum(jumps, dtype=np.int32)
+    if usable.all():  # without a copy: channels of one table share its time
+        data = Column(t, column.value, usable)
+    else:
+        data = Column(t[usable], column.value[usable], np.ones(int(usable.sum()), dtype=np.bool_))
+        piece_of = piece_of[usable]
     starts = tuple(int(i) for i in np.flatnonzero(np.diff(piece_of, prepend=-1)))
     steps = np.diff(data.t)
     within = np.diff(piece_of) == 0
