@@ -144,14 +144,14 @@ def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict
         rest = [q for q in group if q != p] + apart
         if rest and len({tuple(key[q] for q in rest) for key in keys}) == len(keys):
             group.remove(p)
-    return {
-        key: Series(
-            ", ".join(key[p] for p in group),
-            key[signal] if signal is not None else "",
-            key[unit].strip("[](){}<>") if unit is not None and signal is not None else "",
-        )
-        for key in keys
-    }
+
+    def series(key: Key, brackets: str) -> Series:
+        name = key[signal] if signal is not None else ""
+        of = key[unit].strip(brackets) if unit is not None else ""
+        return Series(", ".join(key[p] for p in group), name, of)
+
+    bare = {key: series(key, "[](){}<>") for key in keys}
+    return bare if len(set(bare.values())) == len(keys) else {k: series(k, "") for k in keys}
 
 
 def _told(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, Series]) -> Finding:
