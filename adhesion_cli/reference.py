@@ -19,6 +19,8 @@ from .physics import moving, true_runs, wheelset, white_noise
 
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
+_PULSES = 24.0  # of a counter that tell a speed to a few percent
+_BRIEF = 0.1  # a slide hardly changes within [s]
 _KNOTS = 6  # samples of a run of equal speeds that are used
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
@@ -130,12 +132,14 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
         return []
     clamping = _clamping(runs)
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
-    wheel = [_rolling(r, k, w) for r, k in zip(runs, clamping, strict=True)]
-    rounding = runs[0].wheel_speed_step ** 2 / 12.0
-    white = max(white_noise([r.y for r in wheel]) - rounding, 1e-3 * rounding)
+    together = _counted(max(runs, key=len))
+    wheel = [_rolling(r, k, w, together) for r, k in zip(runs, clamping, strict=True)]
+    telling = [_telling(run) for run in wheel]
+    rounding = _rounding(runs[0].wheel_speed_step, together)
+    white = white_noise([r.y for r in (telling if together > 1 else wheel)])
+    white = max(white - rounding, 1e-3 * rounding)
     rolling = smoother.Noise(white, 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-    telling = [_telling(run) for run in wheel]
     fitted, regimes = _fit_either(telling, _step(wheel), scale, rolling, changing)
     found = []
     for k, whole, run in zip(clamping, wheel, telling, strict=True):
@@ -148,13 +152,64 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     return found
 
 
-def _rolling(run: AxleRecord, clamping: smoother.Smooth, w: Wheelset) -> smoother.Run:
-    """The run as a wheel that rolls: its ω̇ known from K but for δ."""
+def _rolling(
+    run: AxleRecord, clamping: smoother.Smooth, w: Wheelset, together: int
+) -> smoother.Run:  # fmt: skip
+    """The run as a wheel that rolls: its ω̇ known from K but for δ; so many samples in one."""
     K, t = clamping.level, _seconds(run)
     u = -w.a * w.phi * (1.0 - w.rolling) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
-    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_step)
+    step = run.wheel_speed_step
+    if together > 1:
+        y, known = _averaged(run.wheel_speed, _gained(t, u), step, together)
+    else:
+        y, known = _unstepped(t, run.wheel_speed, step)
     return smoother.Run(t, y, u, w.a * w.phi * w.rolling * K, lost**2, known)
+
+
+def _counted(run: AxleRecord) -> int:
+    """How many samples of a pulse counter to take together, an odd number; 1 for anything else.
+
+    So many that they hold `_PULSES`, but no longer than a slide takes to change. Of a counter's
+    pulses none is lost: what is rounded down now is rounded up later, and sums over four samples
+    vary no more than one of them does. Rounded noise varies four times as much.
+    """
+    y, step = run.wheel_speed, run.wheel_speed_step
+    if step == 0.0 or len(y) < 100:
+        return 1
+    sums = np.convolve(y, np.ones(4), "valid")
+    one, four = white_noise([y]), np.median([white_noise([sums[i::4]]) for i in range(4)])
+    if one < step**2 / 24.0 or four > 2.0 * one:
+        return 1
+    interval = float(np.median(np.diff(_seconds(run))))
+    m = min(_PULSES * step / max(float(np.median(y)), step), _BRIEF / interval)
+    return max(2 * math.ceil((m - 1.0) / 2.0) + 1, 1)
+
+
+def _averaged(y: Floats, gained: Floats, step: float, m: int) -> tuple[Floats, Floats]:
+    """Means of a counter's speed over m samples, at their middle, and their variance, shape (n,).
+
+    All pulses between the first and the last: what is rounded at both ends is all the error there
+    is. The other samples tell nothing: their variance is inf.
+    """
+    n = len(y) // m * m
+    level, told = y.copy(), np.full(len(y), np.inf)
+    middle = np.arange(m // 2, n, m)
+    level[middle] = np.mean((y - gained)[:n].reshape(-1, m), axis=1) + gained[middle]
+    told[middle] = _rounding(step, m)
+    return level, told
+
+
+def _rounding(step: float, m: int) -> float:
+    """Variance of a rounded value, or of the mean of m > 1 readings of a pulse counter."""
+    return step**2 / 12.0 if m == 1 else step**2 / 6.0 / m**2
+
+
+def _gained(t: Floats, u: Floats) -> Floats:
+    """∫u from the first sample on, shape (n,)."""
+    mean = (u + np.concatenate([u[:1], u[:-1]])) / 2.0
+    gained: Floats = np.cumsum(np.diff(t, prepend=t[0]) * mean)
+    return gained
 
 
 def _unstepped(t: Floats, y: Floats, step: float) -> tuple[Floats, Floats]:
@@ -199,10 +254,8 @@ def _telling(run: smoother.Run) -> smoother.Run:
     told = np.isfinite(run.known)
     if told.all():
         return run
-    mean = (run.u + np.concatenate([run.u[:1], run.u[:-1]])) / 2.0
-    gained = np.cumsum(np.diff(run.t, prepend=run.t[0]) * mean)
     return smoother.Run(
-        run.t[told], (run.y - gained)[told], np.zeros(np.sum(told)), run.s[told],
+        run.t[told], (run.y - _gained(run.t, run.u))[told], np.zeros(np.sum(told)), run.s[told],
         np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told],
     )  # fmt: skip
 

@@ -196,6 +196,28 @@ def test_sigma_is_right_where_the_log_is_coarse(name: str, case: dict[str, float
     assert rms((F.force - record.truth)[used]) < 1.6 * best_butterworth(record, used)
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_sigma_is_right_where_a_counter_has_few_teeth(rate: float) -> None:
+    """Short slides on a film; with more samples the pulses stay the same, and so does the error."""
+    record, _ = logged("leaf-film", rate, teeth=100, pressure_noise=1000.0)
+    F = reference.compute(record, VEHICLE)
+    used = np.isfinite(F.force)
+    assert share_inside(F, record.truth, used) >= 0.9
+    assert rms((F.force - record.truth)[used]) < 800.0
+
+
+@pytest.mark.parametrize(
+    ("sensor", "counts"),
+    [
+        ({"teeth": 60}, True), ({"teeth": 100}, True), ({"kmh": 1.0, "noise": 1e-2}, False),
+        ({"kmh": 0.5}, False), ({"noise": 1e-3}, False),
+    ],
+)  # fmt: skip
+def test_a_pulse_counter_is_known_by_its_pulses(sensor: dict[str, float], counts: bool) -> None:
+    for name in ("service-brake", "leaf-film"):
+        assert (reference._counted(logged(name, 100.0, **sensor)[0]) > 1) == counts
+
+
 def share_inside(F: Reference, truth: Floats, used: Bools) -> float:
     return float(np.mean((np.abs(F.force - truth) < 1.96 * F.sigma)[used]))
 
