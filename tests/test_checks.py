@@ -15,6 +15,7 @@ from simulated import Recordings
 from adhesion_cli import analysis, settings, simulate
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel, Column, Finding, Result
+from adhesion_cli.physics import G, clamping_force, wheelset
 from adhesion_cli.read import align, checks
 from adhesion_cli.read.log import open_source, read
 from adhesion_cli.read.units import ATMOSPHERE
@@ -23,7 +24,7 @@ ROOT = Path(__file__).parent.parent
 CODES = {
     "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
     "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
-    "implausible",
+    "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset",
 }  # fmt: skip
 DEFAULT = settings.load()
 VEHICLES = {
@@ -309,6 +310,28 @@ def test_another_vehicle_is_only_a_hint(tmp_path: Path) -> None:
     assert (told.code, told.severity) == ("vehicle-suspect", "info")
     assert "lever_ratio" in told.message
     assert not found(log, tmp_path, stated)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.4])
+@pytest.mark.parametrize("gradient", [-25.0, 0.0, 25.0])
+@pytest.mark.parametrize("rate", [1.0, 20.0])
+def test_the_friction_that_would_fit_is_told(
+    friction: float, gradient: float, rate: float, tmp_path: Path
+) -> None:
+    t = np.arange(0.0, 40.0, 1.0 / rate)
+    p = 4e5 * np.clip((t - 4.0) / 2.0, 0.0, 1.0) * np.clip((26.0 - t) / 2.0, 0.0, 1.0)
+    stated = settings.load(None, ["vehicle.lever_ratio=2.4"])
+    w = wheelset(stated.vehicle, 1)
+    slows = w.a * friction * (1.0 - w.rolling) * clamping_force(p, stated.vehicle)
+    slows += w.rolling * G * gradient / 1000.0 / 0.42
+    y = 90.0 - np.cumsum(slows) / rate + np.random.default_rng(2).normal(0.0, 3e-3, len(t))
+    rows = (f"{a:.3f},{b:.0f},{c:.5f}\n" for a, b, c in zip(t, p, y, strict=True))
+    path = tmp_path / "log.csv"
+    path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
+    one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
+    told = [f for f in align.records(one, stated.vehicle)[1] if f.code in CODES]
+    assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "info")] * (friction != 0.3)
+    assert all(f"friction = {friction:.2g}" in f.message for f in told)
 
 
 def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:

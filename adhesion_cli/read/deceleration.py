@@ -21,11 +21,13 @@ _HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
 _STARTING = 1.5  # nor does a train start harder [m/s²]
 _GRADIENT = 0.4  # deceleration that a gradient of 4 % explains [m/s²]
 _CHANGES = 0.15  # deceleration by which a gradient changes between two brakes [m/s²]
+_SLIDING = 1.0  # more than another brake usually adds, less than a slide [m/s²]
 _UNBRAKED = 0.5  # deceleration without pressure that no gradient explains [m/s²]
 _LASTS = 3.0  # and no slide protection [s]
 _CLEAR = 0.8  # share of the deceleration that goes with K where both are right
 _CLEARER = 0.9  # the same where K hardly varies: a wheel that locks slows evenly, too
-_NEAR = 1.15  # as near as this to a unit's factor, the unit is the likely cause
+_SIGMAS = 2.5  # of the stated tolerances are no finding
+_NEAR = 1.12  # as near as this to a unit's factor, the unit is the likely cause
 _ABSURD = 30.0  # no slide explains that either
 _ANY_VEHICLE = 6.0  # no vehicle is that far from another
 _LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
@@ -144,7 +146,8 @@ def another_factor(s: Scene) -> Iterator[Finding]:
     gradient = _CHANGES if fit.varied else _GRADIENT
     if factor <= 0.0 or abs(factor - 1.0) * fit.top * s.by_rolling < gradient:
         return
-    if abs(math.log(factor)) < math.log1p(3.0 * _tolerance(s.vehicle)):
+    allowed = _SIGMAS * _tolerance(s.vehicle)
+    if abs(math.log(factor)) < math.log1p(allowed):
         return
     # Braked all the time and slow to slow down: a rig or a gradient does that too.
     severity: Severity = "warning" if fit.varied or factor > 1.0 else "info"
@@ -156,7 +159,15 @@ def another_factor(s: Scene) -> Iterator[Finding]:
         text += f": it would fit with {' or '.join(units)}; state the unit in [channels]"
         text += f", or check {suspects}"
     elif 1.0 / _ANY_VEHICLE < factor < _ANY_VEHICLE:
-        code, severity, text = "vehicle-suspect", "info", f"{text}: check {suspects}"
+        code, severity = "vehicle-suspect", "info"
+        phi, mass = s.vehicle.friction.value, s.vehicle.axle_mass.value
+        text += (
+            f", the stated tolerances allow {100.0 * allowed:.0f} %: it would fit with "
+            f"friction = {factor * phi:.2g} or axle_mass = {mass / factor:.0f}; "
+            f"check {suspects}, the pressure at rest, and whether "
+            f"{'an electric brake' if factor > 1.0 else 'traction'} or a gradient comes and goes "
+            "with the brake"
+        )
     else:
         text += f": check the units in [channels], and {suspects}"
     yield s.told(code, severity, text, s.axles[0].brake)
@@ -189,11 +200,14 @@ def unexplained(s: Scene) -> Iterator[Finding]:
         if not long.any():
             continue
         most = float(np.median(np.abs(off[long])))
-        severity: Severity = "warning" if most > _GRADIENT else "info"
+        # Nothing says that a single wheel rolls.
+        slides = g.train is None and len(s.axles) == 1 and way == "more" and most > _SLIDING
+        severity: Severity = "warning" if most > _GRADIENT and not slides else "info"
         text = (
             f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
-            "elsewhere: a stuck, cut off or drifting pressure sensor, another brake, or a gradient "
-            f"of {100.0 * most / G:.0f} %; leave these times out with --from and --to"
+            f"elsewhere: {'a long slide, ' * slides}a stuck, cut off or drifting pressure sensor, "
+            f"another brake, or a gradient of {100.0 * most / G:.0f} %; "
+            "leave these times out with --from and --to"
         )
         yield s.told("pressure-suspect", severity, text, s.axles[0].brake, long)
 
