@@ -67,6 +67,27 @@ def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None
     assert neso["rmse_n"] == pytest.approx(before["rmse_n"], rel=1e-6)
 
 
+def test_a_comparison_is_a_log_again_and_clean(run: Run, tmp_path: Path) -> None:
+    folder = ("-o", "again")
+    (tmp_path / "again").mkdir()
+    assert run("analyze", SAMPLES / "low-adhesion.mcap", "-a", "td").returncode == 0
+    assert run("compare", "-a", "td").returncode == 0  # its topics begin with low-adhesion.adhesion
+    done = run("analyze", "low-adhesion.compare.mcap", "-a", "td", "--json", *folder)
+    assert done.returncode == 0, done.stderr
+    again = json.loads(done.stdout)["results"][0]["axles"]
+    first = run("analyze", SAMPLES / "low-adhesion.mcap", "-a", "td", "--json", *folder)
+    for axle, of in zip(again, json.loads(first.stdout)["results"][0]["axles"], strict=True):
+        (td,), (same,) = axle["estimators"], of["estimators"]
+        assert td["against"] == "truth"
+        assert td["rmse_n"] == pytest.approx(same["rmse_n"], rel=1e-6)
+    for kind in ("adhesion", "compare"):
+        done = run("inspect", f"low-adhesion.{kind}.mcap", "--json")
+        assert done.returncode == 0, done.stdout
+        (log,) = json.loads(done.stdout)["logs"]
+        assert not [f["code"] for f in log["findings"] if f["severity"] != "info"]
+        assert "adhesion.Event" not in {c["reason"].split(":")[0] for c in log["channels"]}
+
+
 def test_compare_ranks_several_logs(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(rows())
     converted = run("convert", "a.csv", "b.mcap")

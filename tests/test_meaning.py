@@ -92,6 +92,56 @@ def test_reads_a_result_of_ours_but_not_its_estimates() -> None:
     assert not findings
 
 
+def test_a_result_says_by_its_types_what_it_holds_whatever_its_topics_begin_with() -> None:
+    prefix = "/wheel 7, reference of a true adhesion pipe"
+    fields = [
+        Field(f"{prefix}/axle/2/input", name, message_type="adhesion.AxleInput")
+        for name in ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed")
+    ]
+    fields += [Field(f"{prefix}/axle/2/truth", "force", message_type="adhesion.Truth")]
+    fields += [Field(f"{prefix}/axle/2/truth", "slip", message_type="adhesion.Truth")]
+    fields += [Field(f"{prefix}/axle/2/slip", "slip", message_type="adhesion.Slip")]
+    meant, findings = understood(fields, ())
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        ("pressure", 2, "Pa"), ("clamping_force", 2, "N"), (WHEEL, 2, "rad/s"), (TRAIN, 2, "m/s"),
+        ("truth", 2, "N"), (None, 2, ""), (None, 2, ""),
+    ]  # fmt: skip
+    assert not findings
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("adhesion trial clamping force [N]", "clamping_force"),
+        ("/x.adhesion/axle/1/input.clamping_force [N]", "clamping_force"),
+        ("K_true [N]", "clamping_force"),
+        ("brake force for adhesion test [N]", None),
+        ("actual brake force [kN]", None),
+        ("true normal force [N]", None),
+        ("/adhesion/axle 1/force [N]", None),
+        ("/adhesion/axle 1/F [N]", None),
+        ("adhesion rig load [N]", None),
+        ("actual adhesion force [N]", "truth"),
+        ("adhesion force axle 2 [kN]", "truth"),
+        ("Kraftschluss 2 [kN]", "truth"),
+        ("F_adh_1 [N]", "truth"),
+        ("F_true [N]", "truth"),
+        ("黏着力(N)", "truth"),
+    ],
+)
+def test_only_a_force_that_is_called_adhesion_or_true_is_the_truth(
+    name: str, meaning: str | None
+) -> None:
+    ((found, _, _),) = seen(name)
+    assert found == meaning
+
+
+def test_a_folder_of_topics_called_adhesion_makes_no_truth() -> None:
+    fields = ("clamping_force", "bc_pressure", "wheel_speed", "force")
+    meant = [seen((f"/adhesion_rig/axle/1/{f}", "value"))[0][0] for f in fields]
+    assert meant == ["clamping_force", PRESSURE, WHEEL, None]
+
+
 def test_axles_counted_from_zero_move_up_and_are_told() -> None:
     fields = [Field(n) for n in ("p_bc_0 [bar]", "p_bc_1 [bar]", "omega_0 [rad/s]")]
     meant, findings = understood(fields, ())

@@ -98,7 +98,8 @@ def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meanin
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; a result of ours says itself what it holds, mappings are about raw logs."""
-    return understood(source.fields, () if "adhesion.settings" in source.metadata else mappings)
+    fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # no series of numbers
+    return understood(fields, () if "adhesion.settings" in source.metadata else mappings)
 
 
 def _without_empty(log: Log) -> Log:
@@ -211,10 +212,16 @@ def _channel(
 ) -> tuple[Channel, list[Finding]]:
     told = title(m.field)
     findings: list[Finding] = []
-    if m.field.message_type.startswith("adhesion."):  # our own files say NaN where there is none
+    ours = m.field.message_type.startswith("adhesion.")
+    if ours:  # our own files say NaN where there is none
         column = replace(column, valid=column.valid & np.isfinite(column.value))
     step = _step(column.value[column.valid])
     axis = timeaxis.clean(told, column, start, max_gap)
+    if ours:  # such a stretch is no gap in the log
+        n = len(column.t)
+        stamps = Column(column.t, np.zeros(n), np.ones(n, dtype=np.bool_))
+        whole = timeaxis.clean(told, stamps, start, max_gap)
+        axis = replace(axis, findings=whole.findings, gaps=whole.gaps)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
     if (unit := units.unit(m.unit)) and _measures(unit, m):
         radius = vehicle.radius(m.axle or 1).value

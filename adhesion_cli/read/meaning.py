@@ -63,10 +63,14 @@ _VOCABULARY = {
         limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机""",
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
+    "other force": """
+        brake braking brems bremskraft friction reib traction tractive drawbar coupler buffer spring
+        normal vertical lateral load wheelload zug radlast 制动 闸 牵引 垂向 横向""",
     "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",
     "absolute": "abs absolute absolut 绝对 绝压",
     "bogie": "bogie bogies truck drehgestell dg 转向架",
-    "true": "true truth wahr actual real 真 实际",
+    "true": "true truth wahr 真",
+    "actual": "actual real 实际",
     "estimated": """
         estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak
         available limit utilisation utilization slip slope 估 系数 误差""",
@@ -85,12 +89,16 @@ _CONVENTIONS: tuple[tuple[str, str, str], ...] = (
     (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),  # says absolute, see checks
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
-    (r"adhesion\.AxleInput", r"^brake_cylinder_pressure$", "Pa"),
-    (r"adhesion\.AxleInput", r"^clamping_force$", "N"),
-    (r"adhesion\.AxleInput", r"^wheel_speed$", "rad/s"),
-    (r"adhesion\.AxleInput", r"^train_speed$", "m/s"),
-    (r"adhesion\.Truth", r"^force$", "N"),
 )
+# What results of ours hold, by message type and field: their topics begin with a log's name, which
+# may say anything.
+_OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
+    ("adhesion.AxleInput", "brake_cylinder_pressure"): ("pressure", "Pa"),
+    ("adhesion.AxleInput", "clamping_force"): ("clamping_force", "N"),
+    ("adhesion.AxleInput", "wheel_speed"): ("wheel_speed", "rad/s"),
+    ("adhesion.AxleInput", "train_speed"): ("train_speed", "m/s"),
+    ("adhesion.Truth", "force"): ("truth", "N"),
+}
 
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 
@@ -121,7 +129,9 @@ def _has(kind: str, words: Sequence[str]) -> str:
 
 
 def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
-    """Meaning, axle, unit and reason, from names alone."""
+    """Meaning, axle, unit and reason: a message of ours says by its type, others by their names."""
+    if ours := _of_ours(field):
+        return ours
     base, unit = units.in_name(field.label or field.channel if not field.path else field.channel)
     path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
     label, label_unit = units.in_name(field.label)
@@ -154,11 +164,19 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
         return None, axle, text, "not a quantity we use"
     is_force = dimension == "force" or (not dimension and bool(_has("force", primary)))
     true = _has("true", words)
-    if is_force and not _has("estimated", words) and (true or _has("adhesion", words)):
-        return meant("truth", true, _has("adhesion", words))
+    adhesion = _adhesion_force(primary)
     clamping = _has("clamping", primary)
+    if clamping == "k" and (adhesion or (true and _has("force", primary))):
+        clamping = ""  # an index
     if clamping and dimension in ("force", "") and (is_force or "夹" in clamping):
         return meant("clamping_force", clamping, _has("force", primary))
+    if (
+        is_force
+        and (true or adhesion)
+        and not _has("estimated", words)
+        and not _has("other force", primary)
+    ):
+        return meant("truth", true, adhesion)
     pressure, cylinder = _has("pressure", primary), _has("cylinder", words)
     if dimension in ("pressure", "") and (
         pressure or _has("cylinder", primary) or (dimension and cylinder)
@@ -177,12 +195,42 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
             return None, axle, text, f"a speed, but {other!r} is not measured on wheel or train"
         if dimension in ("pulse rate", "count", "angle") and not (wheel or speed):
             return None, axle, text, "nothing in the name says wheel or axle"
-        if true and not wheel:
+        if (true := true or _has("actual", words)) and not wheel:
             return meant("train_speed", true, speed)
         if train and not wheel and dimension in ("speed", ""):
             return meant("train_speed", train, speed)
         return meant("wheel_speed", wheel, speed)
     return None, axle, text, "no name we know"
+
+
+def _of_ours(field: Field) -> tuple[Meaning | None, int | None, str, str] | None:
+    """As `_guess`, for a message of a result of ours; None for any other.
+
+    >>> _of_ours(Field("/adhesion 7/axle/2/input", "clamping_force", message_type="adhesion.AxleInput"))
+    ('clamping_force', 2, 'N', 'by definition of adhesion.AxleInput')
+    """
+    if not field.message_type.startswith("adhesion.") or field.message_type == "adhesion.Scalar":
+        return None  # a Scalar is any channel of a log that was converted or simulated
+    place = re.search(r"/axle/(\d+)/", field.channel)
+    axle = int(place[1]) if place else None
+    if known := _OURS.get((field.message_type, field.path)):
+        return known[0], axle, known[1], f"by definition of {field.message_type}"
+    return None, axle, field.unit, f"{field.message_type}: no input of an analysis"
+
+
+def _adhesion_force(words: Sequence[str]) -> str:
+    """The word that calls this an adhesion force, "" where none does.
+
+    Next to the word for a force; or, where there is none, beside nothing but an axle: a force for
+    an adhesion test is no adhesion force.
+    """
+    aside = [w for w in words if not (w.isdigit() or _has("true", [w]) or _has("actual", [w]))]
+    for i, word in enumerate(aside):
+        near = aside[max(0, i - 1) : i + 2]
+        if _has("adhesion", [word]) and _has("force", near):
+            return word
+    bare = [w for w in aside if not _has("wheel", [w]) and not _has("bogie", [w])]
+    return _has("adhesion", bare) if len(bare) == 1 else ""
 
 
 def _axle(field: Field) -> int | None:
