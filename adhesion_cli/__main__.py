@@ -1,6 +1,95 @@
-"""`python -m adhesion_cli` and the `adhesion` command."""
+"""`python -m adhesion_cli` and the `adhesion` command: the only place that exits."""
 
-from .cli.app import main
+import gc
+import io
+import json
+import os
+import signal
+import sys
+import traceback
+from types import FrameType
+from typing import NoReturn
+
+from .errors import UserError
+from .text import printable, utf8
+
+
+def main() -> NoReturn:
+    """Runs the command line and exits: 0 done, 1 failed, 2 wrong arguments, 3 data lost."""
+    # What is imported stays: looking through it for garbage again and again is a tenth of a run.
+    gc.set_threshold(100_000)
+    try:
+        signal.signal(signal.SIGTERM, _terminated)
+        _prepare_streams()
+        from .cli.app import run  # slow enough to be interrupted
+
+        code = run()
+        sys.stdout.flush()
+    except UserError as error:
+        code = _failed(error.text, error.hint, error.code)
+    except KeyboardInterrupt:
+        code = _failed("interrupted", "nothing was left half-written", 130)
+    except BrokenPipeError:  # whoever read our output is gone
+        _drop_output()
+        code = 1
+    except (OSError, MemoryError) as error:
+        code = _failed(_of_system(error), "free the resource and run again; --debug shows where", 1)
+    except Exception as error:
+        text = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
+        code = _failed(text, "run again with --debug and report what it shows", 1)
+    sys.exit(code)
+
+
+def _prepare_streams() -> None:
+    """A character that an output's encoding lacks becomes its code, not an error after the work.
+
+    Raises:
+        UserError: where the results would go nowhere.
+    """
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115  (else print means stdout)
+    if sys.stdout is None:
+        hint = "redirect it to a file, or to /dev/null"
+        raise UserError("standard output is closed", hint)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _terminated(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)  # unwinds, so that temporary files are removed
+
+
+def _of_system(error: OSError | MemoryError) -> str:
+    if isinstance(error, OSError):
+        return ": ".join(str(p) for p in (error.filename, error.strerror or error) if p)
+    return "out of memory"
+
+
+def _failed(text: str, hint: str, code: int) -> int:
+    """Says what went wrong: two lines on stderr, or with --json a document on stdout.
+
+    With --debug the traceback goes before it, to stderr; nothing else changes.
+    """
+    if "--debug" in sys.argv:
+        traceback.print_exc()
+    if "--json" in sys.argv and sys.stdout:
+        document = {"schema": "adhesion.error/1", "error": utf8(text), "hint": utf8(hint)}
+        try:
+            print(json.dumps(document), flush=True)
+            return code
+        except OSError:  # a full disk may be what went wrong: say so where it can be read
+            _drop_output()
+    print(f"error: {printable(text)}", file=sys.stderr)
+    if hint:
+        print(f"hint: {printable(hint)}", file=sys.stderr)
+    return code
+
+
+def _drop_output() -> None:
+    """Sends what is still to be printed nowhere, else the interpreter fails on it at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
 
 if __name__ == "__main__":
     main()

@@ -11,6 +11,7 @@ import numpy as np
 
 from .model import Finding, Floats, Result
 from .slip import Summary
+from .text import utf8
 
 
 def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -139,5 +140,16 @@ def _median(values: Floats) -> float | None:
 
 
 def dumps(document: dict[str, Any]) -> str:
-    """A document as JSON; a NaN in it is a mistake of ours and raises."""
-    return json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False)
+    """A document as JSON in ASCII, for any terminal; a NaN in it is a mistake of ours and raises.
+
+    A file name that is not UTF-8 has codes for the bytes that are none, as no JSON holds them.
+    """
+    return json.dumps(_utf8(document), indent=1, allow_nan=False)
+
+
+def _utf8(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _utf8(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_utf8(v) for v in value]
+    return utf8(value) if isinstance(value, str) else value

@@ -21,6 +21,15 @@ def printable(text: str) -> str:
     )
 
 
+def utf8(text: str) -> str:
+    r"""The text with what UTF-8 does not hold, bytes of a file name that are none, as its code.
+
+    >>> utf8("bad\udcff.csv")
+    'bad\\udcff.csv'
+    """
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def distinct(names: list[str]) -> list[str]:
     """The same names, each later repetition numbered.
 

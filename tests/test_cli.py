@@ -359,25 +359,48 @@ def test_errors_of_the_reference_are_those_while_braking(run: Run, tmp_path: Pat
     assert axle["reference"]["band_n"] > 100.0  # 10 % of the pad friction on some kN
 
 
+def viewed(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
+    """`adhesion view`, which then tells what it would show: no window in a test."""
+    code = "import sys; from adhesion_cli import __main__; from adhesion_cli.cli import view\n"
+    code += f"view.show_recording = print; sys.argv[1:] = ['view', {name!r}]; __main__.main()"
+    return subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
 def test_view_makes_a_recording_anew_and_keeps_the_set_whole(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(rows())
     assert run("analyze", "a.csv", "--algo", "td", "--set", "vehicle.phi=0.2").returncode == 0
     recording, manifest = tmp_path / "a.adhesion.rrd", tmp_path / "a.adhesion.sha256"
-    recording.unlink()
+    record = tmp_path / "a.adhesion.mcap"
     (tmp_path / "adhesion.toml").write_text("friction = 0.25\n")  # came later than the result
-    code = "import sys; from pathlib import Path; from adhesion_cli.cli import view\n"
-    code += "view.show_recording = lambda path: print(path)\n"  # no window in a test
-    code += "sys.exit(view.command(result=Path('a.adhesion.mcap'), quiet=True, debug=False))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == "a.adhesion.rrd\n"
-    told = dict(reversed(x.split("  ")) for x in manifest.read_text().splitlines()[1:])
-    assert told == {
-        p.name: hashlib.sha256(p.read_bytes()).hexdigest()
-        for p in (tmp_path / "a.adhesion.mcap", recording)
-    }
+    for spoil in (recording.unlink, lambda: recording.write_bytes(b"another's"), manifest.unlink):
+        spoil()
+        done = viewed(tmp_path, record.name)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout == "a.adhesion.rrd\n"
+        told = dict(reversed(x.split("  ")) for x in manifest.read_text().splitlines()[1:])
+        assert told == {
+            p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in (record, recording)
+        }
+    made = recording.stat().st_mtime_ns
+    record.touch()  # later than the recording, and the same
+    assert viewed(tmp_path, record.name).returncode == 0
+    assert recording.stat().st_mtime_ns == made
+
+
+def test_view_makes_no_recording_of_what_is_no_analysis(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    assert run("convert", "a.csv", "raw.mcap").returncode == 0
+    assert run("compare", "a.csv", "raw.mcap", "-a", "td").returncode == 0
+    assert viewed(tmp_path, "a.compare.mcap").stdout == "a.compare.rrd\n"
+    (tmp_path / "a.compare.rrd").write_bytes(b"another's")
+    before = {p: p.read_bytes() for p in tmp_path.iterdir()}
+    for name in ("raw.mcap", "a.compare.mcap"):
+        done = viewed(tmp_path, name)
+        assert done.returncode == 1
+        assert done.stderr.startswith(f"error: {name}: {Path(name).stem}.rrd is missing, or not")
+    assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
 def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path) -> None:

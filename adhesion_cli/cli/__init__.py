@@ -1,1 +1,1 @@
-"""One thin file per command: parse, one call, print; `app` is the only place that exits."""
+"""One thin file per command: parse, one call, print; `__main__` is the only place that exits."""

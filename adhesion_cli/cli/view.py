@@ -1,7 +1,9 @@
 """`adhesion view`: a result in the Rerun viewer."""
 
 import functools
+import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -9,42 +11,57 @@ import typer
 
 from .options import Shared, shared
 
+_ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
+
 
 @shared()
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result: .mcap or .rrd.")],
     shared: Shared,
 ) -> int:
-    """Open a result in the Rerun viewer, in its saved layout; the .rrd is made first if needed.
+    """Open a result in the Rerun viewer, in its saved layout.
 
-    Example: adhesion view log.adhesion.mcap
+    The .rrd of an analysis is made anew where it is missing or was not made from this result.
+
+    Example: adhesion view leaf-film.adhesion.mcap
     """
-    recording = result.with_suffix(".rrd")
-    if result.suffix == ".mcap" and not _is_fresh(recording, result):
-        from .. import analysis, settings
-        from ..estimator import registry
-        from ..read.log import open_source
-        from ..read.source import ReadOptions
-        from ..write import files, rrd
-        from . import show
+    from ..write import files
+    from . import show
 
-        carried = open_source(result, ReadOptions()).metadata.get("adhesion.settings", {})
-        known = list(registry())
-        ran = [name for name in known if name in settings.nested(carried)]
-        load = functools.partial(settings.load, folder=False)  # as the result was made
-        analysed = analysis.analyze(result, load, ran, tell=show.progress(shared.quiet))
-        with files.outputs([recording], force=True, record=result) as (picture,):
-            rrd.write_result(picture, analysed, known)
+    recording = result.with_suffix(".rrd")
+    if result.suffix == ".mcap" and not files.belong_together([result, recording]):
+        _remake(result, recording, show.progress(shared.quiet))
     show_recording(recording)
     return 0
 
 
-def _is_fresh(recording: Path, result: Path) -> bool:
-    """Whether the .rrd beside a result was made from it; a missing result is told by its reader."""
-    try:
-        return recording.stat().st_mtime_ns >= result.stat().st_mtime_ns
-    except FileNotFoundError:
-        return False
+def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
+    """Writes the recording of one analysed log again, as the result says that it was made.
+
+    Raises:
+        UserError: for a file that is no such result: its recording shows something else.
+    """
+    from .. import analysis, settings
+    from ..errors import UserError
+    from ..estimator import registry
+    from ..read.log import open_source
+    from ..read.source import ReadOptions
+    from ..write import files, rrd
+    from ..write.names import SETTINGS
+
+    source = open_source(result, ReadOptions())
+    carried = settings.nested(source.metadata.get(SETTINGS, {}))
+    ran = {f.channel.rpartition("/")[2] for f in source.fields if _ESTIMATE.match(f.channel)}
+    if not carried or not ran:
+        raise UserError(
+            f"{result}: {recording.name} is missing, or not known to be made from it",
+            f"write both again by the command that wrote it, with --force; or view {recording}",
+        )
+    load = functools.partial(settings.load, folder=False)
+    algos = [name for name in registry() if name in ran]
+    analysed = analysis.analyze(result, load, algos, tell=tell)
+    with files.outputs([recording], force=True, record=result) as (picture,):
+        rrd.write_result(picture, analysed, list(registry()))
 
 
 def show_recording(recording: Path) -> None:

@@ -98,7 +98,7 @@ def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meanin
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; a result of ours says itself what it holds, mappings are about raw logs."""
-    fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # no series of numbers
+    fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # told, not measured
     return understood(fields, () if "adhesion.settings" in source.metadata else mappings)
 
 

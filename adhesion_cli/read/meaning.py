@@ -204,11 +204,7 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
 
 
 def _of_ours(field: Field) -> tuple[Meaning | None, int | None, str, str] | None:
-    """As `_guess`, for a message of a result of ours; None for any other.
-
-    >>> _of_ours(Field("/adhesion 7/axle/2/input", "clamping_force", message_type="adhesion.AxleInput"))
-    ('clamping_force', 2, 'N', 'by definition of adhesion.AxleInput')
-    """
+    """As `_guess`, for a message of a result of ours; None for any other."""
     if not field.message_type.startswith("adhesion.") or field.message_type == "adhesion.Scalar":
         return None  # a Scalar is any channel of a log that was converted or simulated
     place = re.search(r"/axle/(\d+)/", field.channel)

@@ -115,9 +115,9 @@ def outputs(
             targets = list(paths)
             if len(paths) + len(kept) > 1:
                 text = _manifest([*kept, *paths], [*kept, *(f.path for f in files)])
-                targets.append(paths[0].with_suffix(".sha256"))
+                targets.append(_manifest_of(paths[0]))
                 files.append(stack.enter_context(_Unnamed(folder)))
-                files[-1].path.write_text(text, "utf-8")
+                files[-1].path.write_text(text, "utf-8", "surrogateescape")
             for file in files:
                 os.fsync(file.descriptor)
             with _locked(folder):
@@ -202,19 +202,34 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def belong_together(paths: Sequence[Path]) -> bool:
+    """Whether a manifest of ours lists these files of one set with the content they have now."""
+    try:
+        told = _manifest_of(paths[0]).read_text("utf-8", "surrogateescape")
+        listed = set(told.removeprefix(_OURS).splitlines(keepends=True))
+        return told.startswith(_OURS) and all(_line(p.name, p) in listed for p in paths)
+    except FileNotFoundError:
+        return False
+
+
+def _manifest_of(path: Path) -> Path:
+    return path.with_suffix(".sha256")
+
+
 def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> str:
-    lines = [_OURS]
-    for path, place in zip(paths, written, strict=True):
-        with place.open("rb") as content:
-            lines.append(f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {path.name}\n")
-    return "".join(lines)
+    return _OURS + "".join(_line(p.name, w) for p, w in zip(paths, written, strict=True))
+
+
+def _line(name: str, place: Path) -> str:
+    with place.open("rb") as content:
+        return f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {name}\n"
 
 
 def _remove_manifest(path: Path) -> None:
     """Remove the manifest that a result is listed in, if it is ours: it is about to be untrue."""
-    manifest = path.with_suffix(".sha256")
-    with suppress(FileNotFoundError, UnicodeDecodeError):
-        if manifest.read_text("utf-8").startswith(_OURS):
+    manifest = _manifest_of(path)
+    with suppress(FileNotFoundError):
+        if manifest.read_text("utf-8", "surrogateescape").startswith(_OURS):
             manifest.unlink()
 
 

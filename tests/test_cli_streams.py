@@ -1,0 +1,108 @@
+"""The command against its terminal: interrupts, encodings, outputs that are full, closed, gone."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+COMMAND = [sys.executable, "-m", "adhesion_cli"]
+ROWS = "时间[s],制动缸压力(kPa),轮速(km/h)\n" + "".join(
+    f"{i},{3 * i},{200 - i}\n" for i in range(100)
+)
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def test_the_bare_command_shows_its_help(run: Run) -> None:
+    bare, asked = run(), run("--help")
+    assert (bare.returncode, asked.returncode) == (2, 0)
+    assert not bare.stdout
+    assert bare.stderr == asked.stdout
+    assert "\n  analyze " in asked.stdout
+
+
+@pytest.mark.parametrize("as_json", [True, False])
+def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
+    arguments = ["reproduce", *(["--json"] if as_json else [])]
+    code = (
+        "import sys, time; from adhesion_cli import __main__, reproduce\n"
+        "def wait(**_): open('begun', 'w').close(); time.sleep(60)\n"
+        f"reproduce.reproduce = wait; sys.argv[1:] = {arguments!r}; __main__.main()"
+    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, **pipes) as process:  # type: ignore[call-overload]
+        until = time.monotonic() + 60.0
+        while not (tmp_path / "begun").exists() and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    if as_json:
+        assert json.loads(out)["error"] == "interrupted"
+        assert not err
+    else:
+        assert not out
+        assert err.startswith("error: interrupted\nhint: ")
+    assert [p.name for p in tmp_path.iterdir()] == ["begun"]
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_a_terminal_without_the_letters_gets_their_codes(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "a.csv").write_text(ROWS, encoding="utf-8")
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    for command, holds in (
+        (["inspect", "a.csv"], r"\u8f6e\u901f(km/h)"),
+        (["inspect", "a.csv", "--json"], r'"\u8f6e\u901f(km/h)"'),
+        (["estimators"], "neso.beta1"),
+    ):
+        done = subprocess.run(
+            [*COMMAND, *command], cwd=tmp_path, env=environment, capture_output=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert holds in done.stdout.decode(encoding)
+
+
+def test_a_file_name_that_is_no_text(run: Run, tmp_path: Path) -> None:
+    name = os.fsdecode(b"bad\xff.csv")
+    (tmp_path / name).write_text(ROWS, encoding="utf-8")
+    done = run("analyze", name, "-a", "td", "--json")
+    assert done.returncode == 0, done.stderr
+    (result,) = json.loads(done.stdout)["results"]
+    assert result["log"]["path"] == r"bad\udcff.csv"
+    assert "wrote" in run("analyze", name, "-a", "td", "--force").stdout
+    checked = ["sha256sum", "-c", os.fsdecode(b"bad\xff.adhesion.sha256")]
+    assert subprocess.run(checked, cwd=tmp_path, check=False, capture_output=True).returncode == 0
+    missing = run("analyze", os.fsdecode(b"none\xff.csv"), "--json")
+    assert json.loads(missing.stdout)["error"] == r"none\udcff.csv: no such file"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_results_that_cannot_be_printed_are_an_error(options: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*COMMAND, "estimators", *options],
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert [line.split(":")[0] for line in done.stderr.splitlines()] == ["error", "hint"]
+    closed = subprocess.run(
+        ["sh", "-c", '"$@" >&-', "sh", *COMMAND, "estimators", *options],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert closed.returncode == 1
+    assert closed.stderr.startswith("error: standard output is closed\nhint: ")
+
+
+def test_without_stderr_nothing_but_results_is_on_stdout(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["sh", "-c", '"$@" 2>&-', "sh", *COMMAND, "analyze", "missing.csv"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
