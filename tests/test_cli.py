@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from adhesion_cli import settings
+from adhesion_cli.cli.app import app
 from adhesion_cli.read.log import open_source
 from adhesion_cli.read.source import ReadOptions
 
@@ -114,6 +116,28 @@ def test_convert_there_and_back_loses_nothing(run: Run, tmp_path: Path) -> None:
     again = (tmp_path / "c.csv").read_text().splitlines()[1:]
     for line, original in zip(again, rows(40).splitlines()[1:], strict=True):
         assert [float(x) for x in line.split(",")] == [float(x) for x in original.split(",")]
+
+
+def test_convert_takes_no_channel_for_anything(run: Run, tmp_path: Path) -> None:
+    header = "time [s],bogie 1 bc pressure [bar],left wheel speed [km/h],right wheel speed [km/h]\n"
+    (tmp_path / "a.csv").write_text(
+        header + "".join(f"{i},0,{70 - i},{70 - i}\n" for i in range(9))
+    )
+    assert run("inspect", "a.csv").returncode == 3  # which wheel speed it is
+    done = run("convert", "a.csv", "b.csv")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "b.csv").read_text().splitlines()[0].replace('"', "") == header.strip()
+
+
+def test_compare_says_which_log_a_finding_is_from(run: Run, tmp_path: Path) -> None:
+    lines = rows(600).splitlines()
+    (tmp_path / "whole.csv").write_text(rows(600))
+    (tmp_path / "cut.csv").write_text("\n".join(lines[:300] + lines[400:]) + "\n")
+    done = run("compare", "whole.csv", "cut.csv", "-a", "td")
+    assert done.returncode == 3
+    told = done.stderr.splitlines()
+    assert "warning gap" in told[told.index("cut.csv:") + 1]
+    assert not any("gap" in line for line in told[: told.index("cut.csv:")])
 
 
 def test_settings_change_the_result_and_a_result_keeps_them(run: Run, tmp_path: Path) -> None:
@@ -366,6 +390,21 @@ def viewed(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
     )
+
+
+def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) -> None:
+    examples = {
+        c.name: re.findall(r"Example: adhesion (.*)", c.callback.__doc__ or "")
+        for c in app.registered_commands
+        if c.callback
+    }
+    assert all(len(found) == 1 for found in examples.values()), examples
+    assert examples.pop("reproduce") == ["reproduce"]  # long, and has tests of its own
+    (shown,) = examples.pop("view")
+    for (example,) in [examples.pop("simulate"), *examples.values()]:  # makes what the others take
+        done = run(*example.split())
+        assert done.returncode == 0, (example, done.stderr)
+    assert viewed(tmp_path, shown.split()[1]).stdout == "leaf-film.adhesion.rrd\n"
 
 
 def test_view_makes_a_recording_anew_and_keeps_the_set_whole(run: Run, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Of several logs all are analysed before anything is written: one that fails leaves no results.
 
-    Example: adhesion analyze log.mcap -c vehicle.toml
+    Example: adhesion analyze leaf-film.mcap --set vehicle.phi=0.28
     """
     from ..analysis import analyze
     from ..document import document, dumps, entry

@@ -12,19 +12,20 @@ from .options import EVERY, Shared, checked, rejects, shared, targets
 def command(
     shared: Shared,
     logs: Annotated[
-        list[Path] | None, typer.Argument(metavar="[LOG...]", help="Logs and results.")
+        list[Path] | None, typer.Argument(metavar="LOG", help="Logs and results.")
     ] = None,
 ) -> int:
     """Rank the estimators against truth where the log has it, else against the reference.
 
     With no LOG: the newest *.adhesion.mcap here, else the bundled sample.
 
-    Example: adhesion compare a.mcap b.csv --algo neso --algo leso
+    Example: adhesion compare leaf-film.mcap --algo neso --algo leso
     """
     from ..analysis import analyze
     from ..document import document, dumps, entry
     from ..estimator import registry
     from ..metrics import overall
+    from ..text import printable
     from ..write import files, mcap, rrd
     from . import show
     from .analyze import embedded, named, outputs
@@ -48,7 +49,6 @@ def command(
     ):
         mcap.write_comparison(record, results, embedded(results))
         rrd.write_comparison(picture, results, list(registry()))
-    found = [f for r in results for f in r.findings]
     if shared.json:
         print(dumps(document([entry(r, named(pair)) for r in results])))
     else:
@@ -62,14 +62,15 @@ def command(
         if len(groups) > 1:
             rows += [("all", s) for s in overall(groups)]
         print(show.scores(rows, "log"))
-        if found:
-            show.message(show.findings(found), shared.quiet)
+        for r in results:
+            name = f"{printable(r.log.path)}:\n" if len(results) > 1 else ""
+            show.message(name + show.findings(r.findings), shared.quiet or not r.findings)
         print(f"wrote {pair[0]}\nwrote {pair[1]}")
     if shared.view:
         from .view import show_recording
 
         show_recording(pair[1])
-    return 3 if show.lossy(found) else 0
+    return 3 if any(show.lossy(r.findings) for r in results) else 0
 
 
 def _newest() -> Path:

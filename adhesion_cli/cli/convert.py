@@ -16,7 +16,7 @@ def command(
 ) -> int:
     """Write a log's channels, as logged, in the format of OUT's suffix; units survive.
 
-    Example: adhesion convert log.csv log.mcap
+    Example: adhesion convert leaf-film.mcap leaf-film.csv
     """
     from ..read.log import open_source, unchanged
     from ..write import files

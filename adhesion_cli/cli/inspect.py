@@ -15,7 +15,7 @@ _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 def command(logs: Logs, shared: Shared) -> int:
     """Show channels, what each means and why, units, rates, gaps and everything found.
 
-    Example: adhesion inspect log.csv
+    Example: adhesion inspect leaf-film.mcap
     """
     from ..document import dumps
     from ..inspection import inspect

@@ -13,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from ..model import Log
 
-Logs = Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs: CSV, MCAP or results.")]
+Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
 
 def _option(*flags: str, text: str, metavar: str | None = None, low: int | None = None) -> Any:

@@ -18,7 +18,7 @@ def command(
 
     With --strict: refuse where something was lost.
 
-    Example: adhesion recover damaged.mcap -o whole.mcap
+    Example: adhesion recover leaf-film.mcap -o whole.mcap
     """
     from ..read.mcap import copy_whole
     from ..read.source import ReadOptions

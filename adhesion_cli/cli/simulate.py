@@ -19,7 +19,8 @@ def command(
     ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Show the bundled scenarios.")] = False,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of the noise, for the scenario's.")
+        int | None,
+        typer.Option("--seed", metavar="N", min=0, help="Seed of the noise, for the scenario's."),
     ] = None,
     dt: Annotated[
         float | None,

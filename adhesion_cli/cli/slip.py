@@ -15,7 +15,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Without a train speed, one is made of all axles.
 
-    Example: adhesion slip log.mcap --set bands.slip_high=0.15
+    Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
     """
     from ..analysis import analyze
     from ..document import dumps, findings_document, slip_axle

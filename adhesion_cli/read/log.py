@@ -135,15 +135,19 @@ def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
-    """Every numeric channel of an opened log as it is, in its own unit: for `convert`."""
-    meant, findings = _understood(source, mappings)
+    """Every numeric channel of an opened log as it is, in its own unit: for `convert`.
+
+    What a channel is taken for is nothing to a copy: neither told, nor a channel twice where it
+    serves two axles.
+    """
+    meant = {m.field: m for m in _understood(source, mappings)[0]}.values()
 
     def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.
         place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
         return Channel(*place, column, len(column.t)), []
 
-    return _log(source, meant, findings, as_logged)
+    return _log(source, list(meant), [], as_logged)
 
 
 def _log(
