@@ -47,7 +47,7 @@ def inspect(
         "start": iso(first) if log.absolute and log.channels else None,
         "duration_s": (last - first) / 1e9,
         "time": source.time_reason,
-        "stated": source.stated,
+        "stated": {k: v for k, v in source.stated.items() if k != "time"},
         "channels": [
             {
                 "name": c.name, "field": c.field, "meaning": c.meaning, "axle": c.axle,

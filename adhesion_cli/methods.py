@@ -114,13 +114,7 @@ def validated(of: Tunable, overrides: Mapping[str, float]) -> Any:
     for name, value in overrides.items():
         if name not in known:
             raise unknown(f"parameter of {of.name}", name, list(known))
-        q = known[name]
-        if not q.low <= value <= q.high:
-            raise UserError(
-                f"{of.name}.{name} = {value:g} is out of range ({q.text})",
-                f"{q.low:g} to {q.high:g} {q.unit}",
-                code=2,
-            )
+        known[name].check(f"{of.name}.{name}", value)
     return of.Params(**{name: float(value) for name, value in overrides.items()})
 
 

@@ -47,6 +47,24 @@ class Quantity:
     high: float = float("inf")
     symbol: str = ""  # the papers' letter, spelled out: another name users may write
 
+    @property
+    def range(self) -> str:
+        """The values allowed, with their unit."""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        if self.high == float("inf"):
+            return f"from {self.low:g}{unit}"
+        return f"{self.low:g} to {self.high:g}{unit}"
+
+    def check(self, name: str, value: float) -> float:
+        """The value, if it is one of those allowed.
+
+        Raises:
+            UserError: names it, its meaning and its range; also for NaN.
+        """
+        if not self.low <= value <= self.high:
+            raise UserError(f"{name} = {value:g} is out of range", f"{self.text}: {self.range}", 2)
+        return value
+
 
 @dataclass(frozen=True, slots=True)
 class Column:

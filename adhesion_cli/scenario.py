@@ -1,7 +1,6 @@
 """Scenarios of the simulator: what a TOML may state, checked once; all SI."""
 
 import math
-import tomllib
 import types
 import typing
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from . import toml
 from .errors import UserError, unknown
 from .model import Parameter, Quantity, Vehicle
 from .rail import Contact, condition
@@ -19,6 +19,7 @@ INF = math.inf
 
 Signal = Literal["pressure", "clamping_force", "wheel_speed", "train_speed", "truth", "slip"]
 
+_IS = "name a scenario TOML, or one of the bundled scenarios"
 _BUNDLED = Path(__file__).parent / "scenarios"
 _UNITS: dict[Signal, tuple[tuple[Dimension, ...], str]] = {
     "pressure": (("pressure",), "bar, kPa, Pa"),
@@ -223,7 +224,9 @@ class Scenario:
 
 def scenarios() -> dict[str, str]:
     """The bundled scenarios: name and one line on each."""
-    return {path.stem: _toml(path)["description"] for path in sorted(_BUNDLED.glob("*.toml"))}
+    return {
+        path.stem: toml.read(path, _IS)["description"] for path in sorted(_BUNDLED.glob("*.toml"))
+    }
 
 
 def load(name_or_path: str | Path) -> Scenario:
@@ -238,19 +241,9 @@ def load(name_or_path: str | Path) -> Scenario:
         path = _BUNDLED / f"{name_or_path}.toml"
         if not path.exists():
             raise unknown("scenario", str(name_or_path), list(scenarios()))
-    scenario: Scenario = _table(Scenario, {"name": path.stem, **_toml(path)}, path.name)
+    scenario: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _IS)}, path.name)
     _check(scenario, path.name)
     return scenario
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except OSError as e:
-        hint = "name a scenario TOML, or one of the bundled scenarios"
-        raise UserError(f"{path}: {e.strerror}", hint, code=2) from e
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise UserError(f"{path}: {e}", "scenarios are TOML files", code=2) from e
 
 
 def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
@@ -290,10 +283,7 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
             return value
     elif isinstance(value, (int, kind)) and not isinstance(value, bool):
         assert quantity is not None
-        if not quantity.low <= value <= quantity.high:
-            hint = f"{quantity.text}: {quantity.low:g} to {quantity.high:g} {quantity.unit}"
-            raise UserError(f"{where} = {value:g} is out of range", hint, code=2)
-        return kind(value)
+        return kind(quantity.check(where, value))
     wanted = {str: "a text", int: "a whole number", float: "a number", Parameter: "a number"}
     text = wanted.get(kind, "a table" if is_dataclass(kind) else "a list of that length")
     raise UserError(f"{where} = {value!r} is not {text}", "see the bundled scenarios", code=2)

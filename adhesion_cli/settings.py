@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_type_hints
 
-from . import controller, estimator, methods
+from . import controller, estimator, methods, toml
 from .errors import UserError, unknown
 from .estimator import Estimator
 from .methods import Method
@@ -24,6 +24,7 @@ from .read.meaning import Mapping
 from .read.source import ReadOptions, TimeSource
 from .slope import Bands, Params
 
+_IS = "settings are TOML, for example: [vehicle], and below it: friction = 0.3"
 _CSV = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 _MCAP = {"max_inflated": int, "max_record": int}
 _TIME = {"channel": str, "unit": str, "source": str}
@@ -102,9 +103,9 @@ def load(
     if base:
         layers.append({k: v for k, v in base.items() if k not in _OF_LOG})
     if folder and here.is_file():
-        layers.append(_toml(here))
+        layers.append(toml.read(here, _IS))
     if config:
-        layers.append(_toml(config))
+        layers.append(toml.read(config, _IS))
     flags: dict[str, Any] = {}
     for text in assignments:
         _merge(flags, _assignment(text))
@@ -174,17 +175,6 @@ def nested(flat: Tree[str, str]) -> dict[str, Any]:
             value = {section: value}
         _merge(out, value)
     return out
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: no such file", "-c takes a TOML file", code=2) from None
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "-c takes a TOML file", code=2) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path}: {error}", "see docs/settings.md for an example", code=2) from None
 
 
 def _assignment(text: str) -> dict[str, Any]:
@@ -284,7 +274,7 @@ def _checked(
     values = _fields(section, tree.get(section, {}), kinds)
     for name, value in values.items():
         if isinstance(value, float):
-            _in_range(f"{section}.{name}", value, hints[name])
+            hints[name].check(f"{section}.{name}", value)
     return values
 
 
@@ -349,7 +339,7 @@ def _parameter(key: str, stated: Any, default: Parameter, q: Quantity) -> Parame
         if "tolerance" in table
         else share * abs(value)
     )
-    _in_range(name, value, q)
+    q.check(name, value)
     if tolerance < 0.0:
         raise UserError(
             f"{name}: tolerance is negative", "1 sigma, in the parameter's unit", code=2
@@ -435,9 +425,3 @@ def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UserError(f"{name} = {value!r} is not a number", "write a plain number, SI", code=2)
     return float(value)
-
-
-def _in_range(name: str, value: float, q: Quantity) -> None:
-    if not q.low <= value <= q.high:
-        message = f"{name} = {value:g} is outside {q.low:g} to {q.high:g} {q.unit}"
-        raise UserError(message, f"{q.text}, in {q.unit}", code=2)

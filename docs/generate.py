@@ -5,7 +5,6 @@ each command's --help; a test tells when these two pages are behind.
 """
 
 import dataclasses
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -149,7 +148,7 @@ def _table(rows: Iterator[tuple[str, str, Quantity]]) -> str:
 def _range(q: Quantity, default: str) -> str:
     if default.isalpha():  # a name
         return ""
-    return f"{q.low:g} to {q.high:g}" if math.isfinite(q.high) else f"from {q.low:g}"
+    return dataclasses.replace(q, unit="-").range  # its unit has a column
 
 
 def _kinds(head: str, keys: dict[str, type], defaults: Any = None) -> str:

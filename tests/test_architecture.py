@@ -15,7 +15,7 @@ PACKAGE = Path(adhesion_cli.__file__).parent
 # From bottom to top: a module may import only from layers below its own, or from its own folder.
 LAYERS = [
     {"__init__", "errors", "bundled"},
-    {"model", "text"},
+    {"model", "text", "toml"},
     {"physics", "methods", "stop"},
     {"estimator", "controller"},
     {"estimators", "compiled", "rail", "slope"},

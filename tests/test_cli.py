@@ -254,13 +254,20 @@ def test_lost_data_is_told_with_exit_code_3(run: Run, tmp_path: Path) -> None:
     assert "broken" in findings["csv-bad-cells"]["message"]
 
 
-def test_the_registry_is_shown(run: Run) -> None:
+def test_the_registry_is_shown_as_set(run: Run, tmp_path: Path) -> None:
     done = run("estimators", "--json")
     assert done.returncode == 0
     listed = {e["algo"]: e for e in json.loads(done.stdout)["estimators"]}
     beta1 = next(p for p in listed["neso"]["parameters"] if p["name"] == "beta1")
     assert beta1["default"] == 216.0
-    assert "neso.beta1" in run("estimators").stdout
+    assert beta1["value"] == 216.0
+    assert "  neso.beta1 = 100 " in run("estimators", "--set", "neso.beta1=100").stdout
+    (tmp_path / "adhesion.toml").write_text("[neso]\nbeta1 = 50\n")
+    (neso,) = json.loads(run("estimators", "--json", "-a", "neso").stdout)["estimators"]
+    values = {p["name"]: (p["value"], p["default"]) for p in neso["parameters"]}
+    assert values["beta1"] == (50.0, 216.0)
+    for wrong in ("--set neso.nonsense=100", "-c nope.toml", "--axle 1", "-o .", "--force"):
+        assert run("estimators", *wrong.split()).returncode == 2, wrong
 
 
 @pytest.mark.skipif(not SNCB.exists(), reason="the public SNCB log is not beside this checkout")

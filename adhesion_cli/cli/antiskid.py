@@ -32,8 +32,7 @@ def command(
         ),
     ] = [],  # noqa: B006
     seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", min=0, help="Seed of the noise, for the scenario's."),
+        int | None, typer.Option("--seed", min=0, help="Seed of the noise, for the scenario's.")
     ] = None,
     rails: Annotated[
         bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no files.")

@@ -9,6 +9,7 @@ from .options import Shared, loader, shared
 
 if TYPE_CHECKING:
     from ..estimator import Estimator
+    from ..settings import Settings
 
 
 @shared("config", "set_", "out", "algo", "axle", "json", "force")
@@ -18,27 +19,32 @@ def command(
         bool, typer.Option("--response", help="Measure gain, delay, noise over frequency.")
     ] = False,
 ) -> int:
-    """Show every online estimator: method, source, parameters with unit, range and default.
+    """Show every online estimator: method, source, parameters as set, with unit, range, default.
 
     With --response: how each answers to sines, at the settings stated; writes response.svg.
+    Only then --out, --axle and --force mean something.
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
     from ..analysis import chosen
     from ..document import dumps
+    from ..errors import UserError
 
-    known = chosen(shared.algo)
+    known, settings = chosen(shared.algo), loader(shared)()
     if response:
-        return _response(known, shared)
+        return _response(known, settings, shared)
+    if shared.out or shared.axle or shared.force:
+        text = "--out, --axle and --force say nothing without --response"
+        raise UserError(text, "add --response, or leave them out", code=2)
     if shared.json:
-        listed = [_entry(e) for e in known]
+        listed = [_entry(e, settings.params(e)._asdict()) for e in known]
         print(dumps({"schema": "adhesion.estimators/1", "estimators": listed}))
     else:
-        print("\n\n".join(_text(e) for e in known))
+        print("\n\n".join(_text(e, settings.params(e)._asdict()) for e in known))
     return 0
 
 
-def _entry(e: "Estimator") -> dict[str, object]:
+def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
     from ..document import finite
     from ..methods import parameters
 
@@ -49,7 +55,8 @@ def _entry(e: "Estimator") -> dict[str, object]:
         "claims": {k: c._asdict() for k, c in e.claims.items()},
         "parameters": [
             {
-                "name": name, "unit": q.unit, "text": q.text, "default": default,
+                "name": name, "unit": q.unit, "text": q.text,
+                "value": values[name], "default": default,
                 "low": finite(q.low), "high": finite(q.high),
             }
             for name, q, default in parameters(e)
@@ -57,24 +64,24 @@ def _entry(e: "Estimator") -> dict[str, object]:
     }  # fmt: skip
 
 
-def _text(e: "Estimator") -> str:
+def _text(e: "Estimator", values: dict[str, float]) -> str:
     from ..methods import parameters
 
     lines = [f"{e.name}: {e.title}", f"  {e.source}"]
     for name, q, default in parameters(e):
-        bounds = f"{q.low:g} to {q.high:g}"
-        lines.append(f"  {e.name}.{name} = {default:g} {q.unit}  ({bounds}) {q.text}")
+        unit = "" if q.unit == "-" else f" {q.unit}"
+        value = f"{e.name}.{name} = {values[name]:g}{unit}"
+        lines.append(f"  {value}  ({q.range}; default {default:g}) {q.text}")
     return "\n".join(lines)
 
 
-def _response(known: "list[Estimator]", shared: Shared) -> int:
+def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
     from ..document import dumps, finite
     from ..physics import wheelset
     from ..response import FREQUENCIES, panels, responses
     from ..write import files, svg
     from . import show
 
-    settings = loader(shared)()
     picture = (shared.out or Path()) / "response.svg"
     files.check([picture], shared.force)
     w = wheelset(settings.vehicle, min(shared.axle, default=1))

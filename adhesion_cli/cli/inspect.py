@@ -50,7 +50,7 @@ def _text(doc: dict[str, Any]) -> str:
     lines += [
         f"{name}: {printable(str(value))}"
         for name, value in doc["stated"].items()
-        if name != "time"
+        if value not in ("", None)
     ]
     rows = [
         [
@@ -65,6 +65,6 @@ def _text(doc: dict[str, Any]) -> str:
         "channel", "meaning", "axle", "unit", "Hz", "rows", "unused", "gaps", "dupl.", "back",
         "why",
     ]  # fmt: skip
-    lines.append(show.table(header, rows, left=2))
+    lines.append(show.table(header, rows, left=2, prose=True))
     found = [Finding(**f) for f in doc["findings"]]
     return "\n".join([*lines, show.findings(found)] if found else lines)

@@ -11,14 +11,20 @@ _SEVERE = {"error": 0, "warning": 1, "info": 2}
 _ALIKE = 3  # findings of one code that are shown one by one
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Columns under their header; the first `left` ones to the left, numbers to the right."""
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, prose: bool = False
+) -> str:
+    """Columns under their header; the first `left` ones to the left, numbers to the right.
+
+    With `prose` the last column is a text, to the left as well.
+    """
+    words = {*range(left), *([len(header) - 1] if prose else [])}
     cells = [[printable(c) for c in row] for row in (header, *rows)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
     lines = []
     for row in cells:
         parts = [
-            c.ljust(w) if i < left else c.rjust(w)
+            c.ljust(w) if i in words else c.rjust(w)
             for i, (c, w) in enumerate(zip(row, widths, strict=True))
         ]
         lines.append("  ".join(parts).rstrip())
