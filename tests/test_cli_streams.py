@@ -31,7 +31,8 @@ def test_the_bare_command_shows_its_help(run: Run) -> None:
 def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
     arguments = ["reproduce", *(["--json"] if as_json else [])]
     code = (
-        "import sys, time; from adhesion_cli import __main__, reproduce\n"
+        "import signal, sys, time; from adhesion_cli import __main__, reproduce\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "def wait(**_): open('begun', 'w').close(); time.sleep(60)\n"
         f"reproduce.reproduce = wait; sys.argv[1:] = {arguments!r}; __main__.main()"
     )
