@@ -1,10 +1,13 @@
 """The options every command shares, declared once."""
 
+# ruff: noqa: RUF009  (`_option` gives a dataclass field)
+
 import functools
 import inspect
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -16,32 +19,65 @@ if TYPE_CHECKING:
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
 
-def _option(*flags: str, text: str, metavar: str | None = None, low: int | None = None) -> Any:
-    return typer.Option(*flags, help=text, metavar=metavar, min=low, show_default=False)
+_PACKAGE = Path(__file__).parents[1]
 
 
+def scenarios() -> list[str]:
+    """The bundled scenarios, for completion."""
+    return sorted(path.stem for path in _PACKAGE.glob("scenarios/*.toml"))
+
+
+def estimators() -> list[str]:
+    """The estimators, for completion."""
+    return sorted(path.stem for path in _PACKAGE.glob("estimators/[!_]*.py"))
+
+
+def completes(names: Callable[[], list[str]]) -> dict[str, Any]:
+    """What lets typer complete one of these names."""
+    return {"autocompletion": lambda incomplete: [n for n in names() if n.startswith(incomplete)]}
+
+
+def _option(default: Any, flags: str, metavar: str | None, text: str, **more: Any) -> Any:
+    option = typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
+    made: dict[str, Any] = {"default_factory": list} if default == [] else {"default": default}
+    return field(**made, metadata={"option": option, "default": default})
+
+
+_REFERENCES = completes(lambda: ["butterworth", "smoother"])
+
+
+# fmt: off
 @dataclass(frozen=True, slots=True)
 class Shared:
     """What the shared options say."""
 
-    config: Annotated[Path | None, _option("-c", "--config", metavar="FILE.toml", text="Vehicle, channels, estimator settings.")] = None  # fmt: skip  # noqa: E501
-    set_: Annotated[list[str], _option("--set", metavar="NAME=VALUE", text="One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.")] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
-    out: Annotated[Path | None, _option("-o", "--out", metavar="DIR", text="Folder for the results; the current one if not given.")] = None  # fmt: skip  # noqa: E501
-    algo: Annotated[list[str], _option("-a", "--algo", metavar="NAME", text="Only this estimator; repeatable.")] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
-    reference: Annotated[str | None, _option("--reference", metavar="NAME", text="Offline reference: smoother (default) or butterworth.")] = None  # fmt: skip  # noqa: E501
-    axle: Annotated[list[int], _option("--axle", metavar="N", text="Only this axle; repeatable.", low=1)] = ()  # type: ignore[assignment]  # fmt: skip  # noqa: E501
-    from_: Annotated[float | None, _option("--from", metavar="S", text="Begin S seconds after the log's start.")] = None  # fmt: skip  # noqa: E501
-    to: Annotated[float | None, _option("--to", metavar="S", text="End S seconds after the log's start.")] = None  # fmt: skip  # noqa: E501
-    json: Annotated[bool, _option("--json", text="One JSON document on stdout, nothing else.")] = False  # fmt: skip  # noqa: E501
-    force: Annotated[bool, _option("--force", text="Replace existing results.")] = False
-    strict: Annotated[bool, _option("--strict", text="Damaged data is an error, not a finding.")] = False  # fmt: skip  # noqa: E501
-    rejects: Annotated[Path | None, _option("--rejects", metavar="FILE.csv", text="Write each row and cell left out of CSV logs here.")] = None  # fmt: skip  # noqa: E501
-    quiet: Annotated[bool, _option("-q", "--quiet", text="No messages but errors.")] = False
-    debug: Annotated[bool, _option("--debug", text="Show the traceback of an error.")] = False
-    view: Annotated[bool, _option("--view", text="Open the result in the Rerun viewer.")] = False
+    config: Path | None = _option(
+        None, "-c --config", "FILE.toml", "Vehicle, channels, estimator settings.")
+    set_: list[str] = _option(
+        [], "--set", "NAME=VALUE",
+        "One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.")
+    out: Path | None = _option(
+        None, "-o --out", "DIR", "Folder for the results, made if missing; else the current one.")
+    algo: list[str] = _option(
+        [], "-a --algo", "NAME", "Only this estimator; repeatable.", **completes(estimators))
+    reference: str | None = _option(
+        None, "--reference", "NAME", "Offline reference: smoother (default) or butterworth.",
+        **_REFERENCES)
+    axle: list[int] = _option([], "--axle", "N", "Only this axle; repeatable.", min=1)
+    from_: float | None = _option(None, "--from", "S", "Begin S seconds after the log's start.")
+    to: float | None = _option(None, "--to", "S", "End S seconds after the log's start.")
+    json: bool = _option(False, "--json", None, "One JSON document on stdout, nothing else.")
+    force: bool = _option(False, "--force", None, "Replace existing results.")
+    strict: bool = _option(False, "--strict", None, "Damaged data is an error, not a finding.")
+    rejects: Path | None = _option(
+        None, "--rejects", "FILE.csv", "Write each row and cell left out of CSV logs here.")
+    quiet: bool = _option(False, "-q --quiet", None, "No messages but errors.")
+    debug: bool = _option(False, "--debug", None, "Show the traceback of an error.")
+    view: bool = _option(False, "--view", None, "Open the result in the Rerun viewer.")
+# fmt: on
 
 
-ALWAYS = ("quiet", "debug")  # every command has these; `app` honours --debug
+ALWAYS = ("quiet", "debug")  # every command has these; `__main__` honours --debug
 EVERY = tuple(f.name for f in fields(Shared) if f.name not in ALWAYS)  # what an analysis takes
 
 
@@ -53,14 +89,14 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     Args:
         names: fields of `Shared`.
     """
-    hints = get_type_hints(Shared, include_extras=True)
+    hints = get_type_hints(Shared)
     options = {f.name: f for f in fields(Shared) if f.name in (*names, *ALWAYS)}
     extra = [
         inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=[] if f.default == () else f.default,
-            annotation=hints[name],
+            default=f.metadata["default"],
+            annotation=Annotated[hints[name], f.metadata["option"]],
         )
         for name, f in options.items()
     ]
@@ -71,7 +107,9 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         @functools.wraps(command)
         def run(**given: Any) -> int:
             values = {name: given.pop(name) for name in options}
-            return command(shared=Shared(**values), **given)
+            stated = Shared(**values)
+            with _folder(stated.out):
+                return command(shared=stated, **given)
 
         run.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
         own_hints = get_type_hints(command, include_extras=True)
@@ -79,6 +117,30 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         return run
 
     return decorate
+
+
+@contextmanager
+def _folder(out: Path | None) -> Iterator[None]:
+    """Makes the folder of --out; what was made and stays empty goes again.
+
+    Raises:
+        UserError: where it cannot be made.
+    """
+    from ..errors import UserError
+
+    made = [p for p in (out, *out.parents) if not p.exists()] if out else []
+    try:
+        if out and made:
+            out.mkdir(parents=True)
+    except OSError as error:
+        text = f"{out}: the folder cannot be made ({error.strerror})"
+        raise UserError(text, "choose another with --out") from error
+    try:
+        yield
+    finally:
+        for folder in made:
+            with suppress(OSError):  # it holds the results
+                folder.rmdir()
 
 
 def loader(shared: Shared) -> Callable[..., Any]:
@@ -129,6 +191,9 @@ def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
 
     analysis.chosen(shared.algo)
     first, last = shared.from_, shared.to
+    for flag, value in (("--from", first), ("--to", last)):
+        if value is not None and not math.isfinite(value):
+            raise UserError(f"{flag} {value:g} is no time", "seconds after the log's start", code=2)
     if last is not None and last <= (first or 0.0):
         text = f"--to {last:g} is not after --from {first or 0.0:g}"
         raise UserError(text, "both are seconds after the log's start", code=2)

@@ -5,14 +5,17 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, shared
+from .options import Shared, completes, scenarios, shared
 
 
 @shared("json", "force")
 def command(
     shared: Shared,
     scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.")
+        str,
+        typer.Argument(
+            metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)
+        ),
     ] = "",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Log: .csv or .mcap.")

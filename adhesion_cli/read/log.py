@@ -30,10 +30,13 @@ def open_source(path: Path, options: ReadOptions) -> Source:
         UserError: where the file is missing, no log, or damaged from the start.
     """
     try:
+        if path.is_fifo():  # it is read more than once
+            raise UserError(f"{path}: a pipe, not a file", "write it to a file, and name that")
         with path.open("rb") as file:
             head = file.read(len(MCAP_MAGIC))
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file", "check the path") from None
+        hint = "a log is a file, write one first" if path.name == "-" else "check the path"
+        raise UserError(f"{path}: no such file", hint) from None
     except IsADirectoryError:
         raise UserError(f"{path}: a folder, not a log", "name the log files in it") from None
     except OSError as error:
