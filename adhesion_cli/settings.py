@@ -25,15 +25,15 @@ from .read.source import ReadOptions, TimeSource
 from .slope import Bands, Params
 
 _IS = "settings are TOML, for example: [vehicle], and below it: friction = 0.3"
-_CSV = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
-_MCAP = {"max_inflated": int, "max_record": int}
-_TIME = {"channel": str, "unit": str, "source": str}
-_GROUP = {"channel": str, "equals": str}
-_MAPPING = {
+CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
+MCAP_KEYS = {"max_inflated": int, "max_record": int}
+TIME_KEYS = {"channel": str, "unit": str, "source": str}
+GROUP_KEYS = {"channel": str, "equals": str}
+CHANNEL_KEYS = {
     "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
 }  # fmt: skip
 _OF_LOG = ("channels", "csv", "mcap", "selection")  # of the log a result was made from
-_MEANINGS = {
+MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
     "wheel_speed": "wheel_speed",
@@ -148,19 +148,19 @@ def _of_log(
     """How the log was read and what was taken of it: the sections `_OF_LOG`, where stated."""
     read = settings.read
     channels: dict[str, Any] = {}
-    for owner, known in (("time", _TIME), ("group", _GROUP)):
+    for owner, known in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
         stated = {k: getattr(read, f"{owner}_{k}") for k in known}
         channels[owner] = {k: v for k, v in stated.items() if v is not None}
     for m in settings.mappings:
-        entry = {k: v for k in _MAPPING if (v := getattr(m, k))}
+        entry = {k: v for k in CHANNEL_KEYS if (v := getattr(m, k))}
         place = channels.setdefault(m.meaning, {})
         place.update({f"axle {m.axle}": entry} if m.axle else entry)
     first, last = window
     taken: dict[str, Any] = {"from": first, "to": last, "axles": list(axles) or None}
     sections = {
         "channels": channels,
-        "csv": {k: getattr(read, k) for k in _CSV},
-        "mcap": {k: getattr(read, k) for k in _MCAP},
+        "csv": {k: getattr(read, k) for k in CSV_KEYS},
+        "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
         "selection": {**taken, "strict": read.strict},
     }
     return {s: {k: v for k, v in of.items() if v not in (None, {})} for s, of in sections.items()}
@@ -250,8 +250,8 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
         **stated,
-        **_fields("csv", tree.get("csv", {}), _CSV),
-        **_fields("mcap", tree.get("mcap", {}), _MCAP),
+        **_fields("csv", tree.get("csv", {}), CSV_KEYS),
+        **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
         **{k: v for k, v in read.items() if v is not None},
     }
     kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
@@ -270,7 +270,7 @@ def _checked(
     section: str, tree: dict[str, Any], of: type, kinds: dict[str, type]
 ) -> dict[str, Any]:
     """A section's entries, numbers within the range that stands beside each."""
-    hints = _hints(of)
+    hints = quantities(of)
     values = _fields(section, tree.get(section, {}), kinds)
     for name, value in values.items():
         if isinstance(value, float):
@@ -279,7 +279,7 @@ def _checked(
 
 
 def _floats(of: type) -> dict[str, type]:
-    return dict.fromkeys(_hints(of), float)
+    return dict.fromkeys(quantities(of), float)
 
 
 def _bands(b: Bands) -> Bands:
@@ -292,7 +292,7 @@ def _bands(b: Bands) -> Bands:
     return b
 
 
-def _hints(of: type) -> dict[str, Quantity]:
+def quantities(of: type) -> dict[str, Quantity]:
     """The `Quantity` beside each annotated field."""
     hints = get_type_hints(of, include_extras=True)
     return {
@@ -305,13 +305,13 @@ def _hints(of: type) -> dict[str, Quantity]:
 
 def _vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
-    names = {name: name for name in _hints(Vehicle)}
-    symbols = {q.symbol: name for name, q in _hints(Vehicle).items() if q.symbol}
+    names = {name: name for name in quantities(Vehicle)}
+    symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
     return {**names, **symbols, "wheel_diameter": "wheel_radius"}
 
 
 def _vehicle(stated: dict[str, Any]) -> Vehicle:
-    hints, default = _hints(Vehicle), Vehicle()
+    hints, default = quantities(Vehicle), Vehicle()
     values: dict[str, Any] = {}
     for name, value in stated.items():
         known = getattr(default, name)
@@ -353,20 +353,20 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
     options: dict[str, Any] = {}
     for key, value in stated.items():
         if key == "time":
-            table = _fields("channels.time", _table(value), _TIME)
+            table = _fields("channels.time", _table(value), TIME_KEYS)
             options |= {f"time_{k}": v for k, v in table.items()}
         elif key == "group":
-            table = _fields("channels.group", _table(value), _GROUP)
+            table = _fields("channels.group", _table(value), GROUP_KEYS)
             options |= {f"group_{k}": v for k, v in table.items()}
-        elif key in _MEANINGS:
+        elif key in MEANINGS:
             for axle, entry in _by_axle(key, value):
-                table = _fields(f"channels.{key}", _table(entry), _MAPPING)
+                table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
                 if "channel" not in table:
                     hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
                     raise UserError(f"channels.{key} names no channel", hint, code=2)
-                mappings.append(Mapping(_MEANINGS[key], axle, **table))  # type: ignore[arg-type]
+                mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
         else:
-            raise unknown("meaning in [channels]", key, ["time", "group", *_MEANINGS])
+            raise unknown("meaning in [channels]", key, ["time", "group", *MEANINGS])
     for name in ("time_channel", "group_channel"):
         if options.get(name, "").isdigit():
             options[name] = f"column {options[name]}"

@@ -71,20 +71,20 @@ def settings_page() -> str:
         "## [channels]\n",
         "What each channel of a log means; results of ours say it themselves. For all axles, "
         '`pressure = {channel = "p", unit = "bar"}`; for one, `pressure."axle 2" = {…}`.\n',
-        _kinds("key of a channel", settings._MAPPING),
+        _kinds("key of a channel", settings.CHANNEL_KEYS),
         "\n| meaning | units |\n|---|---|",
         *(
             f"| `{key}` | {', '.join(units.known_units(meaning))} |"  # type: ignore[arg-type]
-            for key, meaning in settings._MEANINGS.items()
+            for key, meaning in settings.MEANINGS.items()
         ),
         "",
-        _kinds("key of `time`", settings._TIME),
+        _kinds("key of `time`", settings.TIME_KEYS),
         "",
-        _kinds("key of `group`", settings._GROUP),
+        _kinds("key of `group`", settings.GROUP_KEYS),
         "",
         *(
             f"## [{section}]\n\n{_kinds(f'key of `{section}`', keys, ReadOptions())}\n"
-            for section, keys in (("csv", settings._CSV), ("mcap", settings._MCAP))
+            for section, keys in (("csv", settings.CSV_KEYS), ("mcap", settings.MCAP_KEYS))
         ),
         *(
             f"## [{section}]\n\n{_table(_annotated(of))}"
@@ -120,14 +120,14 @@ def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
     for f in dataclasses.fields(Vehicle):
         default = getattr(Vehicle(), f.name)
         p: Parameter = default if isinstance(default, Parameter) else default[0]
-        q = settings._hints(Vehicle)[f.name]
+        q = settings.quantities(Vehicle)[f.name]
         also = f" or `{q.symbol}`" if q.symbol else ""
         yield f"`{f.name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
 
 
 def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
     defaults = of()
-    for name, q in settings._hints(of).items():
+    for name, q in settings.quantities(of).items():
         value = getattr(defaults, name)
         yield f"`{name}`", f"{value:g}" if isinstance(value, float) else str(value), q
 

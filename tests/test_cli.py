@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from trains import three_trains
 
 from adhesion_cli import settings
 from adhesion_cli.cli.app import app
@@ -18,7 +19,6 @@ from adhesion_cli.read.source import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "sample_logs"
-SNCB = ROOT.parent / "shared" / "data" / "sncb" / "input_sncb.csv"
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -275,18 +275,18 @@ def test_the_registry_is_shown_as_set(run: Run, tmp_path: Path) -> None:
         assert run("estimators", *wrong.split()).returncode == 2, wrong
 
 
-@pytest.mark.skipif(not SNCB.exists(), reason="the public SNCB log is not beside this checkout")
-def test_a_real_log_of_three_trains(run: Run) -> None:
-    mapping = ROOT / "tests" / "data" / "sncb.toml"
-    seen = json.loads(run("inspect", SNCB, "-c", mapping, "--json").stdout)["logs"][0]
+def test_a_log_of_three_trains(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "trains.csv").write_text(three_trains())
+    mapping = ROOT / "tests" / "data" / "three-trains.toml"
+    seen = json.loads(run("inspect", "trains.csv", "-c", mapping, "--json").stdout)["logs"][0]
     frozen = next(f for f in seen["findings"] if f["code"] == "speed-frozen")
     assert frozen["first_s"] == pytest.approx(91.0)
     interleaved = next(f for f in seen["findings"] if f["code"] == "interleaved")
     assert "3, 4, 5" in interleaved["message"]
-    unmapped = json.loads(run("inspect", SNCB, "--json").stdout)["logs"][0]
+    unmapped = json.loads(run("inspect", "trains.csv", "--json").stdout)["logs"][0]
     assert unmapped["status"] == "error"
     assert "3, 4, 5" in unmapped["error"]
-    done = run("analyze", SNCB, "-c", mapping, "--json")
+    done = run("analyze", "trains.csv", "-c", mapping, "--json")
     assert done.returncode == 3
     axles = json.loads(done.stdout)["results"][0]["axles"]
     assert [a["axle"] for a in axles] == [1, 2]
