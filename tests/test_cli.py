@@ -226,14 +226,55 @@ def test_bad_input_is_one_error_one_hint_and_no_file(
     assert set(tmp_path.iterdir()) == before
 
 
-def test_errors_as_json(run: Run) -> None:
-    done = run("analyze", "missing.csv", "--json")
-    assert done.returncode == 1
+BAD = {
+    "inspect": ("inspect --bogus", 2, "--bogus"),
+    "analyze": ("analyze missing.csv", 1, "missing.csv"),
+    "compare": ("compare missing.csv", 1, "missing.csv"),
+    "slip": ("slip missing.csv", 1, "missing.csv"),
+    "antiskid": ("antiskid nowhere", 2, "nowhere"),
+    "simulate": ("simulate nowhere -o a.csv", 2, "nowhere"),
+    "reproduce": ("reproduce -o missing.csv/a", 1, "missing.csv/a"),
+    "convert": ("convert missing.csv a.mcap", 1, "missing.csv"),
+    "recover": ("recover missing.mcap -o a.mcap", 1, "missing.mcap"),
+    "estimators": ("estimators -a nesso", 2, "nesso"),
+}
+
+
+@pytest.mark.parametrize("name", [c.name for c in app.registered_commands if c.name != "view"])
+def test_errors_as_json(run: Run, tmp_path: Path, name: str) -> None:
+    command, code, says = BAD[name]
+    if name == "reproduce":
+        (tmp_path / "missing.csv").touch()  # where a folder cannot be made
+    before = set(tmp_path.iterdir())
+    done = run(*command.split(), "--json")
+    assert done.returncode == code
     assert not done.stderr
     document = json.loads(done.stdout)
     assert document["schema"] == "adhesion.error/1"
-    assert "missing.csv" in document["error"]
+    assert says in document["error"]
     assert document["hint"]
+    assert set(tmp_path.iterdir()) == before
+
+
+def test_flag_beats_set_beats_file_beats_folder_beats_default(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text("[neso]\nbeta1 = 60\nbeta2 = 61\n")
+
+    def values(*options: str) -> list[float]:
+        shown = json.loads(run("estimators", "-a", "neso", "--json", *options).stdout)
+        of = {p["name"]: p["value"] for p in shown["estimators"][0]["parameters"]}
+        return [of["beta1"], of["beta2"], of["delta"]]
+
+    assert values() == [216.0, 216.0, 0.02]
+    (tmp_path / "adhesion.toml").write_text("[neso]\nbeta1 = 50\nbeta2 = 51\ndelta = 0.05\n")
+    assert values() == [50.0, 51.0, 0.05]
+    assert values("-c", "own.toml") == [60.0, 61.0, 0.05]
+    assert values("-c", "own.toml", "--set", "neso.beta1=70") == [70.0, 61.0, 0.05]
+
+    (tmp_path / "a.csv").write_text(rows())
+    stated = ("--set", 'analysis.reference="smoother"', "--reference", "butterworth")
+    done = run("analyze", "a.csv", "-a", "td", "--json", *stated)
+    (axle,) = json.loads(done.stdout)["results"][0]["axles"]
+    assert axle["reference"]["method"] == "butterworth"
 
 
 def test_no_overlap_in_time(run: Run, tmp_path: Path) -> None:
@@ -315,16 +356,25 @@ def test_debug_adds_the_traceback_and_changes_nothing_else(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["--algo nesso", "--set nesso.k=1", "--reference s", "--axle 0", "--from 5 --to 5"]
+    ("wrong", "says"),
+    [
+        ("--algo nesso", "unknown algorithm 'nesso'"),
+        ("--set nesso.k=1", "unknown setting 'nesso'"),
+        ("--reference s", "unknown reference 's'"),
+        ("--axle 0", "Invalid value for '--axle'"),
+        ("--from 5 --to 5", "--to 5 is not after --from 5"),
+    ],
 )
 def test_wrong_arguments_are_told_before_existing_results(
-    run: Run, tmp_path: Path, wrong: str
+    run: Run, tmp_path: Path, wrong: str, says: str
 ) -> None:
     (tmp_path / "a.csv").write_text(rows(40))
     for kind in ("adhesion", "compare"):
         (tmp_path / f"a.{kind}.mcap").write_text("kept")
     for command in ("analyze", "compare"):
-        assert run(command, "a.csv", *wrong.split()).returncode == 2
+        done = run(command, "a.csv", *wrong.split())
+        assert done.returncode == 2
+        assert says in done.stderr
 
 
 def test_of_several_logs_all_are_analysed_or_none_is_written(run: Run, tmp_path: Path) -> None:

@@ -11,19 +11,8 @@ def three_trains() -> str:
     lines = []
     for step, speed, pressure in zip(_STEPS, _SPEED, _PRESSURE, strict=True):
         other = (29.4, 4.4, 1.5, 0.0, 1.3, 46.2, 4.5, 0.0, 1296.0, 0.03, 50.6)
-        braking = (
-            29.7,
-            4.5,
-            1.1,
-            pressure,
-            round(0.9 * pressure, 3),
-            39.8,
-            3.5,
-            0.0,
-            1024.0,
-            speed,
-            51.3,
-        )
+        second = round(0.9 * pressure, 3)
+        braking = (29.7, 4.5, 1.1, pressure, second, 39.8, 3.5, 0.0, 1024.0, speed, 51.3)
         for train, cells in ((3, other), (4, other), (5, braking)):
             lines.append(",".join(map(str, (START + step, train, *cells, 4.43))))
     return "\n".join(lines) + "\n"
