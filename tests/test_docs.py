@@ -28,7 +28,7 @@ def test_pages_that_are_named_exist() -> None:
         for path in sources
         for page in re.findall(r"docs/[a-z_-]+\.md", path.read_text(encoding="utf-8"))
     }
-    assert ("settings.py", "docs/settings.md") in named
+    assert ("CONTRIBUTING.md", "docs/settings.md") in named
     assert not [(where, page) for where, page in named if not (ROOT / page).is_file()]
 
 
