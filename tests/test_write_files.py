@@ -181,7 +181,7 @@ def test_missing_folder_folder_as_output_and_double_name(tmp_path: Path) -> None
         files.check([tmp_path / "no" / "a.csv"], False)
     with pytest.raises(UserError, match="is a folder"):
         files.check([tmp_path], True)
-    with pytest.raises(UserError, match="two logs"):
+    with pytest.raises(UserError, match="two results"):
         files.check([tmp_path / "a.csv", tmp_path / "." / "a.csv"], True)
 
 
