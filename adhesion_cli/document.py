@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .model import Finding, Floats, Result
+from .model import Channel, Finding, Floats, Result
 from .slip import Summary
 from .text import utf8
 
@@ -58,17 +58,7 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
         },
         "outputs": outputs,
         "axles": axles,
-        "channels": [
-            {
-                "name": c.name,
-                "field": c.field,
-                "meaning": c.meaning,
-                "axle": c.axle,
-                "unit": c.unit,
-                "reason": c.reason,
-            }
-            for c in used
-        ],
+        "channels": [channel_document(c) for c in used],
         "findings": findings_document(result.findings),
     }
 
@@ -100,6 +90,11 @@ def slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         ],
         "fit": fit,
     }
+
+
+def channel_document(channel: Channel) -> dict[str, Any]:
+    """What a channel was taken for, and why."""
+    return {k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")}
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:

@@ -1,11 +1,11 @@
 """What is in a log, without judging it: the `adhesion.inspect/1` document."""
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from .document import iso
+from .document import channel_document, findings_document, iso
 from .errors import UserError
 from .model import Finding, Log
 from .read import align
@@ -50,14 +50,13 @@ def inspect(
         "stated": {k: v for k, v in source.stated.items() if k != "time"},
         "channels": [
             {
-                "name": c.name, "field": c.field, "meaning": c.meaning, "axle": c.axle,
-                "unit": c.unit, "reason": c.reason, "rate_hz": c.rate_hz, "rows": c.rows,
+                **channel_document(c), "rate_hz": c.rate_hz, "rows": c.rows,
                 "valid": len(c.data.t), "gaps": c.gaps, "duplicates": c.duplicates,
                 "backward": c.backward,
             }
             for c in log.channels
         ],
-        "findings": [asdict(f) for f in findings],
+        "findings": findings_document(findings),
     }  # fmt: skip
     return doc, 3 if worst - {"info"} else 0
 
