@@ -123,7 +123,9 @@ def _module(kind: Kind, path: Path, packaged: bool) -> ModuleType:
     try:
         if packaged:
             return importlib.import_module(f"{__package__}.{kind.folder}.{path.stem}")
-        folder = sha256(str(path.parent.resolve()).encode()).hexdigest()[:8]
+        # Named by what it holds, wherever it lies: machine code that is kept asks for the name.
+        sources = b"".join(p.read_bytes() for p in sorted(path.parent.glob("*.py")))
+        folder = sha256(sources).hexdigest()[:8]
         spec = importlib.util.spec_from_file_location(f"{kind.folder}_{folder}.{path.stem}", path)
         assert spec is not None  # the name ends in .py
         assert spec.loader is not None
