@@ -139,7 +139,8 @@ def dumps(document: dict[str, Any]) -> str:
 
     A file name that is not UTF-8 has codes for the bytes that are none, as no JSON holds them.
     """
-    return json.dumps(_utf8(document), indent=1, allow_nan=False)
+    text = json.dumps(_utf8(document), indent=1, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")  # the one control character that JSON leaves
 
 
 def _utf8(value: Any) -> Any:

@@ -82,7 +82,7 @@ def command(
         band = antiskid.slip_band(settings)
         weight = case.vehicle.axle_mass.value * G
         rrd.write_stops(recording, case.name, [s for s, _ in stops], weight, band, text)
-    print(document if shared.json else "\n".join([text, *(f"wrote {path}" for path in paths)]))
+    print(document if shared.json else "\n".join([text, show.wrote(*paths)]))
     if shared.view:
         from .view import show_recording
 

@@ -65,7 +65,7 @@ def command(
         for r in results:
             name = f"{printable(r.log.path)}:\n" if len(results) > 1 else ""
             show.message(name + show.findings(r.findings), shared.quiet or not r.findings)
-        print(f"wrote {pair[0]}\nwrote {pair[1]}")
+        print(show.wrote(*pair))
     if shared.view:
         from .view import show_recording
 

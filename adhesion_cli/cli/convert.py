@@ -41,5 +41,5 @@ def command(
         }))  # fmt: skip
     else:
         show.message(show.findings(result.findings), shared.quiet or not result.findings)
-        print(f"wrote {target}: {len(result.channels)} channels")
+        print(f"{show.wrote(target)}: {len(result.channels)} channels")
     return 3 if show.lossy(result.findings) else 0

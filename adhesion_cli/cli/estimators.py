@@ -117,5 +117,5 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
             for i, r in enumerate(found)
         ]
         print(show.table(header, rows), end="\n\n")
-    print(f"wrote {picture}")
+    print(show.wrote(picture))
     return 0

@@ -38,5 +38,5 @@ def command(
         print(dumps({"schema": "adhesion.recover/1", "output": str(out), "findings": told}))
     else:
         show.message(show.findings(found), shared.quiet or not found)
-        print(f"wrote {out}")
+        print(show.wrote(out))
     return 3 if show.lossy(found) else 0

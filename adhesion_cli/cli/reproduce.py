@@ -18,7 +18,7 @@ def command(shared: Shared) -> int:
     from ..estimator import registry
     from ..reproduce import panels, reproduce
     from ..write import files, mcap, rrd, svg
-    from .show import progress
+    from .show import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
     files.check(paths, shared.force)
@@ -32,7 +32,7 @@ def command(shared: Shared) -> int:
         print(dumps({**made.document, "outputs": outputs}))
     else:
         print("\n\n".join(report(made.document)))
-        print("\n" + "\n".join(f"wrote {path}" for path in paths))
+        print(f"\n{wrote(*paths)}")
     if shared.view:
         from .view import show_recording
 

@@ -103,7 +103,12 @@ def summary(result: Result, entry: dict[str, Any]) -> str:
             f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
         )
     lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores], "axle"))
-    return "\n".join([*lines, *(f"wrote {path}" for path in entry["outputs"].values())])
+    return "\n".join([*lines, wrote(*entry["outputs"].values())])
+
+
+def wrote(*paths: object) -> str:
+    """Which files were written, a line each."""
+    return "\n".join(f"wrote {printable(str(path))}" for path in paths)
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
@@ -114,6 +119,6 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def message(text: str, quiet: bool) -> None:
-    """One line on stderr."""
+    """Text on stderr."""
     if not quiet:
-        print(text, file=sys.stderr)
+        print("\n".join(map(printable, text.split("\n"))), file=sys.stderr)

@@ -66,5 +66,5 @@ def command(
             "channels": len(log.channels), "samples": log.rows_read,
         }))  # fmt: skip
     else:
-        print(f"wrote {out}: {len(log.channels)} channels, {log.rows_read} samples")
+        print(f"{show.wrote(out)}: {len(log.channels)} channels, {log.rows_read} samples")
     return 0

@@ -20,6 +20,7 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..analysis import analyze
     from ..document import dumps, findings_document, slip_axle
     from ..slip import summary
+    from ..text import printable
     from ..write import files
     from . import show
     from .analyze import outputs, write
@@ -50,8 +51,8 @@ def command(logs: Logs, shared: Shared) -> int:
         axles += [slip_axle(str(log), start, s) for s in summaries]
         found += findings
         if not shared.json:
-            print(f"{log}\n{table(summaries, start)}")
-            print("\n".join(f"wrote {path}" for path in pair))
+            print(f"{printable(str(log))}\n{table(summaries, start)}")
+            print(show.wrote(*pair))
             show.message(show.findings(findings), shared.quiet or not findings)
     if shared.json:
         document = {"schema": "adhesion.slip/1", "axles": axles}

@@ -316,16 +316,16 @@ class Walk:
         Damage of one whole record does not end the walk. Where a record has no end, the walk goes
         on in the summary, whose indexes lead to what stands behind the damage.
         """
-        at, opcode = len(MAGIC), 0
+        at, opcode, jumped = len(MAGIC), 0, False
         while opcode != Opcode.FOOTER:
             try:
                 opcode, length = self._head(at)
             except DamageError as damage:
                 self._flush()
                 self._note(damage)
-                if self._data_end or not (at := self._summary()):
+                if jumped or not (at := self._summary()):
                     break
-                self._data_end = at
+                self._data_end, jumped = at, True
                 continue
             after = at + HEADER.size + length
             if at == len(MAGIC) and opcode != Opcode.HEADER:
@@ -349,6 +349,8 @@ class Walk:
             raise DamageError(at, "a record of kind 0, which does not exist")
         if length > left:
             raise DamageError(at, f"a record says it has {length} bytes where {left} are left")
+        if opcode == Opcode.FOOTER and length != 20:
+            raise DamageError(at, f"a footer of {length} bytes")
         limit = self._options.max_record
         if length > limit and opcode != Opcode.ATTACHMENT:  # those are read in pieces
             raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
