@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,10 +13,20 @@ from .model import Channel, Finding, Floats, Result
 from .slip import Summary
 from .text import utf8
 
+Kind = Literal[
+    "result", "inspect", "convert", "recover", "simulate", "scenarios", "estimators", "response",
+    "reproduce",
+]  # fmt: skip
+
+
+def tagged(kind: Kind, **body: Any) -> dict[str, Any]:
+    """A document of this kind; what the run wrote stands in its `outputs`, by format."""
+    return {"schema": f"adhesion.{kind}/1", **body}
+
 
 def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The `adhesion.result/1` document of the entries that `entry` made."""
-    return {"schema": "adhesion.result/1", "results": list(entries)}
+    return tagged("result", results=list(entries))
 
 
 def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:

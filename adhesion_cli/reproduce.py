@@ -17,6 +17,7 @@ import numpy as np
 
 from . import compiled, metrics, simulate
 from .analysis import analyze
+from .document import tagged
 from .estimator import registry
 from .estimators import PAPER
 from .model import AxleResult, Floats, Result, Vehicle
@@ -146,8 +147,7 @@ def reproduce(
         "algo": "kalman", **alive,
     })  # fmt: skip
     document = {
-        "schema": "adhesion.reproduce/1",
-        "source": PAPER,
+        **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
         "conditions": {"constant": constant, "varying": varying},
         "field_test": _field_test(results[2]),

@@ -33,12 +33,11 @@ def command(
     ):
         write(temporary, result)
     if shared.json:
-        from ..document import dumps, findings_document
+        from ..document import dumps, findings_document, tagged
 
-        print(dumps({
-            "schema": "adhesion.convert/1", "output": str(target),
-            "channels": len(result.channels), "findings": findings_document(result.findings),
-        }))  # fmt: skip
+        found, outputs = findings_document(result.findings), {target.suffix[1:]: str(target)}
+        count = len(result.channels)
+        print(dumps(tagged("convert", outputs=outputs, channels=count, findings=found)))
     else:
         show.message(show.findings(result.findings), shared.quiet or not result.findings)
         print(f"{show.wrote(target)}: {len(result.channels)} channels")

@@ -27,7 +27,7 @@ def command(
     Example: adhesion estimators --response --set neso.beta1=100
     """
     from ..analysis import chosen
-    from ..document import dumps
+    from ..document import dumps, tagged
     from ..errors import UserError
 
     known, settings = chosen(shared.algo), loader(shared)()
@@ -38,7 +38,7 @@ def command(
         raise UserError(text, "add --response, or leave them out", code=2)
     if shared.json:
         listed = [_entry(e, settings.params(e)._asdict()) for e in known]
-        print(dumps({"schema": "adhesion.estimators/1", "estimators": listed}))
+        print(dumps(tagged("estimators", estimators=listed)))
     else:
         print("\n\n".join(_text(e, settings.params(e)._asdict()) for e in known))
     return 0
@@ -76,7 +76,7 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 
 
 def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
-    from ..document import dumps, finite
+    from ..document import dumps, finite, tagged
     from ..physics import wheelset
     from ..response import FREQUENCIES, panels, responses
     from ..write import files, svg
@@ -102,8 +102,7 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
             }
             for i, r in enumerate(found)
         ]  # fmt: skip
-        outputs = {"svg": str(picture)}
-        print(dumps({"schema": "adhesion.response/1", "responses": listed, "outputs": outputs}))
+        print(dumps(tagged("response", responses=listed, outputs={"svg": str(picture)})))
         return 0
     titles = ("gain of the force", "delay of the force [s]", "force per wheel speed [N/(rad/s)]")
     for title, values, digits in zip(titles, columns.values(), (3, 3, 0), strict=True):

@@ -17,7 +17,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion inspect leaf-film.mcap
     """
-    from ..document import dumps
+    from ..document import dumps, tagged
     from ..inspection import inspect
     from ..write import files
 
@@ -30,7 +30,7 @@ def command(logs: Logs, shared: Shared) -> int:
     with rejects(shared, read, logs):
         pass
     if shared.json:
-        print(dumps({"schema": "adhesion.inspect/1", "logs": [doc for doc, _ in seen]}))
+        print(dumps(tagged("inspect", logs=[doc for doc, _ in seen])))
     else:
         print("\n\n".join(_text(doc) for doc, _ in seen))
     return max((code for _, code in seen), key=_WORST.index)

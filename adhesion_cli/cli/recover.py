@@ -32,10 +32,10 @@ def command(
     ):
         found = copy_whole(log, target, ReadOptions(strict=shared.strict))
     if shared.json:
-        from ..document import dumps, findings_document
+        from ..document import dumps, findings_document, tagged
 
         told = findings_document(found)
-        print(dumps({"schema": "adhesion.recover/1", "output": str(out), "findings": told}))
+        print(dumps(tagged("recover", outputs={"mcap": str(out)}, findings=told)))
     else:
         show.message(show.findings(found), shared.quiet or not found)
         print(show.wrote(out))

@@ -35,7 +35,7 @@ def command(
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """
     from .. import simulate
-    from ..document import dumps
+    from ..document import dumps, tagged
     from ..errors import UserError
     from ..write import files
     from ..write.log import writer
@@ -44,7 +44,7 @@ def command(
     if list_:
         known = simulate.scenarios()
         if shared.json:
-            print(dumps({"schema": "adhesion.scenarios/1", "scenarios": known}))
+            print(dumps(tagged("scenarios", scenarios=known)))
         else:
             print(show.table(["scenario", "what"], list(known.items()), left=2))
         return 0
@@ -61,10 +61,9 @@ def command(
     with files.outputs([out], shared.force, inputs=inputs) as (temporary,):
         write(temporary, log)
     if shared.json:
-        print(dumps({
-            "schema": "adhesion.simulate/1", "scenario": log.path, "output": str(out),
-            "channels": len(log.channels), "samples": log.rows_read,
-        }))  # fmt: skip
+        counts = {"channels": len(log.channels), "samples": log.rows_read}
+        outputs = {out.suffix[1:]: str(out)}
+        print(dumps(tagged("simulate", scenario=log.path, outputs=outputs, **counts)))
     else:
         print(f"{show.wrote(out)}: {len(log.channels)} channels, {log.rows_read} samples")
     return 0
