@@ -2,7 +2,6 @@
 
 import gc
 import io
-import json
 import os
 import signal
 import sys
@@ -74,6 +73,8 @@ def _failed(text: str, hint: str, code: int) -> int:
     if "--debug" in sys.argv:
         traceback.print_exc()
     if "--json" in sys.argv and sys.stdout:
+        import json
+
         document = {"schema": "adhesion.error/1", "error": utf8(text), "hint": utf8(hint)}
         try:
             print(json.dumps(document), flush=True)
