@@ -1,6 +1,7 @@
 """The main job: a log in, reference, estimates, scores and findings out."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,11 @@ from . import settings as settings_module
 from .errors import UserError, unknown
 from .estimator import Estimator
 from .model import (
+    Z95,
     AxleRecord,
     AxleResult,
     Bools,
     Finding,
-    Floats,
     Reference,
     Result,
     Severity,
@@ -124,7 +125,7 @@ def _axle(
         for e in estimators
     }
     applications = metrics.applications(record)
-    findings = _told(record, vehicle, ref.force, applications, start_ns)
+    findings = _told(record, vehicle, ref, applications, start_ns)
     lost = [s for s in applications if _drowned(ref, s)]
     if lost:
         ref, refused = _refused(record, ref, lost, start_ns)
@@ -143,7 +144,7 @@ def _axle(
 def _drowned(ref: Reference, application: slice) -> bool:
     """Whether a brake application's force is mostly less than the 95 % noise of it."""
     known = np.isfinite(ref.force[application])
-    force, noise = np.abs(ref.force[application][known]), 1.96 * ref.sigma[application][known]
+    force, noise = np.abs(ref.force[application][known]), Z95 * ref.sigma[application][known]
     return bool(known.any() and np.median(noise) > np.median(force))
 
 
@@ -151,23 +152,22 @@ def _refused(
     record: AxleRecord, ref: Reference, lost: Sequence[slice], start_ns: int
 ) -> tuple[Reference, Finding]:
     """The reference without these applications: a figure less sure than large is none."""
-    columns = [c.copy() for c in (ref.force, ref.sigma, ref.lower, ref.upper)]
+    force, sigma, tolerance = (c.copy() for c in (ref.force, ref.sigma, ref.tolerance))
     for s in lost:
-        for c in columns:
-            c[s] = np.nan
+        force[s] = sigma[s] = tolerance[s] = np.nan
     text = (
         "the noise of the force (95 %) exceeds the force in this many brake applications: no value "
         "there; log the wheel speed with more pulses per turn, less noise or a higher rate"
     )
     first = (int(record.t[lost[0].start]) - start_ns) / 1e9
     told = Finding("reference-noise", "warning", text, f"axle {record.axle}", len(lost), first)
-    return Reference(ref.method, ref.source, *columns), told
+    return replace(ref, force=force, sigma=sigma, tolerance=tolerance), told
 
 
 def _told(
     record: AxleRecord,
     vehicle: Vehicle,
-    force: Floats,
+    ref: Reference,
     applications: Sequence[slice],
     start_ns: int,
 ) -> list[Finding]:
@@ -184,8 +184,20 @@ def _told(
         turning[run] = True
     text = "the wheel stands: no reference there, friction is anything up to φK"
     tell("standstill", "info", text, ~turning)
+    driven = physics.driven(record, vehicle.radius(record.axle).value)
+    text = (
+        "the wheel gains speed without brake: a motor drives it, whose torque (1) does not know; "
+        "no reference there"
+    )
+    tell("traction", "info", text, driven)
     text = "segments too short for the reference: no value there"
-    tell("no-reference", "warning", text, turning & ~np.isfinite(force))
+    tell("no-reference", "warning", text, turning & ~driven & ~np.isfinite(ref.force))
+    if ref.runout:
+        text = (
+            f"the speed errs by up to {100.0 * ref.runout:.2g} % once per turn, as by a tone ring "
+            "that is not centred: taken out for the reference, estimators see it as logged"
+        )
+        findings.append(Finding("wheel-runout", "info", text, f"axle {record.axle}"))
     if not applications:
         text = "no brake application found: estimators are not scored"
         findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))
@@ -196,7 +208,7 @@ def _told(
         f"their first {metrics.START_UP:g} s are not scored"
     )
     tell("started-braked", "info", text, begins)
-    mu = np.abs(np.nan_to_num(physics.coefficient(force, vehicle)))
+    mu = np.abs(np.nan_to_num(physics.coefficient(ref.force, vehicle)))
     text = f"adhesion coefficient up to {mu.max():.1f}: units or vehicle parameters are wrong"
     tell("implausible", "warning", text, mu > 1.0)
     return findings

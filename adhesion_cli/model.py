@@ -4,7 +4,7 @@ Data only, SI only. Times are int64 nanoseconds as the log states them: since 19
 has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Regions = NDArray[np.int8]
+
+Z95 = 1.959963984540054  # half-width of a normal distribution's 95 % in sigma
 
 Meaning = Literal["time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"]
 Severity = Literal["info", "warning", "error"]
@@ -159,18 +161,17 @@ class AxleRecord:
     def __len__(self) -> int:
         return len(self.t)
 
-    def runs(self) -> Iterator["AxleRecord"]:
-        """Each segment as a record of its own."""
-        for s in self.segments:
-            cut = {
-                name: None if (column := getattr(self, name)) is None else column[s]
-                for name in ("pressure", "train_speed", "truth")
-            }
-            yield AxleRecord(
-                self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
-                self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **cut,
-                clamping_force_step=self.clamping_force_step,
-            )  # fmt: skip
+    def cut(self, s: slice) -> "AxleRecord":
+        """An uninterrupted part as a record of its own."""
+        some = {
+            name: None if (column := getattr(self, name)) is None else column[s]
+            for name in ("pressure", "train_speed", "truth")
+        }
+        return AxleRecord(
+            self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
+            self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **some,
+            clamping_force_step=self.clamping_force_step,
+        )  # fmt: skip
 
 
 class Parameter(NamedTuple):
@@ -252,8 +253,23 @@ class Reference:
     source: str
     force: Floats
     sigma: Floats  # 1 sigma of the noise part
-    lower: Floats  # 95 % band, noise and vehicle tolerances
-    upper: Floats
+    tolerance: Floats  # 1 sigma by the vehicle's tolerances
+    runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
+
+    @property
+    def half(self) -> Floats:
+        """Half-width of the 95 % band, noise and vehicle tolerances [N]."""
+        return Z95 * np.hypot(self.sigma, self.tolerance)
+
+    @property
+    def lower(self) -> Floats:
+        """Lower edge of the 95 % band [N]."""
+        return self.force - self.half
+
+    @property
+    def upper(self) -> Floats:
+        """Upper edge of the 95 % band [N]."""
+        return self.force + self.half
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,20 @@ from .model import AxleRecord, Bools, Floats, Vehicle, Wheelset
 G = 9.80665  # standard gravity [m/s²]
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
+_GRADIENT = 0.4  # no slope makes a train faster than this [m/s²]
+_RECOVERY = 3.0  # no train gains speed faster than this: a wheel after a slide [m/s²]
+_DRIVEN = 3.0  # such a wheel has caught up after this long [s]
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
     R, I, m = vehicle.radius(axle).value, vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
     return Wheelset(a=R / I, phi=vehicle.friction.value, rolling=1.0 / (1.0 + I / (m * R * R)))
+
+
+def rolling_deceleration(w: Wheelset) -> float:
+    """−ω̇ of a rolling wheel per K, with which the train slows [rad/s² per N]. Source: (1)."""
+    return w.a * w.phi * (1.0 - w.rolling)
 
 
 def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
@@ -77,6 +85,32 @@ def moving(record: AxleRecord) -> list[slice]:
         for s in record.segments
         for first, past in true_runs(moves[s])
     ]
+
+
+def driven(record: AxleRecord, radius: float) -> Bools:
+    """Where the wheel, of this radius [m], gains speed without brake as only a motor makes it.
+
+    Harder than on a gradient, longer than it recovers from a slide, and not behind the train; shape
+    (n,). The motor's torque is not in (1).
+    """
+    found = np.zeros(len(record), dtype=bool)
+    free = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
+    for s in record.segments:
+        t = (record.t[s] - record.t[s.start]) * 1e-9
+        rim = record.wheel_speed[s] * radius
+        for first, past in true_runs(free[s]):
+            own, rolls = t[first:past], rim[first:past]
+            before, after = np.maximum(own - 1.0, own[0]), np.minimum(own + 1.0, own[-1])
+            gained = np.interp(after, own, rolls) - np.interp(before, own, rolls)
+            gains = gained > _GRADIENT * (after - before)
+            gains &= (gained < _RECOVERY * (after - before)) & (after - before >= 1.0)
+            if record.train_speed is not None:
+                gains &= ~(rolls < 0.95 * record.train_speed[s][first:past])
+            for a, b in true_runs(gains):
+                if own[b - 1] - own[a] >= _DRIVEN:
+                    near = (own >= own[a] - 1.0) & (own <= own[b - 1] + 1.0)
+                    found[s.start + first : s.start + past] |= near
+    return found
 
 
 def true_runs(mask: Bools) -> list[tuple[int, int]]:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from . import smoother
+from . import runout, smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from .physics import moving, true_runs, wheelset, white_noise
+from .physics import driven, moving, rolling_deceleration, true_runs, wheelset, white_noise
 
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
@@ -28,6 +28,7 @@ _SMALL = 100.0  # clamping force below which nothing is braked [N]
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
+_CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
 
 
@@ -47,22 +48,21 @@ class Method:
     text: str
     source: str
     shortest: int  # samples that a run must have
-    parts: Callable[..., list[Parts]]  # (runs, wheelset, **settings), one result per run
+    # Takes the runs, what run-out adds to the wheel speed of each, and the wheelset's constants.
+    parts: Callable[[list[AxleRecord], list[Floats], Wheelset], list[Parts]]
 
 
-def compute(
-    record: AxleRecord, vehicle: Vehicle, method: str = "smoother", **settings: Any
-) -> Reference:
+def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> Reference:
     """Reference adhesion force over all segments, each on its own.
 
     Force, sigma and band are NaN where there is none: in a segment shorter than the method's
-    `shortest`, and where the wheel stands.
+    `shortest`, where the wheel stands, and where a motor drives it. What a tone ring's run-out adds
+    to the wheel speed is taken out first.
 
     Args:
         record: one axle's record; takes K interpolated, the steps as they are.
         vehicle: its values give F, its tolerances the band.
         method: a name from `METHODS`.
-        settings: the method's own, see there.
 
     Raises:
         UserError: the method is not known.
@@ -71,21 +71,19 @@ def compute(
         raise unknown("reference", method, list(METHODS))
     w = wheelset(vehicle, record.axle)
     slices = [s for s in moving(record) if s.stop - s.start >= METHODS[method].shortest]
-    runs = [_cut(record, s) for s in slices]
-    force, sigma, half = (np.full(len(record), np.nan) for _ in range(3))
-    for s, parts in zip(slices, METHODS[method].parts(runs, w, **settings), strict=True):
+    runs = [record.cut(s) for s in slices]
+    ripples = [runout.found(_seconds(r), r.wheel_speed) for r in runs]
+    force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
+    found = METHODS[method].parts(runs, [part for part, _ in ripples], w)
+    for s, parts in zip(slices, found, strict=True):
         force[s] = w.phi * parts.clamping_force + parts.acceleration / w.a  # (1)
         sigma[s] = parts.sigma
-        half[s] = 1.96 * np.hypot(parts.sigma, _tolerance(record, vehicle, parts))
-    return Reference(method, METHODS[method].source, force, sigma, force - half, force + half)
-
-
-def _cut(record: AxleRecord, s: slice) -> AxleRecord:
-    return AxleRecord(
-        record.axle, record.t[s], record.clamping_force[s], record.clamping_force_smooth[s],
-        record.wheel_speed[s], (slice(0, s.stop - s.start),), record.wheel_speed_step,
-        clamping_force_step=record.clamping_force_step,
-    )  # fmt: skip
+        tolerance[s] = _tolerance(record, vehicle, parts)
+    unknown_torque = driven(record, vehicle.radius(record.axle).value)
+    for column in (force, sigma, tolerance):
+        column[unknown_torque] = np.nan
+    largest = max((share for _, share in ripples), default=0.0)
+    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest)
 
 
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
@@ -119,7 +117,7 @@ def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
 # Smoother: rolling, sliding, changing
 
 
-def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
+def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
     """Rauch, Tung and Striebel's smoother for a wheel that rolls or slides, its noise fitted.
 
     What is smooth depends on the wheel. While it rolls, the train's mass holds ω̇ and F follows
@@ -133,7 +131,8 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
     clamping = _clamping(runs)
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
     together = _counted(max(runs, key=len))
-    wheel = [_rolling(r, k, w, together) for r, k in zip(runs, clamping, strict=True)]
+    every = zip(runs, ripples, clamping, strict=True)
+    wheel = [_rolling(r, x, k, w, together) for r, x, k in every]
     telling = [_telling(run) for run in wheel]
     rounding = _rounding(runs[0].wheel_speed_step, together)
     white = white_noise([r.y for r in (telling if together > 1 else wheel)])
@@ -153,18 +152,18 @@ def _smoother(runs: list[AxleRecord], w: Wheelset) -> list[Parts]:
 
 
 def _rolling(
-    run: AxleRecord, clamping: smoother.Smooth, w: Wheelset, together: int
+    run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset, together: int
 ) -> smoother.Run:  # fmt: skip
     """The run as a wheel that rolls: its ω̇ known from K but for δ; so many samples in one."""
     K, t = clamping.level, _seconds(run)
-    u = -w.a * w.phi * (1.0 - w.rolling) * K
+    u = -rolling_deceleration(w) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
     step = run.wheel_speed_step
     if together > 1:
         y, known = _averaged(run.wheel_speed, _gained(t, u), step, together)
     else:
         y, known = _unstepped(t, run.wheel_speed, step)
-    return smoother.Run(t, y, u, w.a * w.phi * w.rolling * K, lost**2, known)
+    return smoother.Run(t, y - ripple, u, w.a * w.phi * w.rolling * K, lost**2, known)
 
 
 def _counted(run: AxleRecord) -> int:
@@ -396,39 +395,33 @@ def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
 # Butterworth: the paper's way
 
 
-def _butterworth(
-    runs: list[AxleRecord], w: Wheelset, cutoff: float = 2.0, order: int = 2
-) -> list[Parts]:
+def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
     """Zero-phase Butterworth low pass on ω, differentiated; φK unfiltered.
 
     Each run is resampled to its median interval, filtered forwards and backwards, and put back to
     its own times. Sigma is what the filter lets through of the noise it removed, taken as white.
-
-    Args:
-        runs: the runs.
-        w: constants of the wheelset.
-        cutoff: −3 dB frequency of one pass [Hz]; at most 0.4 of the rate.
-        order: order of one pass.
     """
     from scipy.signal import butter, sosfiltfilt
 
     found = []
-    for run in runs:
-        t = _seconds(run)
+    for run, ripple in zip(runs, ripples, strict=True):
+        t, y = _seconds(run), run.wheel_speed - ripple
         n = len(t)
         even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
         rate = (len(even) - 1) / t[-1]
-        sos = butter(order, min(cutoff, 0.4 * rate), fs=rate, output="sos")
-        pad = min(len(even) - 1, round(3.0 * rate / min(cutoff, 0.4 * rate)))
-        speed = np.interp(even, t, run.wheel_speed)
+        cutoff = min(_CUTOFF, 0.4 * rate)
+        sos = butter(2, cutoff, fs=rate, output="sos")
+        pad = min(len(even) - 1, round(3.0 * rate / cutoff))
+        speed = np.interp(even, t, y)
         smooth = sosfiltfilt(sos, speed, padlen=pad)
         pulse = np.zeros(2 * pad + 3)
         pulse[pad + 1] = 1.0
         kernel = np.gradient(sosfiltfilt(sos, pulse, padlen=0), 1.0 / rate)
-        removed = float(np.std(run.wheel_speed - np.interp(t, even, smooth)))
+        removed = float(np.std(y - np.interp(t, even, smooth)))
         noise = max(removed, run.wheel_speed_step / math.sqrt(12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
-        pressed_sigma = math.sqrt(white_noise([run.clamping_force_smooth]))
+        own = [_piece(run, s).y for s in _pressed(run)]
+        pressed_sigma = math.sqrt(white_noise(own))
         found.append(
             Parts(
                 run.clamping_force_smooth,

@@ -140,7 +140,7 @@ def with_reference_speed(
     fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, every[0].axle)
     radius = vehicle.radius(every[0].axle).value
-    brake = w.a * w.phi * (1.0 - w.rolling) * radius * np.nan_to_num(_finite_median(K))  # (1)
+    brake = physics.rolling_deceleration(w) * radius * np.nan_to_num(_finite_median(K))  # (1)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, 1.2 * brake + _GRADIENT, v)
@@ -348,8 +348,7 @@ def _points(
     at = np.concatenate([np.arange(x.where.start, x.where.stop) for x in found])
     at = at[np.isfinite(ref.force[at]) & np.isfinite(axle.slip[at])]
     mu = physics.coefficient(ref.force[at], vehicle)
-    half = (ref.upper[at] - ref.lower[at]) / 2.0 / 1.96
-    scale = np.sqrt(np.maximum(half**2 - ref.sigma[at] ** 2, 0.0)) / np.maximum(ref.force[at], 1.0)
+    scale = ref.tolerance[at] / np.maximum(ref.force[at], 1.0)
     mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
     t = (record.t[at] - record.t[0]) * 1e-9

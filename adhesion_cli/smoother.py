@@ -19,9 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from . import compiled
-from .model import Floats
+from .model import Z95, Floats
 
-_Z95 = 1.959963984540054  # half-width of the 95 % interval in standard deviations
 _SLACK = 0.5  # nats below the maximum: one standard deviation of the likelihood
 
 
@@ -326,7 +325,7 @@ def _backward(
             for j in range(M):
                 mean += now[j, 5] / mass * now[j, i]
             out[k, 2 * i] = mean
-            out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / _Z95
+            out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
 
 
 def _gained(
@@ -353,7 +352,7 @@ def _half_width(now: Floats, i: int, mean: float, mass: float) -> float:
     low, high = math.inf, 0.0
     for j in range(M):
         if now[j, 5] > 1e-4 * mass:
-            width = _Z95 * math.sqrt(max(now[j, 4 if i else 2], 0.0))
+            width = Z95 * math.sqrt(max(now[j, 4 if i else 2], 0.0))
             low, high = min(low, width), max(high, width + abs(now[j, i] - mean))
     while high > 1.01 * low and high > 0.0:
         middle, outside = math.sqrt(low * high) if low > 0.0 else 0.5 * high, 0.0

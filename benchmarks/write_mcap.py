@@ -37,7 +37,7 @@ START = 1_760_000_000 * 10**9
 def result(t: Times, v: list[Floats]) -> Result:
     log = Log("log.csv", "csv", "0" * 64, True, len(t), (), ())
     record = AxleRecord(1, t, v[0], v[0], v[1], (slice(0, len(t)),))
-    reference = Reference("", "", v[0], v[1], v[2], v[3])
+    reference = Reference("", "", v[0], v[1], v[2])
     axle = AxleResult(record, reference, {"neso": v[4], "td": v[3]}, (), ())
     return Result(log, Vehicle(), (axle,), (), {})
 

@@ -53,10 +53,7 @@ def axle_result(axle: int, n: int, rate: float, start: int) -> AxleResult:
         axle, t, K, K, wheel_speed, (slice(0, gap.start), slice(gap.stop, n)),
         pressure=pressure, train_speed=v, truth=truth,
     )  # fmt: skip
-    half = 0.2 * np.abs(force) + 2 * sigma
-    reference = Reference(
-        "rts", "Rauch, Tung, Striebel 1965", force, sigma, force - half, force + half
-    )
+    reference = Reference("rts", "Rauch, Tung, Striebel 1965", force, sigma, 0.1 * np.abs(force))
     scores = []
     for algo, estimate in estimates.items():
         e = estimate - truth

@@ -19,7 +19,7 @@ LAYERS = [
     {"physics", "methods", "stop"},
     {"estimator", "controller"},
     {"estimators", "compiled", "rail", "slope"},
-    {"smoother", "controllers", "railfit"},
+    {"runout", "smoother", "controllers", "railfit"},
     {"reference"},
     {"metrics", "read", "write"},
     {"scenario"},

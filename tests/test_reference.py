@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from adhesion_cli import physics, reference, scenario, simulate, smoother
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
+from adhesion_cli.model import Z95, AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
 
 VEHICLE = Vehicle()
 
@@ -405,8 +405,8 @@ def exact(**tolerance: float) -> Vehicle:
 def test_without_tolerances_the_band_is_noise() -> None:
     record, _ = logged("service-brake", 20.0, pressure_noise=500.0)
     F = reference.compute(record, exact())
-    assert np.allclose(F.upper - F.force, 1.96 * F.sigma)
-    assert np.allclose(F.force - F.lower, 1.96 * F.sigma)
+    assert np.allclose(F.upper - F.force, Z95 * F.sigma)
+    assert np.allclose(F.force - F.lower, Z95 * F.sigma)
 
 
 @pytest.mark.parametrize(
@@ -425,7 +425,7 @@ def test_each_tolerance_moves_the_band_as_it_moves_the_force(name: str, share: f
     value = (VEHICLE.wheel_radius[0] if name == "wheel_radius" else getattr(VEHICLE, name)).value
     tolerance = share * value
     band = reference.compute(record, exact(**{name: tolerance}))
-    squared = ((band.upper - band.lower) / 2.0) ** 2 - (1.96 * band.sigma) ** 2
+    squared = ((band.upper - band.lower) / 2.0) ** 2 - (Z95 * band.sigma) ** 2
     half = np.sqrt(np.maximum(squared, 0.0))  # rounding
     shifted = Parameter(value + 0.1 * tolerance, 0.0)
     other = replace(VEHICLE, **{name: (shifted,) if name == "wheel_radius" else shifted})
@@ -434,7 +434,7 @@ def test_each_tolerance_moves_the_band_as_it_moves_the_force(name: str, share: f
     acceleration = was.a * (F.force - was.phi * K_was)
     moved = np.abs(w.phi * K + acceleration / w.a - F.force)
     used = np.isfinite(F.force) & ((K_was == 0.0) == (K == 0.0))
-    assert half[used] / 1.96 == pytest.approx(10.0 * moved[used], rel=0.05, abs=3.0)
+    assert half[used] / Z95 == pytest.approx(10.0 * moved[used], rel=0.05, abs=3.0)
 
 
 def test_the_cylinder_does_not_matter_where_the_log_has_the_clamping_force() -> None:
@@ -442,10 +442,10 @@ def test_the_cylinder_does_not_matter_where_the_log_has_the_clamping_force() -> 
     given_K = replace(record, pressure=None)
     cylinder = exact(cylinder_diameter=0.01, spring_force=500.0, efficiency=0.1, discs=0.1)
     F = reference.compute(given_K, cylinder)
-    assert np.allclose(F.upper - F.force, 1.96 * F.sigma)
+    assert np.allclose(F.upper - F.force, Z95 * F.sigma)
     F = reference.compute(given_K, exact(friction=0.03))
     assert np.max(F.upper - F.force) == pytest.approx(
-        1.96 * 0.03 * np.max(record.clamping_force), rel=0.02
+        Z95 * 0.03 * np.max(record.clamping_force), rel=0.02
     )
 
 

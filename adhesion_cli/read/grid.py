@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import AxleRecord, Bools, Channel, Finding, Floats, Severity, Times, Vehicle
-from ..physics import wheelset
+from ..physics import rolling_deceleration, wheelset
 
 LEAST = 8  # samples on it that show anything
 _STEP = 0.25  # where the log is fast enough [s]
@@ -112,7 +112,7 @@ class Scene(NamedTuple):
         """Deceleration of a train that rolls, per K of an axle [m/s² per N]. Source: (1)."""
         axle = self.axles[0].record.axle
         w = wheelset(self.vehicle, axle)
-        return w.a * w.phi * (1.0 - w.rolling) * self.vehicle.radius(axle).value
+        return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     def told(
         self, code: str, severity: Severity, text: str, channel: Channel,
