@@ -202,11 +202,14 @@ def unexplained(s: Scene) -> Iterator[Finding]:
         most = float(np.median(np.abs(off[long])))
         # Nothing says that a single wheel rolls.
         slides = g.train is None and len(s.axles) == 1 and way == "more" and most > _SLIDING
-        severity: Severity = "warning" if most > _GRADIENT and not slides else "info"
+        # Where the force itself was measured and nothing ever slows, rollers hold the speed.
+        measured = s.axles[0].brake.meaning == "clamping_force"
+        rig = measured and way == "less" and not (y[known] > _UNBRAKED).any()
+        severity: Severity = "warning" if most > _GRADIENT and not (slides or rig) else "info"
         text = (
             f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
             f"elsewhere: {'a long slide, ' * slides}a stuck, cut off or drifting pressure sensor, "
-            f"another brake, or a gradient of {100.0 * most / G:.0f} %; "
+            f"another brake, {'a rig, ' * rig}or a gradient of {100.0 * most / G:.0f} %; "
             "leave these times out with --from and --to"
         )
         yield s.told("pressure-suspect", severity, text, s.axles[0].brake, long)
