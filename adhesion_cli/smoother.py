@@ -6,7 +6,12 @@ random (a Markov chain in continuous time): within each regime the smoother is R
 Striebel's, and after each step the regimes' mixtures are merged to one Gaussian each, forwards as
 Kim does. Backwards, Kim weighs the regime before a step by its filtered probability alone; then a
 regime can be chosen whose state does not fit what came after it. Barber's correction adds how well
-it fits. All noise levels are those that make the measurements most likely.
+it fits: regime i before j weighs
+
+    w_ij ∝ p_i T_ij N(x̂_j; m_ij, P_ij),
+
+x̂_j smoothed mean after the step, m_ij and P_ij what i and j predict for it; the spread of x̂_j is
+neglected there. All noise levels are those that make the measurements most likely.
 
 Sources: Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Kim, J. Econometrics 60 (1994) 1; Barber,
 J. Machine Learning Research 7 (2006) 2515.
@@ -49,7 +54,7 @@ class Noise(NamedTuple):
 
     measurement: float  # r, variance of y
     coupling: float  # calm regime: variance of what δ takes up of Δs, per Δs²
-    rough: Floats  # (M,) variance rate of δ in each regime [1/s]
+    rough: Floats  # (M,) variance rate of δ in each regime: [y²/s³]; of a wheel speed rad²/s⁵
 
 
 class Smooth(NamedTuple):
