@@ -37,7 +37,8 @@ def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None
     done = run("analyze", SAMPLES / "service-brake.csv")
     assert done.returncode == 0, done.stderr
     assert "neso" in done.stdout
-    assert "wrote service-brake.adhesion.mcap" in done.stdout
+    for kind in ("mcap", "rrd", "sha256"):
+        assert f"wrote service-brake.adhesion.{kind}\n" in done.stdout
     names = {p.name for p in tmp_path.iterdir()}
     assert {"service-brake.adhesion.mcap", "service-brake.adhesion.rrd"} <= names
 

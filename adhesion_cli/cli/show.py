@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from ..model import Finding, Result, Score
@@ -106,9 +107,12 @@ def summary(result: Result, entry: dict[str, Any]) -> str:
     return "\n".join([*lines, wrote(*entry["outputs"].values())])
 
 
-def wrote(*paths: object) -> str:
-    """Which files were written, a line each."""
-    return "\n".join(f"wrote {printable(str(path))}" for path in paths)
+def wrote(*paths: str | Path) -> str:
+    """Which files were written, a line each; several are a set and have a manifest."""
+    from ..write import files
+
+    names = [*paths, *([files.manifest(Path(paths[0]))] if len(paths) > 1 else [])]
+    return "\n".join(f"wrote {printable(str(name))}" for name in names)
 
 
 def progress(quiet: bool) -> Callable[[str], None]:

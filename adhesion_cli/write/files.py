@@ -115,7 +115,7 @@ def outputs(
             targets = list(paths)
             if len(paths) + len(kept) > 1:
                 text = _manifest([*kept, *paths], [*kept, *(f.path for f in files)])
-                targets.append(_manifest_of(paths[0]))
+                targets.append(manifest(paths[0]))
                 files.append(stack.enter_context(_Unnamed(folder)))
                 files[-1].path.write_text(text, "utf-8", "surrogateescape")
             for file in files:
@@ -205,14 +205,15 @@ def _locked(folder: Path) -> Iterator[None]:
 def belong_together(paths: Sequence[Path]) -> bool:
     """Whether a manifest of ours lists these files of one set with the content they have now."""
     try:
-        told = _manifest_of(paths[0]).read_text("utf-8", "surrogateescape")
+        told = manifest(paths[0]).read_text("utf-8", "surrogateescape")
         listed = set(told.removeprefix(_OURS).splitlines(keepends=True))
         return told.startswith(_OURS) and all(_line(p.name, p) in listed for p in paths)
     except FileNotFoundError:
         return False
 
 
-def _manifest_of(path: Path) -> Path:
+def manifest(path: Path) -> Path:
+    """The manifest of the set whose first file this is."""
     return path.with_suffix(".sha256")
 
 
@@ -227,10 +228,10 @@ def _line(name: str, place: Path) -> str:
 
 def _remove_manifest(path: Path) -> None:
     """Remove the manifest that a result is listed in, if it is ours: it is about to be untrue."""
-    manifest = _manifest_of(path)
+    told = manifest(path)
     with suppress(FileNotFoundError):
-        if manifest.read_text("utf-8", "surrogateescape").startswith(_OURS):
-            manifest.unlink()
+        if told.read_text("utf-8", "surrogateescape").startswith(_OURS):
+            told.unlink()
 
 
 def _umask() -> int:
