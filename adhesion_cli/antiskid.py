@@ -32,7 +32,7 @@ from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
 from .methods import Method, validated
 from .model import Channel, Column, Floats, Log, Vehicle, Wheelset
-from .physics import G
+from .physics import G, braked, reference_speed
 from .plant import (
     SOON,
     Plant,
@@ -50,6 +50,7 @@ from .plant import (
 from .rail import Patch
 from .scenario import Film, Limit, Rail, Scenario, Section
 from .slope import init as slope_init
+from .slope import region
 from .slope import step as slope_step
 from .stop import Stop, Verdict
 
@@ -138,12 +139,14 @@ def observed(
     return Observed(y * c.radius, s, rate / max(v, SLOWEST), mu, k.slope, k.confidence)
 
 
-class _Timing(NamedTuple):
-    """Of the unit, in steps of the plant."""
+class _Unit(NamedTuple):
+    """Times in steps of the plant, and what the unit knows."""
 
     every: int  # between ticks
     delay: int  # age of measured values
     dead: int  # until the valves answer
+    measured: bool  # the train speed; else it is made of the axles
+    bands: slope.Bands  # that regions are told by
 
 
 class _Trace(NamedTuple):
@@ -164,6 +167,7 @@ class _Trace(NamedTuple):
     slope: Floats
     confidence: Floats
     valve: NDArray[np.int8]
+    region: NDArray[np.int8]
 
 
 def online(
@@ -220,7 +224,7 @@ def _peak(v: float, rail: Floats, patch: Patch) -> float:
 
 def _march(
     plant: Plant, track: Track, demand_t: Floats, demand_p: Floats, v: float, dt: float,
-    timing: _Timing, chain: Chain, w: Wheelset, ep: Any, sp: slope.Params, cp: Any,
+    unit: _Unit, chain: Chain, w: Wheelset, ep: Any, sp: slope.Params, cp: Any,
     train_noise: Floats, wheel_noise: Floats, pressure_noise: Floats,
     trace: _Trace, air: Floats,
 ) -> tuple[int, float]:  # fmt: skip
@@ -235,24 +239,23 @@ def _march(
     p, rim, room = np.zeros(axles), np.full(axles, v), scratch(axles)
     valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
     before, alone = np.zeros(axles), 0.0
-    size = max(timing.delay, timing.dead) + 1  # of the rings of what was
+    size = max(unit.delay, unit.dead) + 1  # of the rings of what was
     was_v, was_w, was_p = np.zeros(size), np.zeros((size, axles)), np.zeros((size, axles))
     command = np.zeros((size, axles), np.int64)
     F = np.zeros(axles)
-    h = timing.every * dt
-    x, segment, timed_knot = 0.0, 0, 0
+    h = unit.every * dt
+    x, v_told, segment, timed_knot = 0.0, v, 0, 0
     estimates = [estimate_init(ep, w, 0.0, v / chain.radius)] * axles
     slopes = [slope_init(sp, 0.0, 0.0)] * axles
     start = observed(chain, v, v / chain.radius, 0.0, 0.0, 0.0, slopes[0])
     controls = [control_init(cp, start)] * axles
-    for k in range(ticks * timing.every):
+    for k in range(ticks * unit.every):
         t, end, now = k * dt, (k + 1) * dt, k % size
         was_v[now] = v
         for i in range(axles):
             was_w[now, i], was_p[now, i] = rim[i] / plant.radius[i], p[i]
-        if k % timing.every == 0:
-            j, then = k // timing.every, max(k - timing.delay, 0) % size
-            v_told = max(was_v[then] + train_noise[j], 0.0) if was_v[then] > 0.0 else 0.0
+        if k % unit.every == 0:
+            j, then = k // unit.every, max(k - unit.delay, 0) % size
             for i in range(axles):
                 y = was_w[then, i]
                 if y > 0.0:  # a sensor at rest gives no pulses
@@ -265,19 +268,25 @@ def _march(
                     estimates[i] = estimate_init(ep, w, K, y)
                 F[i] = estimates[i].F
                 trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i] = y, K
+            if unit.measured:
+                v_told = max(was_v[then] + train_noise[j], 0.0) if was_v[then] > 0.0 else 0.0
+            else:
+                fastest = trace.told_wheel_speed[j].max() * chain.radius
+                braking = braked(trace.told_clamping_force[j], w, chain.radius).mean()
+                v_told = reference_speed(v_told, fastest, braking, h) if j > 0 else fastest
             slowing = F.sum() / (axles * chain.mass)
             for i in range(axles):
                 y, K = trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i]
-                mu = F[i] / (chain.mass * G)
+                s, mu = slip_of(chain, v_told, y), F[i] / (chain.mass * G)
                 if j > 0:
-                    slopes[i] = slope_step(sp, slopes[i], h, slip_of(chain, v_told, y), mu)
+                    slopes[i] = slope_step(sp, slopes[i], h, s, mu)
                 o = observed(chain, v_told, y, K, F[i], slowing, slopes[i])
                 if j > 0:
                     controls[i] = control_step(cp, controls[i], h, o)
                 else:
                     controls[i] = control_init(cp, o)
                 z = t if track.timed else x - plant.positions[i]
-                knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+                knot[i] = rail_at(track, i, z, knot[i], room.rails[i])
                 trace.wheel_speed[j, i], trace.pressure[j, i] = rim[i] / plant.radius[i], p[i]
                 trace.force[j, i] = adhesion(v - rim[i], v, room.rails[i], plant.patch)[0]
                 sliding = _peak(v, room.rails[i], plant.patch)
@@ -285,12 +294,13 @@ def _march(
                 trace.peak_slip[j, i], trace.valve[j, i] = sliding / v, controls[i].valve
                 trace.estimate[j, i], trace.slope[j, i] = F[i], slopes[i].slope
                 trace.confidence[j, i] = slopes[i].confidence
+                trace.region[j, i] = region(s, slopes[i].slope, unit.bands)
             trace.speed[j], trace.told_train_speed[j] = v, v_told
             trace.distance[j], trace.demand[j] = x, alone
         for i in range(axles):
             command[now, i] = controls[i].valve
-            if k >= timing.dead:
-                valve[i] = command[(k - timing.dead) % size, i]
+            if k >= unit.dead:
+                valve[i] = command[(k - unit.dead) % size, i]
         while t < end - SOON:
             while demand_t[segment + 1] <= t + SOON:
                 segment += 1
@@ -311,7 +321,7 @@ def _march(
             x += 0.5 * (stop - t) * (v + v_new)
             v, t = v_new, stop
         if v == 0.0:
-            return k // timing.every + 1, math.nan
+            return k // unit.every + 1, math.nan
     return ticks, math.nan
 
 
@@ -324,6 +334,7 @@ def run(
     seed: int | None = None,
     algo: str = ESTIMATOR,
     settings: Settings | None = None,
+    track: Track | None = None,
 ) -> Stop:
     """One stop.
 
@@ -334,6 +345,7 @@ def run(
         seed: of the sensors' noise, in place of the scenario's.
         algo: online estimator in the loop.
         settings: parameters by name of controller, of estimator, and of "slope".
+        track: the rail, in place of the scenario's.
 
     Raises:
         UserError: no such controller or estimator, a parameter unknown or out of range, a scenario
@@ -343,16 +355,18 @@ def run(
 
     if scenario.rig or not scenario.brake.command:
         raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
-    unit, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
-    timing = _Timing(*(round(x / dt) for x in (unit.period, unit.delay, unit.dead_time)))
-    if timing.every < 1:
+    known, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
+    settings = settings or {}
+    every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
+    unit = _Unit(every, delay, dead, known.train_speed == "measured", bands(settings))
+    if unit.every < 1:
         raise UserError(f"{scenario.name}: dt is longer than the unit's period", "a shorter dt")
-    est, law, ep, sp, cp = choose(controller, algo, settings or {})
+    est, law, ep, sp, cp = choose(controller, algo, settings)
     plant = plant_of(scenario)
     plant = plant._replace(
-        valve_time=unit.vent_time, fill_rate=min(plant.fill_rate, unit.fill_rate)
+        valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
     )
-    h = timing.every * dt
+    h = unit.every * dt
     ticks = round(LONGEST / h)
     shape = (ticks, axles)
     seed = scenario.seed if seed is None else seed
@@ -360,18 +374,18 @@ def run(
     noise = [
         math.sqrt(variance) * random.standard_normal(size)
         for variance, size in (
-            (unit.train_noise, ticks), (unit.wheel_noise, shape), (unit.pressure_noise, shape),
+            (known.train_noise, ticks), (known.wheel_noise, shape), (known.pressure_noise, shape),
         )
     ]  # fmt: skip
-    columns = [np.empty(ticks)] * 4 + [np.empty(shape)] * 10
-    trace = _Trace._make([*(x.copy() for x in columns), np.empty(shape, np.int8)])
+    columns = [np.empty(size) for size in (ticks,) * 4 + (shape,) * 10]
+    trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
     air = np.zeros(axles)
     march = compiled.function(
         _march, estimate_init=est.init, estimate_step=est.step,
         control_init=law.init, control_step=law.step,
     )  # fmt: skip
     done, failed = march(
-        plant, track_of(scenario.rail), *demand_of(scenario), scenario.train.speed, dt, timing,
+        plant, track or track_of(scenario), *demand_of(scenario), scenario.train.speed, dt, unit,
         chain_of(scenario.vehicle), physics.wheelset(scenario.vehicle, 1), ep, sp, cp, *noise,
         trace, air,
     )  # fmt: skip
@@ -388,9 +402,10 @@ def run(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
         v, trace.distance, trace.demand, rim, trace.pressure, trace.force, trace.peak,
         trace.peak_slip, physics.slip(v[:, None], rim, 1.0, SLOWEST), trace.valve,
+        trace.region,
         trace.told_train_speed, trace.told_wheel_speed, trace.told_clamping_force,
         trace.estimate, trace.slope, trace.confidence,
-        air=float(air.sum()) * unit.volume / _NORMAL * 1e3,
+        air=float(air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
 
 
@@ -424,10 +439,10 @@ def choose(
     return est, law, ep, sp, cp
 
 
-def slip_band(settings: Settings) -> tuple[float, float]:
-    """Least and most slip [-] of the patent's band under these settings."""
+def bands(settings: Settings) -> slope.Bands:
+    """The patent's bands under these settings, for every controller's picture alike."""
     p = validated(controllers()["patent"], settings.get("patent", {}))
-    return p.slip_low, p.slip_high
+    return slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
 
 
 def dry_distance(scenario: Scenario) -> float:

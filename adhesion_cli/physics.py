@@ -12,6 +12,8 @@ import numpy as np
 from .model import AxleRecord, Bools, Floats, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
+HARDER, GRADIENT = 1.2, 0.4  # error of what brakes are said to do; 4 % of slope [m/s²]
+RISE = 3.0  # no train accelerates harder [m/s²]
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _GRADIENT = 0.4  # no slope makes a train faster than this [m/s²]
@@ -56,6 +58,27 @@ def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float
     with np.errstate(divide="ignore", invalid="ignore"):
         s = (train_speed - wheel_speed * radius) / train_speed  # (2)
     return np.where(train_speed >= slowest, s, np.nan)
+
+
+def braked(K: Floats, w: Wheelset, radius: float) -> Floats:
+    """Deceleration [m/s²] that the clamping force makes of a wheel that rolls. Source: (1)."""
+    return rolling_deceleration(w) * radius * K
+
+
+def reference_speed(before: float, fastest: float, braking: float, h: float) -> float:
+    """Train speed made of the axles, one step on, as slide protection makes it [m/s].
+
+    The fastest axle is the train, which slows no harder than all brakes together and a gradient can
+    make it: where every axle does, all slide, and the speed goes on at that limit.
+
+    Args:
+        before: the same at the step before [m/s].
+        fastest: largest rim speed of all axles [m/s].
+        braking: what `braked` gives of the axles' clamping force [m/s²].
+        h: interval [s].
+    """
+    slowest = before - (HARDER * braking + GRADIENT) * h
+    return max(min(max(fastest, slowest), before + RISE * h), 0.0)
 
 
 def coefficient(force: Floats, vehicle: Vehicle) -> Floats:

@@ -25,7 +25,7 @@ from . import physics
 from .controller import HOLD, VENT
 from .model import Floats, Vehicle
 from .rail import Condition, Patch, condition, creep_force
-from .scenario import INF, Rail, Scenario, Wave, Wsp
+from .scenario import INF, Scenario, Wave, Wsp
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2
 STANDSTILL = 1e-3  # a braked train slower than this stands [m/s]
@@ -45,7 +45,6 @@ class Plant(NamedTuple):
     at_zero: float
     patch: Patch
     positions: Floats
-    cleaning: Floats
     fill_time: float
     vent_time: float
     fill_rate: float
@@ -58,11 +57,11 @@ class Plant(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Rail condition as straight lines between knots."""
+    """Rail condition under each axle as straight lines between knots."""
 
     timed: bool  # knots are times, not places
     knots: Floats  # shape (k,), the last one at infinity
-    values: Floats  # shape (k, 5), the fields of `Condition`
+    values: Floats  # shape (axles, k, 5), the fields of `Condition`
     amplitude: float
     period: float
 
@@ -81,7 +80,6 @@ def plant_of(s: Scenario) -> Plant:
         at_zero=at_zero,
         patch=s.contact.patch(m * physics.G),
         positions=np.array(s.train.positions or [0.0] * n),
-        cleaning=np.array(s.train.cleaning or [1.0] * n),
         fill_time=s.brake.fill_time,
         vent_time=s.brake.vent_time,
         fill_rate=s.brake.fill_rate,
@@ -121,8 +119,9 @@ def demand_of(s: Scenario) -> tuple[Floats, Floats]:
     return np.array([*t, INF]), np.array([*p, p[-1]])
 
 
-def track_of(rail: Rail) -> Track:
-    """The rail of a scenario, film laid over its sections."""
+def track_of(s: Scenario) -> Track:
+    """The rail of a scenario, film laid over its sections, as each axle finds it cleaned."""
+    rail = s.rail
     knots: list[float] = []
     values: list[Condition] = []
     for place, name, scale in rail.changes():
@@ -132,30 +131,26 @@ def track_of(rail: Rail) -> Track:
         knots.append(place + rail.blend if knots else place)
         values.append(condition(name)._replace(f0=condition(name).f0 * scale))
     wave = rail.wave or Wave(0.0, 1.0)
-    return Track(
-        rail.along == "time",
-        np.array([*knots, INF]),
-        np.array([*values, values[-1]]),
-        wave.amplitude,
-        wave.period,
-    )
+    under = np.array([[*values, values[-1]]] * s.train.axles)
+    under[:, :, 2] *= np.array(s.train.cleaning or [1.0] * s.train.axles)[:, None]  # f0
+    return Track(rail.along == "time", np.array([*knots, INF]), under, wave.amplitude, wave.period)
 
 
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def rail_at(track: Track, z: float, j: int, cleaning: float, rail: Floats) -> int:
+def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
     """Puts the condition at place or time `z` into `rail`; returns the knot before it.
 
-    `j` is a knot no later.
+    `axle` counts from 0, `j` is a knot no later.
     """
     while track.knots[j + 1] <= z:
         j += 1
     part = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
     for i in range(5):
-        rail[i] = track.values[j, i] + part * (track.values[j + 1, i] - track.values[j, i])
-    wave = track.amplitude * math.sin(2.0 * math.pi * z / track.period)
-    rail[2] *= cleaning * (1.0 + wave)  # f0
+        before = track.values[axle, j, i]
+        rail[i] = before + part * (track.values[axle, j + 1, i] - before)
+    rail[2] *= 1.0 + track.amplitude * math.sin(2.0 * math.pi * z / track.period)  # f0
     return j
 
 
@@ -269,7 +264,7 @@ def advance(
             if part == 1.0:
                 p[i] = p1
             z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-            knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+            knot[i] = rail_at(track, i, z, knot[i], room.rails[i])
         if v > 0.0:
             v_new = _stage(
                 plant, room.rails, room.friction, GAMMA * h, v_from, w_from, v_new, w_new,

@@ -140,7 +140,13 @@ class Wsp:
 
 @dataclass(frozen=True, slots=True)
 class Antiskid:
-    """Sensors and valves of an anti-skid unit; ours, illustrative."""
+    """Sensors and valves of an anti-skid unit; ours, illustrative.
+
+    Attributes:
+        train_speed: `measured`, as by a radar, or made of the `axles` (`physics.reference_speed`).
+    """
+
+    train_speed: Literal["measured", "axles"] = "measured"
 
     period: Annotated[float, Quantity("s", "time between decisions", 1e-3, 0.1)] = 0.01
     delay: Annotated[float, Quantity("s", "age of what the sensors say", 0.0, 1.0)] = 0.01

@@ -102,7 +102,7 @@ def _integrate(
                 speed[k], distance[k] = v, x
                 for i in range(axles):
                     z = t if track.timed else x - plant.positions[i]
-                    knot[i] = rail_at(track, z, knot[i], plant.cleaning[i], room.rails[i])
+                    knot[i] = rail_at(track, i, z, knot[i], room.rails[i])
                     pressure[k, i], wheel_speed[k, i] = p[i], w[i] / plant.radius[i]
                     if v > 0.0:
                         force[k, i] = adhesion(v - w[i], v, room.rails[i], plant.patch)[0]
@@ -184,7 +184,7 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
         pressure[:] = np.where(K > 0.0, (K + at_zero) / per_pascal, 0.0)
     else:
         failed = compiled.function(_integrate)(
-            plant_of(scenario), track_of(scenario.rail), *demand_of(scenario),
+            plant_of(scenario), track_of(scenario), *demand_of(scenario),
             scenario.train.speed, dt, pressure, wheel_speed, force, speed,
             distance,
         )  # fmt: skip
@@ -201,14 +201,14 @@ def _sweep(
 ) -> Floats:
     """Fills the columns of a roller rig; returns the K [N] that (1) asks for, shape (n, 1)."""
     assert s.rig is not None
-    plant, track, v = plant_of(s), track_of(s.rail), s.train.speed
+    plant, track, v = plant_of(s), track_of(s), s.train.speed
     sliding = s.rig.slip * v * t / t[-1]
     speed[:] = v
     distance[:] = v * t
     wheel_speed[:, 0] = (v - sliding) / plant.radius[0]
     knot, rail = 0, np.zeros(5)
     for k, z in enumerate(t if track.timed else distance):
-        knot = rail_at(track, z, knot, plant.cleaning[0], rail)
+        knot = rail_at(track, 0, z, knot, rail)
         force[k, 0] = adhesion(sliding[k], v, rail, plant.patch)[0]
     slowing = s.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
     K: Floats = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)

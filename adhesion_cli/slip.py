@@ -23,6 +23,7 @@ from .model import (
     Times,
     Vehicle,
 )  # fmt: skip
+from .physics import reference_speed
 from .slope import REGIONS, Bands, Params, State, init, region, step
 
 _FREE = 60.0  # clamping force that brakes nothing [N]
@@ -30,8 +31,6 @@ _EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
 _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
-_GRADIENT = 0.4  # deceleration without a brake: 4 % [m/s²]
-_RISE = 3.0  # no train accelerates harder [m/s²]
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
 _SHORT = 0.1  # a slide lasts longer [s]
@@ -97,24 +96,19 @@ def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Fi
 # Train speed from the axles
 
 
-def _follow(t: Floats, fastest: Floats, limit: Floats, v: Floats) -> None:
-    """Fills v: the fastest axle, its fall limited by `limit` and its rise by what a train does."""
+def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
+    """Fills v by `physics.reference_speed`, anew after what is not known."""
     v[0] = fastest[0]
     for i in range(1, len(t)):
-        if not (math.isfinite(v[i - 1]) and math.isfinite(fastest[i])):
-            v[i] = fastest[i]
-            continue
-        h = t[i] - t[i - 1]
-        v[i] = min(max(fastest[i], v[i - 1] - limit[i] * h), v[i - 1] + _RISE * h)
+        v[i] = fastest[i]
+        if math.isfinite(v[i - 1]) and math.isfinite(fastest[i]):
+            v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
 
 
 def with_reference_speed(
     records: Sequence[AxleRecord], every: Sequence[AxleRecord], vehicle: Vehicle, start_ns: int
 ) -> tuple[list[AxleRecord], list[Finding]]:
-    """Records without a train speed get one made of all axles, as slide protection does it.
-
-    The fastest axle is the train, and the train slows no harder than all brakes together and a
-    gradient can make it: where every axle does, all slide, and the speed goes on at that limit.
+    """Records without a train speed get one made of all axles: `physics.reference_speed`.
 
     Args:
         records: the axles that need it.
@@ -140,10 +134,10 @@ def with_reference_speed(
     fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, every[0].axle)
     radius = vehicle.radius(every[0].axle).value
-    brake = physics.rolling_deceleration(w) * radius * np.nan_to_num(_finite_median(K))  # (1)
+    braking = physics.braked(np.nan_to_num(_finite_median(K)), w, radius)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
-    compiled.function(_follow)(seconds, fastest, 1.2 * brake + _GRADIENT, v)
+    compiled.function(_follow)(seconds, fastest, braking, v)
     count = f"{len(every)} axles" if len(every) > 1 else "one axle"
     text = f"no train speed: made of {count}, the fastest one, falling no harder than braked"
     findings = [Finding("reference-speed", "info", text)]

@@ -27,6 +27,7 @@ class Stop:
     peak_slip: Floats  # and the slip at which it does
     slip: Floats  # true slip, NaN where the train is too slow
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
+    region: NDArray[np.int8]  # of what the unit was told: index into `slope.REGIONS`
     told_train_speed: Floats  # what the sensors said
     told_wheel_speed: Floats  # [rad/s]
     told_clamping_force: Floats  # K from the pressure they said

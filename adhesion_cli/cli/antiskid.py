@@ -79,7 +79,7 @@ def command(
     text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
     with files.outputs(paths, shared.force, inputs=[Path(scenario)]) as (record, recording):
         mcap.write_log(record, antiskid.as_log(case, [s for s, _ in stops]), document)
-        band = antiskid.slip_band(settings)
+        band = antiskid.bands(settings)[:2]
         weight = case.vehicle.axle_mass.value * G
         rrd.write_stops(recording, case.name, [s for s, _ in stops], weight, band, text)
     print(document if shared.json else "\n".join([text, show.wrote(*paths)]))
