@@ -11,10 +11,8 @@ standard are not built in: no copy of it could be read.
 """
 
 import math
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +29,7 @@ from .estimator import registry as estimators
 from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
 from .methods import Method, validated
-from .model import Channel, Column, Floats, Log, Vehicle, Wheelset
+from .model import Floats, Vehicle, Wheelset
 from .physics import G, braked, reference_speed
 from .plant import (
     SOON,
@@ -48,30 +46,13 @@ from .plant import (
     track_of,
 )
 from .rail import Patch
-from .scenario import Film, Limit, Rail, Scenario, Section
+from .scenario import Limit, Rail, Scenario, Section
 from .slope import init as slope_init
 from .slope import region
 from .slope import step as slope_step
-from .stop import Stop, Verdict
+from .stop import LOCKED, ROLLS, SLOWEST, Stop, Verdict
 
-RAILS = {
-    "dry": Rail((Section(0.0, "dry"),)),
-    "wet": Rail((Section(0.0, "wet"),)),
-    "low": Rail((Section(0.0, "low"),)),
-    "very-low": Rail((Section(0.0, "very-low"),)),
-    "sudden": Rail(
-        (
-            Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
-            Section(450.0, "low", 1.6), Section(550.0, "very-low"), Section(700.0, "low"),
-        )
-    ),
-    "film": Rail(
-        (Section(0.0, "wet"),),
-        film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
-    ),
-}  # fmt: skip
-"""Rails of a sweep by name; lengths are ours."""
-
+DRY = Rail((Section(0.0, "dry"),))
 Settings = Mapping[str, Mapping[str, float]]
 
 
@@ -84,16 +65,8 @@ class Named(NamedTuple):
 
 SLOPE = Named("slope", slope.Params)
 SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5}  # found by search; slower than what suits a log
-SPREAD = 0.2  # of f0 from seed to seed of a sweep
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
-SLOWEST = 1.0  # slip has this floor under it; slides and use of adhesion count above it [m/s]
-SLIDE = 0.05  # slip from which a wheel slides [-]
-STANDING = 0.1  # a rim slower than this stands [m/s]
-_COLUMNS = {  # of a stop, and their units, as they are written
-    "train_speed": "m/s", "distance": "m", "demand": "Pa", "rim_speed": "m/s", "pressure": "Pa",
-    "valve": "-", "force": "N", "peak": "N", "slip": "-", "estimate": "N", "slope": "-",
-}  # fmt: skip
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
 _HALVINGS = 30  # in the search for the peak
 
@@ -162,6 +135,7 @@ class _Trace(NamedTuple):
     peak: Floats
     peak_slip: Floats
     told_wheel_speed: Floats
+    told_pressure: Floats
     told_clamping_force: Floats
     estimate: Floats
     slope: Floats
@@ -260,14 +234,15 @@ def _march(
                 y = was_w[then, i]
                 if y > 0.0:  # a sensor at rest gives no pulses
                     y = max(y + wheel_noise[j, i], 0.0)
-                K = plant.per_pascal * (was_p[then, i] + pressure_noise[j, i]) - plant.at_zero
-                K = max(K, 0.0)  # (15)
+                told = was_p[then, i] + pressure_noise[j, i]
+                K = max(plant.per_pascal * told - plant.at_zero, 0.0)  # (15)
                 if j > 0:
                     estimates[i] = estimate_step(ep, w, estimates[i], h, K, y)
                 else:
                     estimates[i] = estimate_init(ep, w, K, y)
                 F[i] = estimates[i].F
                 trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i] = y, K
+                trace.told_pressure[j, i] = told
             if unit.measured:
                 v_told = max(was_v[then] + train_noise[j], 0.0) if was_v[then] > 0.0 else 0.0
             else:
@@ -377,7 +352,7 @@ def run(
             (known.train_noise, ticks), (known.wheel_noise, shape), (known.pressure_noise, shape),
         )
     ]  # fmt: skip
-    columns = [np.empty(size) for size in (ticks,) * 4 + (shape,) * 10]
+    columns = [np.empty(size) for size in (ticks,) * 4 + (shape,) * 11]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
     air = np.zeros(axles)
     march = compiled.function(
@@ -402,9 +377,8 @@ def run(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
         v, trace.distance, trace.demand, rim, trace.pressure, trace.force, trace.peak,
         trace.peak_slip, physics.slip(v[:, None], rim, 1.0, SLOWEST), trace.valve,
-        trace.region,
-        trace.told_train_speed, trace.told_wheel_speed, trace.told_clamping_force,
-        trace.estimate, trace.slope, trace.confidence,
+        trace.told_train_speed, trace.told_wheel_speed, trace.told_pressure,
+        trace.told_clamping_force, trace.estimate, trace.slope, trace.confidence, trace.region,
         air=float(air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
 
@@ -447,7 +421,7 @@ def bands(settings: Settings) -> slope.Bands:
 
 def dry_distance(scenario: Scenario) -> float:
     """Stopping distance of the same train and brake on dry rail, without controller [m]."""
-    dry = replace(scenario, rail=RAILS["dry"], train=replace(scenario.train, cleaning=()))
+    dry = replace(scenario, rail=DRY, train=replace(scenario.train, cleaning=()))
     return _stopping_distance(run(dry, "none"), dry)
 
 
@@ -459,16 +433,16 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
     counted = stop.train_speed >= SLOWEST
     limited = counted[:, None] & (asked[:, None] > stop.peak)
     distance, some = _stopping_distance(stop, scenario), bool(limited.any())
-    error = np.abs(stop.slip - stop.peak_slip)[limited]
+    error, sliding = np.abs(stop.slip - stop.peak_slip)[limited], stop.sliding()
     return Verdict(
         stopping_distance_m=distance,
         extension=distance / dry - 1.0,
         utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum()) if some else None,
         max_slip=float(stop.slip[counted].max()),
-        locked_s=float((stop.rim_speed[counted] < STANDING).sum()) * h,
+        locked_s=float((sliding == LOCKED).sum()) * h,
         air_nl=stop.air,
         mean_slip_error=float(error.mean()) if some else None,
-        slide_s=float((stop.slip[counted] > SLIDE).sum()) * h,
+        slide_s=float((sliding != ROLLS).sum()) * h,
         limited_s=float(limited.sum()) * h,
     )
 
@@ -497,119 +471,3 @@ def document(
         "dry_distance_m": dry,
         "controllers": {s.controller: {k: getattr(v, k) for k in keys} for s, v in stops},
     }
-
-
-def as_log(scenario: Scenario, stops: Sequence[Stop]) -> Log:
-    """The stops as a log to be written: one channel per column, controller and axle."""
-    made_from = repr((scenario, [(s.controller, s.algo, s.seed) for s in stops]))
-    channels = []
-    for s in stops:
-        for name, unit in _COLUMNS.items():
-            column = getattr(s, name).astype(np.float64)
-            per_axle = column.ndim > 1
-            for axle, x in enumerate(column.T if per_axle else [column], 1):
-                place = f"/{s.controller}/axle/{axle}/" if per_axle else f"/{s.controller}/"
-                data = Column(s.t, np.ascontiguousarray(x), np.isfinite(x))
-                number = axle if per_axle else None
-                channels.append(
-                    Channel(place + name, "", None, number, unit, "simulated", data, len(x))
-                )
-    return Log(
-        scenario.name, "closed loop", sha256(made_from.encode()).hexdigest(), False,
-        sum(c.rows for c in channels), tuple(channels), (),
-    )  # fmt: skip
-
-
-# --- a set of rails -------------------------------------------------------------------------------
-
-
-class Row(NamedTuple):
-    """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
-
-    rail: str
-    controller: str
-    dry_distance_m: float
-    values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
-    shorter: float  # share of the seeds in which it stops before every other controller
-
-
-def sweep(
-    scenario: Scenario,
-    seeds: int,
-    algo: str = ESTIMATOR,
-    settings: Settings | None = None,
-    tell: Callable[[str], None] = lambda _: None,
-) -> list[Row]:
-    """Every controller on every rail of `RAILS`, on all cores.
-
-    A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
-    name says, the same for every controller.
-
-    Args:
-        scenario: train, brake and unit.
-        seeds: stops of each controller on each rail.
-        algo: online estimator in the loop.
-        settings: as in `run`.
-        tell: is told the progress.
-    """
-    from concurrent.futures import ThreadPoolExecutor  # compiled loops leave the GIL to the others
-
-    dry = dry_distance(scenario)
-    laws = list(controllers())
-    for controller in laws:  # compile before the threads start
-        run(replace(scenario, rail=RAILS["dry"]), controller, 0, algo, settings)
-
-    def one(job: tuple[str, str, int]) -> Verdict:
-        rail, controller, seed = job
-        factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
-        case = replace(scenario, rail=_scaled(RAILS[rail], factor))
-        return verdict(run(case, controller, seed, algo, settings), case, dry)
-
-    jobs = [(r, c, seed) for r in RAILS for c in laws for seed in range(seeds)]
-    found: dict[tuple[str, str], list[Verdict]] = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for n, (job, x) in enumerate(zip(jobs, pool.map(one, jobs), strict=True), 1):
-            found.setdefault(job[:2], []).append(x)
-            tell(f"{n} of {len(jobs)} stops")
-    rows = []
-    for (rail, controller), verdicts in found.items():
-        others = [v for (r, c), v in found.items() if r == rail and c != controller]
-        first = [
-            all(mine.stopping_distance_m < x.stopping_distance_m for x in rivals)
-            for mine, *rivals in zip(verdicts, *others, strict=True)
-        ]
-        columns = zip(*verdicts, strict=True)
-        values = {k: _interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
-        rows.append(Row(rail, controller, dry, values, sum(first) / len(first)))
-    return rows
-
-
-def sweep_document(
-    scenario: Scenario, seeds: int, algo: str, rows: Sequence[Row]
-) -> dict[str, Any]:
-    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
-    rails: dict[str, dict[str, Any]] = {}
-    for r in rows:
-        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
-    return {
-        "schema": "adhesion.antiskid-sweep/1",
-        "scenario": scenario.name,
-        "seeds": seeds,
-        "estimator": algo,
-        "dry_distance_m": rows[0].dry_distance_m,
-        "rails": rails,
-    }
-
-
-def _scaled(rail: Rail, factor: float) -> Rail:
-    sections = tuple(replace(x, scale=x.scale * factor) for x in rail.section)
-    film = rail.film and replace(rail.film, scale=rail.film.scale * factor)
-    return replace(rail, section=sections, film=film)
-
-
-def _interval(values: Sequence[float | None]) -> tuple[float, float, float] | None:
-    known = [x for x in values if x is not None]
-    if not known:
-        return None
-    low, high = np.quantile(known, [0.025, 0.975])
-    return float(np.mean(known)), float(low), float(high)

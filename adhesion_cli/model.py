@@ -294,6 +294,7 @@ class Event(NamedTuple):
     t: int  # [ns]
     code: str  # stable, kebab-case
     message: str
+    until: int | None = None  # where it lasts [ns]
 
 
 @dataclass(frozen=True, slots=True)

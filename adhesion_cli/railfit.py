@@ -52,6 +52,8 @@ class RailFit(NamedTuple):
         best: the curve through all points; constants that cannot be told apart are only together
             right.
         draws: the same of every bootstrap draw: the fit's uncertainty, to be carried through.
+        scales: what each draw took for the true μ over the one computed; of one seed, the same for
+            every axle, as φ's error is.
         told: the constants whose interval is narrow enough, by name.
         peak_slip: slip of the largest μ; None where the points do not show it.
         peak_mu: that μ; None where the points do not show it.
@@ -60,6 +62,7 @@ class RailFit(NamedTuple):
 
     best: Condition
     draws: tuple[Condition, ...]
+    scales: tuple[float, ...]
     told: dict[str, Interval]
     peak_slip: Interval | None
     peak_mu: Interval | None
@@ -107,15 +110,16 @@ def fit(
     if math.sqrt(2.0 * cost / len(points.t[::every])) > _LEFT:
         return None
     random = np.random.default_rng(seed)
+    scales = 1.0 + mu_error * random.standard_normal(_DRAWS)
     draws = []
-    for _ in range(_DRAWS):
+    for scale in scales:
         taken = np.concatenate([blocks[i] for i in random.integers(0, len(blocks), len(blocks))])
-        turn, scale = random.standard_normal(2) * (radius_error, mu_error)
+        turn = radius_error * random.standard_normal()
         drawn = Points(
             points.t[taken],
             points.speed[taken],
             1.0 - (1.0 - points.slip[taken]) * (1.0 + turn),
-            points.mu[taken] * (1.0 + scale),
+            points.mu[taken] * scale,
         )
         anchor = best + _WIDE * random.standard_normal(len(best))
         draws.append(_solve(drawn, every, patch, best, anchor)[0])
@@ -135,7 +139,9 @@ def fit(
         peak_slip, peak_mu = (
             Interval(seen[0][i], *_centre([p[i] for p in seen[1:]])) for i in (0, 1)
         )
-    return RailFit(_decoded(best), tuple(rails), told, peak_slip, peak_mu, speed)
+    return RailFit(
+        _decoded(best), tuple(rails), tuple(scales.tolist()), told, peak_slip, peak_mu, speed
+    )
 
 
 def _solve(

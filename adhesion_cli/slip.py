@@ -229,7 +229,7 @@ def _events(axle: AxleResult) -> tuple[Event, ...]:
             f"{name}: slide of {x.duration:.2f} s over {x.distance:.0f} m, slip up to "
             f"{x.max_slip:.0%}, {heat} into tread and rail"
         )
-        found.append(Event(x.start, "slide", text))
+        found.append(Event(x.start, "slide", text, x.start + round(x.duration * 1e9)))
     for segment in axle.record.segments:
         t, code = axle.record.t[segment], axle.region[segment]
         starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])

@@ -8,6 +8,11 @@ from numpy.typing import NDArray
 
 from .model import Floats, Times
 
+SLOWEST = 1.0  # slip has this floor under it; slides and use of adhesion count above it [m/s]
+_SLIDE = 0.05  # slip from which a wheel slides [-]
+_STANDING = 0.1  # a rim slower than this stands [m/s]
+ROLLS, SLIDES, LOCKED = 0, 1, 2
+
 
 @dataclass(frozen=True, slots=True)
 class Stop:
@@ -27,14 +32,21 @@ class Stop:
     peak_slip: Floats  # and the slip at which it does
     slip: Floats  # true slip, NaN where the train is too slow
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
-    region: NDArray[np.int8]  # of what the unit was told: index into `slope.REGIONS`
-    told_train_speed: Floats  # what the sensors said
+    told_train_speed: Floats  # what the unit was told by its sensors
     told_wheel_speed: Floats  # [rad/s]
-    told_clamping_force: Floats  # K from the pressure they said
+    told_pressure: Floats
+    told_clamping_force: Floats  # K of that pressure
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable
     confidence: Floats
+    region: NDArray[np.int8]  # index into `slope.REGIONS`, of what the unit was told
     air: float  # taken in by all cylinders [normal litres]
+
+    def sliding(self) -> NDArray[np.int8]:
+        """`ROLLS`, `SLIDES` or `LOCKED`, shape (n, axles); rolls where the train is too slow."""
+        fast = self.train_speed[:, None] >= SLOWEST
+        code = np.where(fast & (self.slip > _SLIDE), SLIDES, ROLLS)
+        return np.where(fast & (self.rim_speed < _STANDING), LOCKED, code).astype(np.int8)
 
 
 class Verdict(NamedTuple):

@@ -5,14 +5,26 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from adhesion_cli import antiskid, controller, methods, physics, rail, scenario, slope
+from adhesion_cli import (
+    analysis,
+    antiskid,
+    controller,
+    methods,
+    physics,
+    rail,
+    scenario,
+    settings,
+    slip,
+    slope,
+    sweep,
+)  # fmt: skip
 from adhesion_cli.controller import APPLY, HOLD, VENT, Observed, registry
 from adhesion_cli.controllers import patent, rule
 from adhesion_cli.errors import UserError
@@ -213,7 +225,7 @@ def test_peak_is_the_most_the_rail_gives() -> None:
 
 
 def test_on_dry_rail_a_controller_costs_nothing() -> None:
-    s = replace(case("slippery-stop"), rail=antiskid.RAILS["dry"])
+    s = replace(case("slippery-stop"), rail=sweep.RAILS["dry"])
     s = replace(s, train=replace(s.train, cleaning=()))
     dry = antiskid.dry_distance(s)
     for law in registry():
@@ -241,6 +253,30 @@ def test_patent_law_uses_the_rail_and_locks_no_wheel(name: str) -> None:
     assert a.stopping_distance_m < b.stopping_distance_m < c.stopping_distance_m
 
 
+def test_a_unit_without_a_radar_goes_by_its_axles() -> None:
+    s = case("low-adhesion")  # two of its axles roll
+    s = replace(s, antiskid=replace(s.antiskid, train_speed="axles"))
+    stop = antiskid.run(s, "patent")
+    fastest = (stop.told_wheel_speed * s.vehicle.radius(1).value).max(axis=1)
+    assert (stop.told_train_speed >= fastest - 1e-9).all()
+    assert np.abs(stop.told_train_speed - stop.train_speed).max() < 0.1
+    verdict = antiskid.verdict(stop, s, antiskid.dry_distance(s))
+    assert verdict.utilisation == pytest.approx(
+        judged("low-adhesion", "patent").utilisation, abs=0.01
+    )
+
+
+def test_axles_that_all_slide_lose_the_train() -> None:
+    s = replace(short(), antiskid=replace(short().antiskid, train_speed="axles"))
+    stop = antiskid.run(s, "none")
+    moves = stop.train_speed > 2.0
+    assert (stop.told_train_speed[moves] < stop.train_speed[moves] - 1.0).any()
+    h, told = 1e-2, stop.told_train_speed
+    braking = physics.braked(stop.told_clamping_force[:, 0], physics.wheelset(s.vehicle, 1), 0.42)
+    fall = -np.diff(told) / h
+    assert (fall <= physics.HARDER * braking[1:] + physics.GRADIENT + 1e-9).all()
+
+
 def test_same_seed_same_stop() -> None:
     again = antiskid.run(short(), "patent")
     assert (again.pressure == stopped("short", "patent").pressure).all()
@@ -261,9 +297,9 @@ def test_limits_are_the_users_with_their_source() -> None:
 
 def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
-    rows = antiskid.sweep(replace(case("slippery-stop"), train=short().train), 2, tell=told.append)
+    rows = sweep.sweep(replace(case("slippery-stop"), train=short().train), 2, tell=told.append)
     assert [(r.rail, r.controller) for r in rows] == [
-        (r, c) for r in antiskid.RAILS for c in registry()
+        (r, c) for r in sweep.RAILS for c in registry()
     ]
     assert told[-1] == "36 of 36 stops"
     for r in rows:
@@ -314,18 +350,28 @@ def test_stops_are_written_side_by_side(tmp_path: Path) -> None:
     for stop in stops:
         place = f"/{stop.controller}/axle/1"
         assert counts[f"{place}/pressure"] == len(stop.t)
-        assert counts[f"{place}/valve"] == 1 + np.count_nonzero(np.diff(stop.valve[:, 0]))
+        assert counts[f"{place}/state/valve"] == 1 + np.count_nonzero(np.diff(stop.valve[:, 0]))
 
-    from mcap.reader import make_reader
 
-    record = tmp_path / "stops.mcap"
-    mcap.write_log(record, antiskid.as_log(short(), stops))
-    with record.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    topics = {c.topic: c.metadata["unit"] for c in summary.channels.values()}
-    assert topics["/patent/axle/1/pressure"] == "Pa"
-    assert topics["/rule/train_speed"] == "m/s"
+def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
+    stop, vehicle = stopped("short", "rule"), short().vehicle
+    path = tmp_path / "short.rule.antiskid.mcap"
+    carried = settings.tree(settings.Settings(vehicle), [])
+    mcap.write_stop(path, "short", stop, vehicle, carried, "{}")
+    result = analysis.analyze(path, partial(settings.load, folder=False), ["kalman"])
+    assert not [f for f in result.findings if f.severity != "info"]
+    assert result.vehicle == vehicle
+    (axle,) = result.axles
+    np.testing.assert_array_equal(axle.record.t, stop.t)
+    np.testing.assert_array_equal(axle.record.wheel_speed, stop.told_wheel_speed[:, 0])
+    np.testing.assert_array_equal(axle.record.train_speed, stop.told_train_speed)
+    np.testing.assert_allclose(
+        axle.record.clamping_force, stop.told_clamping_force[:, 0], rtol=1e-9
+    )
+    np.testing.assert_array_equal(axle.record.truth, stop.force[:, 0])
+    moves = stop.train_speed > 2.0
+    assert np.abs(axle.slip - stop.slip[:, 0])[moves].max() < 0.05  # one is what sensors say
+    assert len(slip.slides(axle)) > 0
 
 
 def test_antiskid_command(tmp_path: Path) -> None:
@@ -348,9 +394,10 @@ def test_antiskid_command(tmp_path: Path) -> None:
         ]  # fmt: skip
         ratio = verdict["stopping_distance_m"] / doc["dry_distance_m"] - 1.0
         assert verdict["extension"] == pytest.approx(ratio)
-    assert {p.name for p in tmp_path.iterdir()} == {
-        f"leaf-film.antiskid.{kind}" for kind in ("mcap", "rrd", "sha256")
-    }
+    laws = [f"leaf-film.{law}.antiskid" for law in registry()]
+    written = {f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256")}
+    written |= {f"{name}.mcap" for name in laws}
+    assert {p.name for p in tmp_path.iterdir()} == written
     assert "--force" in adhesion("leaf-film").stderr
     bad = adhesion("leaf-film", "--set", "patent.slip_high")
     assert bad.returncode == 2

@@ -161,7 +161,7 @@ def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
         [{"start": None, "end": None}]  # infinite
     ]
     linked = [v for k, v in seen.items() if k.endswith("TimeAxis:link")]
-    assert len(linked) == 2 * 4
+    assert len(linked) == 2 * (4 + 2 + 1)  # charts of force, of slip, states
     titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
     assert {"Axle 1: speed [km/h]", "Axle 2: adhesion force [N]", "Events"} <= titles
     assert "Axle 1: estimate minus truth [N]" in titles

@@ -65,17 +65,28 @@ def named(pair: tuple[Path, Path]) -> dict[str, str]:
     return {"mcap": str(pair[0]), "rrd": str(pair[1])}
 
 
-def write(results: "Sequence[Result]", pairs: Sequence[tuple[Path, Path]], force: bool) -> None:
-    """Writes both files of each result; none gets its name before all are written."""
+def write(
+    results: "Sequence[Result]", pairs: Sequence[tuple[Path, Path]], force: bool,
+    notes: Sequence[Sequence[str]] = (),
+) -> None:  # fmt: skip
+    """Writes both files of each result; none gets its name before all are written.
+
+    Args:
+        results: of the logs.
+        pairs: the files of each.
+        force: whether existing ones are replaced.
+        notes: on the slip of each axle of each log.
+    """
     from .. import estimator
     from ..write import files, mcap, rrd
 
     inputs = [Path(result.log.path) for result in results]
     with ExitStack() as stack:
-        for result, pair in zip(results, pairs, strict=True):
+        for i, (result, pair) in enumerate(zip(results, pairs, strict=True)):
             record, picture = stack.enter_context(files.outputs(pair, force, inputs=inputs))
             mcap.write_result(record, result, embedded([result]))
-            rrd.write_result(picture, result, list(estimator.registry()))
+            known = list(estimator.registry())
+            rrd.write_result(picture, result, known, notes[i] if notes else ())
 
 
 def embedded(results: "list[Result]") -> str:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 def command(logs: Logs, shared: Shared) -> int:
     """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
 
-    Without a train speed, one is made of all axles.
+    Without a train speed, one is made of all axles. Of several logs all are analysed before
+    anything is written: one that fails leaves no results.
 
     Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
     """
@@ -29,34 +30,40 @@ def command(logs: Logs, shared: Shared) -> int:
     paths = [outputs(shared.out or Path(), log, "slip") for log in logs]
     files.check(targets(shared, [p for pair in paths for p in pair]), shared.force, inputs=logs)
     tell = show.progress(shared.quiet)
-    results, told = [], []
+    results, summaries, findings = [], [], []
     for log in logs:
         result = analyze(
             log, load, shared.algo, shared.axle, (shared.from_, shared.to), tell,
             train_speed=True,
         )  # fmt: skip
-        findings, summaries = list(result.findings), []
-        for axle in result.axles:
-            tell(f"{log.name}: rail under axle {axle.record.axle}")
-            one, more = summary(axle, result.vehicle)
-            summaries.append(one)
-            findings += more
+        tell(f"{log.name}: rail under each axle")
+        of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
         results.append(result)
-        told.append((summaries, findings))
+        summaries.append(list(of))
+        findings.append([*result.findings, *(f for axle in told for f in axle)])
+    starts = [result.log.start_ns() for result in results]
+    notes = [
+        [f"```\n{table([s], start, shares=False)}\n```" for s in of]
+        for of, start in zip(summaries, starts, strict=True)
+    ]
     with rejects(shared, (r.log for r in results), logs):
-        write(results, paths, shared.force)
-    axles, found = [], []
-    for log, pair, result, (summaries, findings) in zip(logs, paths, results, told, strict=True):
-        start = result.log.start_ns()
-        axles += [slip_axle(str(log), start, s) for s in summaries]
-        found += findings
-        if not shared.json:
-            print(f"{printable(str(log))}\n{table(summaries, start)}")
-            print(show.wrote(*pair))
-            show.message(show.findings(findings), shared.quiet or not findings)
+        write(results, paths, shared.force, notes)
+    found = [f for of in findings for f in of]
     if shared.json:
+        axles = [
+            slip_axle(str(log), start, s)
+            for log, start, of in zip(logs, starts, summaries, strict=True)
+            for s in of
+        ]
         document = {"schema": "adhesion.slip/1", "axles": axles}
         print(dumps({**document, "findings": findings_document(found)}))
+    else:
+        for log, pair, start, of, told in zip(
+            logs, paths, starts, summaries, findings, strict=True
+        ):
+            print(f"{printable(str(log))}\n{table(of, start)}")
+            print(show.wrote(*pair))
+            show.message(show.findings(told), shared.quiet or not told)
     if shared.view:
         from .view import show_recording
 
@@ -64,8 +71,8 @@ def command(logs: Logs, shared: Shared) -> int:
     return 3 if show.lossy(found) else 0
 
 
-def table(summaries: "list[Summary]", start_ns: int) -> str:
-    """Peak, shares and utilisation of every axle, then every slide, then the rails."""
+def table(summaries: "list[Summary]", start_ns: int, shares: bool = True) -> str:
+    """Peak, utilisation and (with `shares`) regions of every axle, every slide, the rails."""
     from ..slope import REGIONS
     from . import show
 
@@ -75,20 +82,15 @@ def table(summaries: "list[Summary]", start_ns: int) -> str:
         value, low, high = (show.number(factor * v, digits) for v in x)
         return f"{value} ({low} to {high})"
 
-    head = [
-        "axle",
-        "peak slip [%]",
-        "peak µ",
-        "utilisation",
-        "slides",
-        *(f"{r} [%]" for r in REGIONS),
-    ]
+    regions = REGIONS if shares else ()
+    head = ["axle", "peak slip [%]", "peak µ", "utilisation", "slides"]
+    head += [f"{r} [%]" for r in regions]
     rows = [
         [
             str(s.axle), spread(s.rail.peak_slip if s.rail else None, 2, 100.0),
             spread(s.rail.peak_mu if s.rail else None, 3), show.number(s.utilisation, 3),
             str(len(s.slides)),
-            *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in REGIONS),
+            *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
         ]
         for s in summaries
     ]  # fmt: skip

@@ -10,6 +10,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -36,8 +37,9 @@ from numpy.typing import NDArray
 
 from .. import __version__, physics
 from ..errors import UserError
-from ..model import AxleResult, Column, Floats, Log, Result, Times
+from ..model import AxleResult, Column, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
+from ..stop import SLOWEST, Stop
 from ..text import printable
 from . import descriptors, names
 
@@ -134,13 +136,12 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
     )
 
 
-def write_log(path: Path, log: Log, metrics_json: str | None = None) -> None:
+def write_log(path: Path, log: Log) -> None:
     """Write a log as one topic of `adhesion.Scalar` per channel, each with its unit.
 
     Args:
         path: file to write; its old content is lost.
         log: channels with a meaning are in SI, others in the unit they state.
-        metrics_json: a document to keep beside it as metadata `adhesion.metrics`.
 
     Raises:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
@@ -151,10 +152,49 @@ def write_log(path: Path, log: Log, metrics_json: str | None = None) -> None:
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
     shift = _shift([log])
-    metadata = {"adhesion.provenance": _origin(log, shift)}
-    if metrics_json is not None:
-        metadata["adhesion.metrics"] = {"json": metrics_json}
-    _write(path, streams, metadata, shift)
+    _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
+
+
+def write_stop(
+    path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str
+) -> None:
+    """Write one stop in closed loop as a result: a log of what the unit was told, with the truth.
+
+    Args:
+        path: file to write; its old content is lost.
+        name: of the scenario.
+        stop: the stop.
+        vehicle: that was stopped.
+        settings: as of a result; whoever reads the file as a log takes them.
+        metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+
+    Raises:
+        UserError: a file that does not read back.
+        OSError: the file cannot be written.
+    """
+    streams = [
+        _scalar("/distance", "m", Column(stop.t, stop.distance, np.isfinite(stop.distance))),
+        _scalar("/demand", "Pa", Column(stop.t, stop.demand, np.isfinite(stop.demand))),
+    ]
+    for i in range(stop.pressure.shape[1]):
+        streams += _stop_streams(stop, i, vehicle)
+    made_from = repr((name, stop.controller, stop.algo, stop.seed, stop.air, len(stop.t)))
+    provenance = {
+        "version": __version__,
+        "input": printable(f"{name}, controller {stop.controller}"),
+        "input_sha256": sha256(made_from.encode()).hexdigest(),
+        "input_format": "closed loop",
+    }
+    _write(
+        path,
+        streams,
+        {
+            names.SETTINGS: names.flat(settings),
+            "adhesion.provenance": provenance,
+            "adhesion.metrics": {"json": metrics},
+        },
+        0,
+    )
 
 
 def verify(path: Path) -> None:
@@ -266,6 +306,45 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
             regions = tuple(message(region=name).SerializeToString() for name in REGIONS)
             slip = replace(slip, tails=regions, tail=axle.region.astype(np.int64))
         yield slip
+
+
+def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
+    """One axle of a stop, counted from 0: what it was told, what was true, what it did."""
+    topic, slip = f"/axle/{i + 1}", descriptors.message("Slip")
+
+    def stream(name: str, message: str, **columns: tuple[str, Floats]) -> _Stream:
+        return _Stream(f"{topic}/{name}", message, stop.t, columns)
+
+    radius, F = vehicle.radius(1).value, stop.estimate[:, i]  # the unit knows one radius
+    yield stream(
+        "input", "AxleInput",
+        brake_cylinder_pressure=("Pa", stop.told_pressure[:, i]),
+        clamping_force=("N", stop.told_clamping_force[:, i]),
+        wheel_speed=("rad/s", stop.told_wheel_speed[:, i]),
+        train_speed=("m/s", stop.told_train_speed),
+    )  # fmt: skip
+    yield stream(
+        f"estimate/{stop.algo}", "Estimate",
+        force=("N", F), coefficient=("-", physics.coefficient(F, vehicle)),
+        error=("N", F - stop.force[:, i]),
+    )  # fmt: skip
+    yield stream("truth", "Truth", force=("N", stop.force[:, i]), slip=("-", stop.slip[:, i]))
+    told = physics.slip(stop.told_train_speed, stop.told_wheel_speed[:, i], radius, SLOWEST)
+    yield replace(
+        stream(
+            "slip", "Slip",
+            slip=("-", told), coefficient=("-", physics.coefficient(F, vehicle)),
+            slope=("-", stop.slope[:, i]), slope_confidence=("-", stop.confidence[:, i]),
+        ),
+        tails=tuple(slip(region=name).SerializeToString() for name in REGIONS),
+        tail=stop.region[:, i].astype(np.int64),
+    )  # fmt: skip
+    for name, unit, values in (
+        ("valve", "-", stop.valve), ("peak/force", "N", stop.peak),
+        ("peak/slip", "-", stop.peak_slip),
+    ):  # fmt: skip
+        column = values[:, i].astype(np.float64)
+        yield _scalar(f"{topic}/{name}", unit, Column(stop.t, column, np.isfinite(column)))
 
 
 def _events(result: Result, prefix: str) -> list[_Stream]:

@@ -22,9 +22,9 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from .. import physics
-from ..controller import APPLY, HOLD, VENT
 from ..model import AxleResult, Bools, Finding, Floats, Result, Score, Times
-from ..stop import Stop
+from ..slope import REGIONS
+from ..stop import SLIDES, Stop
 from ..text import printable
 from . import names
 
@@ -32,6 +32,7 @@ OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overvi
 _OVERVIEW_ROWS = 20_000  # rows of an overview
 _EVENT_WIDTH = 58  # letters of a line of an event: what the column beside the charts holds
 _SCATTER = 20_000  # points of one slip-adhesion scatter
+_POINTS = 4_000  # places of its moving operating point
 
 _REFERENCE, _TRUTH = 0xC8C8C8FF, 0x54A24BFF
 _TRAIN, _WHEEL, _PRESSURE, _CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
@@ -46,7 +47,9 @@ _ROWS = 1 << 18  # rows sent at once
 _GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
 
 
-def write_result(path: Path, result: Result, algorithms: Sequence[str]) -> None:
+def write_result(
+    path: Path, result: Result, algorithms: Sequence[str], notes: Sequence[str] = ()
+) -> None:
     """Write one analysed log.
 
     Args:
@@ -54,11 +57,12 @@ def write_result(path: Path, result: Result, algorithms: Sequence[str]) -> None:
         result: the analysed log.
         algorithms: every estimator there is, in a fixed order: each keeps its colour whatever the
             selection.
+        notes: on the slip of each axle; with them, slip is what is shown first.
 
     Raises:
         OSError: the file cannot be written or does not read back.
     """
-    _write(path, [("", result)], algorithms)
+    _write(path, [("", result)], algorithms, notes)
 
 
 def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
@@ -77,11 +81,13 @@ def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence
     _write(path, list(zip(names.logs(results), results, strict=True)), algorithms)
 
 
-def _write(path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str]) -> None:
+def _write(
+    path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str], notes: Sequence[str] = ()
+) -> None:
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
     colours = _colours(known)
-    pages = [_Page(name, result, colours) for name, result in logs]
+    pages = [_Page(name, result, colours, notes) for name, result in logs]
     identity = hashlib.sha256(" ".join(r.log.sha256 for _, r in logs).encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
     try:
@@ -141,8 +147,10 @@ class _Plot:
 class _Page:
     """One log: its entities under `root` and the views that show them."""
 
-    def __init__(self, name: str, result: Result, colours: dict[str, int]) -> None:
-        self.result, self.colours = result, colours
+    def __init__(
+        self, name: str, result: Result, colours: dict[str, int], notes: Sequence[str]
+    ) -> None:
+        self.result, self.colours, self.notes = result, colours, notes
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
         started = [int(a.record.t[a.applications[0].start]) for a in result.axles if a.applications]
@@ -156,7 +164,7 @@ class _Page:
     def send(self, rec: rr.RecordingStream) -> int:
         """Send everything; returns the number of rows on a timeline."""
         rows = 0
-        for axle in self.result.axles:
+        for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             t, index, inside = _rows(axle)
             for plot in self._plots(axle, index, inside):
@@ -167,8 +175,12 @@ class _Page:
             scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=_MARKDOWN)
             rec.log(f"{self.root}/{path}/scores", scores, static=True)
             if axle.slip is not None:
-                mu = physics.coefficient(axle.reference.force, self.result.vehicle)
-                _send_scatter(rec, f"{self.root}/{path}/slip", axle.slip, mu)
+                rows += self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip)
+                note = (
+                    self.notes[n] if self.notes else "`adhesion slip` tells peak, rail and slides."
+                )
+                fixed = rr.TextDocument(note, media_type=_MARKDOWN)
+                rec.log(f"{self.root}/{path}/note", fixed, static=True)
         rows += self._send_events(rec)
         for name, text in (
             ("summary", _summary(self.result)),
@@ -221,11 +233,9 @@ class _Page:
             yield _lines("force/estimates", estimates)
             yield _lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:
-            slope = [
-                ("slope dµ/ds", _SLOPE, computed(axle.slope)),
-                ("confidence", _REFERENCE, computed(axle.slope_confidence)),
-            ]
-            yield _lines("slope", slope)
+            yield _lines("slope", [("slope dµ/ds", _SLOPE, computed(axle.slope))])
+            sure = computed(axle.slope_confidence)
+            yield _lines("confidence", [("confidence", _REFERENCE, sure)])
 
     def _send_plot(self, rec: rr.RecordingStream, path: str, t: Times, plot: _Plot) -> int:
         style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
@@ -242,6 +252,29 @@ class _Page:
                 )
             rec.send_columns(path, self._times(t[part]), data)
         return len(t)
+
+    def _send_slip(self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats) -> int:
+        """The operating point on its curve; brake, region and wheel as states."""
+        mu = physics.coefficient(axle.reference.force, self.result.vehicle)
+        bands = self.result.settings.get("bands", {})
+        edges = [bands[k] for k in ("slip_low", "slip_high") if k in bands]
+        rows = _send_curve(rec, f"{path}/slip", self._times, axle.record.t, slip, mu, edges)
+        t, index, inside = _rows(axle)
+        n = len(axle.record)
+        braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
+        for s in axle.applications:
+            braked[s] = 1
+        for e in axle.events:
+            if e.until is not None:
+                slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
+        region = np.zeros(n, np.int8) if axle.region is None else axle.region
+        for name, codes, states in (
+            ("brake", braked, _BRAKE), ("region", region, _REGIONS), ("wheel", slides, _WHEELS),
+        ):  # fmt: skip
+            shown = np.where(inside, codes[index], -1)
+            lane = f"{path}/state/{name}"
+            rows += _send_states(rec, lane, self._times, t, shown, states)
+        return rows
 
     def _send_events(self, rec: rr.RecordingStream) -> int:
         events = [
@@ -299,30 +332,39 @@ class _Page:
             title = f"Axle {N}: estimate minus {against} [N]"
             rows.append(_chart(f"{path}/error", title, error, legend=None))
             shares.append(3.0)
-        if axle.slope is not None:
-            span = _span([], [axle.slope, np.ones(1)])
-            rows.append(_chart(f"{path}/slope", f"Axle {N}: slope of µ over slip", span))
-            shares.append(2.0)
-        side: list[rrb.View] = []
-        shares_beside: list[float] = []
-        if axle.slip is not None:
-            side.append(
-                rrb.Spatial2DView(
-                    origin=f"{exact}/slip", name=f"Axle {N}: adhesion coefficient µ over slip [%]",
-                    visual_bounds=_bounds(), background=_BACKGROUND,
-                )
-            )  # fmt: skip
-            shares_beside.append(5.0)
-        side.append(rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"))
-        side.append(self._events())
-        shares_beside += [2.5, 4.0]
-        if axle.slip is None:
-            side.append(self._about())
-            shares_beside.append(5.0)
         title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
+        forces = rrb.Horizontal(
+            rrb.Vertical(*rows, row_shares=shares),
+            rrb.Vertical(
+                rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
+                self._events(), self._about(), row_shares=[2.5, 4.0, 5.0],
+            ),
+            column_shares=[7, 3], name=title if axle.slip is None else "Force",
+        )  # fmt: skip
+        if axle.slip is None:
+            return forces
+        slip = self._slip_tab(axle, path, exact)
+        return rrb.Tabs(forces, slip, active_tab=1 if self.notes else 0, name=title)
+
+    def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
+        N = axle.record.axle
+        rows: list[rrb.View] = [
+            _chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
+            _chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [kN]"),
+        ]
+        shares = [3.0, 3.0]
+        if axle.slope is not None:
+            rows += _slope_charts(path, f"Axle {N}", axle.slope)
+            shares += [2.5, 1.5]
+        rows.append(_states(f"{exact}/state", f"Axle {N}: brake, region on the curve, wheel"))
         return rrb.Horizontal(
-            rrb.Vertical(*rows, row_shares=shares), rrb.Vertical(*side, row_shares=shares_beside),
-            column_shares=[7, 3], name=title,
+            rrb.Vertical(*rows, row_shares=[*shares, 3.0]),
+            rrb.Vertical(
+                _curve_view(f"{exact}/slip", f"Axle {N}"),
+                rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
+                self._events(), row_shares=[5.0, 3.0, 3.0],
+            ),
+            column_shares=[6, 4], name="Slip",
         )  # fmt: skip
 
     def _about(self) -> rrb.View:
@@ -378,6 +420,31 @@ def _envelope(t: Times, plot: _Plot) -> tuple[Times, _Plot]:
     return np.stack([t[at], t[middle]], axis=1).ravel(), replace(plot, values=values, half=half)
 
 
+_Clock = Callable[[Times], list[rr.TimeColumn]]
+_State = tuple[str, int]  # name and colour
+_OFF = 0x4A4E54FF  # of a state in which nothing is the matter
+_BRAKE: tuple[_State, ...] = (("released", _OFF), ("applied", 0x4C78A8FF))
+_REGIONS: tuple[_State, ...] = tuple(
+    zip(REGIONS, (_OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
+)
+_WHEELS: tuple[_State, ...] = (("rolls", _OFF), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
+_VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))
+
+
+def _send_states(
+    rec: rr.RecordingStream, path: str, times: _Clock, t: Times, codes: NDArray[np.int8],
+    states: Sequence[_State],
+) -> int:  # fmt: skip
+    """States by their code, −1 for none, a row per change; returns how many."""
+    names_, colours = zip(*states, strict=True)
+    style = rr.StateConfiguration(values=list(names_), colors=np.array(colours, np.uint32))
+    rec.log(path, style, static=True)
+    at = np.flatnonzero(np.diff(codes, prepend=-2))
+    told = [states[c][0] if c >= 0 else "" for c in codes[at].tolist()]
+    rec.send_columns(path, times(t[at]), rr.StateChange.columns(state=told))
+    return len(at)
+
+
 # ---- views
 
 
@@ -416,6 +483,29 @@ def _chart(
         origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
         plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
+    )  # fmt: skip
+
+
+def _slope_charts(path: str, who: str, slope: Floats) -> list[rrb.View]:
+    """Slope and confidence; the steep slopes, at next to no slip, would flatten the rest."""
+    known = slope[np.isfinite(slope)]
+    ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
+    span = _span([np.clip(ends, -5.0, 5.0), np.array([-0.2, 0.2])], [])
+    return [
+        _chart(f"{path}/slope", f"{who}: slope of µ over slip", span, legend=None),
+        _chart(f"{path}/confidence", f"{who}: confidence in it", (0.0, 1.05), legend=None),
+    ]
+
+
+def _states(origin: str, name: str) -> rrb.View:
+    axis = rrb.TimeAxis(link="LinkToGlobal")
+    return rrb.StateTimelineView(origin=origin, name=name, time_view=axis)
+
+
+def _curve_view(origin: str, who: str) -> rrb.View:
+    return rrb.Spatial2DView(
+        origin=origin, name=f"{who}: adhesion coefficient µ over slip [%]",
+        visual_bounds=_bounds(), background=_BACKGROUND,
     )  # fmt: skip
 
 
@@ -486,6 +576,29 @@ def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) 
     points = rr.Points2D(np.stack([x(s), y(mu)], 1), radii=0.45, colors=colours.astype(np.uint8))
     rec.log(f"{path}/points", points, static=True)
     return lambda slip, mu: np.stack([x(slip * 100.0), y(mu)], axis=-1)
+
+
+def _send_curve(
+    rec: rr.RecordingStream, path: str, times: _Clock, t: Times, slip: Floats, mu: Floats,
+    edges: Sequence[float],
+) -> int:  # fmt: skip
+    """The scatter, the edges of the slip band and the operating point as it moves.
+
+    Returns:
+        How many rows on a timeline.
+    """
+    place = _send_scatter(rec, path, slip, mu)
+    strips = [place(np.full(2, s), np.array([0.0, math.inf])) for s in edges]
+    lines = rr.LineStrips2D(strips, colors=_REGIONS[2][1], radii=0.3)
+    rec.log(f"{path}/band", lines, static=True)
+    at = np.flatnonzero(np.isfinite(slip) & np.isfinite(mu))
+    at = at[:: max(1, -(-len(at) // _POINTS))]
+    style = rr.Points2D.from_fields(radii=1.8, colors=0xFFFFFFFF)
+    rec.log(f"{path}/now", style, static=True)
+    if len(at):
+        points = rr.Points2D.columns(positions=place(slip[at], mu[at]))
+        rec.send_columns(f"{path}/now", times(t[at]), points)
+    return len(at)
 
 
 def _ticks(values: Floats, least: float) -> Floats:
@@ -577,9 +690,6 @@ def _plain(text: str) -> str:
 
 # ---- stops in closed loop
 
-_VALVES = {APPLY: ("apply", 0x54A24BFF), HOLD: ("hold", 0xF2A33AFF), VENT: ("vent", 0xE45756FF)}
-_POINT_EVERY = 5  # ticks between two places of the moving operating point
-
 
 def write_stops(
     path: Path, name: str, stops: Sequence[Stop], weight: float, band: tuple[float, float],
@@ -648,39 +758,23 @@ class _Stops:
             ("true", _TRUTH, stop.force[:, i]),
             (f"estimated ({stop.algo})", _CLAMPING, stop.estimate[:, i]),
         ]
-        slopes = [
-            ("slope dµ/ds", _WHEEL, stop.slope[:, i]),
-            ("confidence", _REFERENCE, stop.confidence[:, i]),
-        ]
         rows = 0
         for plot in (
             _lines("speed", speeds), _lines("pressure", pressures), _lines("force", forces),
-            _lines("slope", slopes),
+            _lines("slope", [("slope dµ/ds", _SLOPE, stop.slope[:, i])]),
+            _lines("confidence", [("confidence", _REFERENCE, stop.confidence[:, i])]),
         ):  # fmt: skip
             rows += _send_lines(rec, path, stop.t, plot)
 
-        names_, colours = zip(*_VALVES.values(), strict=True)
-        style = rr.StateConfiguration(values=list(names_), colors=np.array(colours, np.uint32))
-        rec.log(f"{path}/valve", style, static=True)
-        valve = stop.valve[:, i]
-        changed = np.flatnonzero(np.diff(valve, prepend=-1))
-        states = rr.StateChange.columns(state=[_VALVES[int(v)][0] for v in valve[changed]])
-        rec.send_columns(f"{path}/valve", _since_start(stop.t[changed]), states)
-        rows += len(changed)
+        for name, codes, states in (
+            ("valve", stop.valve, _VALVES), ("region", stop.region, _REGIONS),
+            ("wheel", stop.sliding(), _WHEELS),
+        ):  # fmt: skip
+            lane = f"{path}/state/{name}"
+            rows += _send_states(rec, lane, _since_start, stop.t, codes[:, i], states)
 
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
-        place = _send_scatter(rec, f"{path}/slip", slip, mu)
-        edges, ends = np.array(self.band), np.array([0.0, 1.0])
-        band = [place(np.full(2, s), ends * np.nanmax(stop.peak) / self.weight) for s in edges]
-        lines = rr.LineStrips2D(band, colors=_VALVES[APPLY][1], radii=0.3)
-        rec.log(f"{path}/slip/band", lines, static=True)
-        at = np.flatnonzero(np.isfinite(slip))[::_POINT_EVERY]
-        points = rr.Points2D.columns(positions=place(slip[at], mu[at]))
-        rec.log(
-            f"{path}/slip/now", rr.Points2D.from_fields(radii=1.8, colors=0xFFFFFFFF), static=True
-        )
-        rec.send_columns(f"{path}/slip/now", _since_start(stop.t[at]), points)
-        return rows + len(at)
+        return rows + _send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, self.band)
 
     def layout(self) -> rrb.Container:
         """Tabs: the verdict, then one per axle with a column per controller."""
@@ -697,19 +791,15 @@ class _Stops:
         columns = []
         for stop in self.stops:
             path, who = f"{stop.controller}/axle/{axle}", stop.controller
-            slope = _span([], [stop.slope[:, axle - 1], np.ones(1)])
             views = [
                 _chart(f"{path}/speed", f"{who}: speed [km/h]", legend="RightTop"),
                 _chart(f"{path}/pressure", f"{who}: pressure [bar]", legend="RightTop"),
-                rrb.StateTimelineView(origin=f"{path}/valve", name=f"{who}: valves"),
+                _states(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
                 _chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
-                _chart(f"{path}/slope", f"{who}: slope of µ over slip", slope, legend=None),
-                rrb.Spatial2DView(
-                    origin=f"{path}/slip", name=f"{who}: adhesion coefficient µ over slip [%]",
-                    visual_bounds=_bounds(), background=_BACKGROUND,
-                ),
-            ]  # fmt: skip
-            columns.append(rrb.Vertical(*views, row_shares=[3.0, 2.0, 1.2, 2.0, 1.6, 4.0]))
+                *_slope_charts(path, who, stop.slope[:, axle - 1]),
+                _curve_view(f"{path}/slip", who),
+            ]
+            columns.append(rrb.Vertical(*views, row_shares=[2.5, 2.0, 2.6, 2.0, 2.0, 1.4, 4.0]))
         return rrb.Horizontal(*columns, name=f"Axle {axle}")
 
 

@@ -1,0 +1,253 @@
+"""What each controller would have done where a log was taken.
+
+The rail under each axle that slid is the one `railfit` fits to its slides, from the place of the
+first of them on; before, and under an axle that never slid, it gave what was asked for and counts
+as dry. The train is the log's axles, the speed the log's at the start of the brake. The demand is
+the clamping force of the axles that never slid; where every axle did, the largest so far, because
+slide protection had let air out of each. Where the brake was released before the train stood, the
+demand goes on as it was. The track is level and the unit that of `scenario.Antiskid`.
+
+The fit's uncertainty is carried through: every draw of the fits is a rail under each axle, and a
+true pad friction for all; each controller stops on each. The intervals hold what the log does not
+decide, not what is said above.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import antiskid, slip
+from .controller import registry
+from .document import findings_document
+from .errors import UserError
+from .model import Finding, Floats, Result, Times
+from .plant import Track
+from .rail import Condition, condition
+from .scenario import INF, Brake, Command, Scenario, Train
+from .slip import Summary
+from .stop import SLOWEST, Stop, Verdict
+from .sweep import interval, on_all_cores
+from .text import printable
+
+_EVERY = 0.1  # between two knots of the demand [s]
+_RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
+_STANDS = 0.1  # a train slower than this stands [m/s]
+_BLEND = 0.1  # from the dry rail to the fitted one [m]
+
+Values = dict[str, tuple[float, float, float] | None]
+
+
+class Case(NamedTuple):
+    """A stop of a log, ready to be run again."""
+
+    scenario: Scenario  # train and demand
+    track: Track  # the best fit
+    draws: list[tuple[Scenario, Track]]
+    logged_m: float | None  # run in the log from the same moment to standstill
+    findings: list[Finding]
+
+
+class Answer(NamedTuple):
+    """One controller: its stop on the best fit, and each value with its 95 % interval."""
+
+    stop: Stop
+    values: Values
+
+
+class _Braking(NamedTuple):
+    """When the stop was, on a grid of `_EVERY` from the start of the brake; all shape (n,)."""
+
+    t: Times  # [ns]
+    speed: Floats  # of the train [m/s]
+    K: Floats  # clamping force of each axle [N], shape (axles, n)
+
+
+def case(result: Result) -> Case:
+    """The stop of a log with the longest slide, and the rails that it may have been on.
+
+    Raises:
+        UserError: where the log does not show the rail, saying what it would have to.
+    """
+    name = printable(Path(result.log.path).name)
+    summaries, findings = [], []
+    for axle in result.axles:
+        summary, told = slip.summary(axle, result.vehicle)
+        if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
+            raise UserError(
+                f"{name}: no rail to replay under axle {axle.record.axle}: "
+                + " ".join(f.message for f in told),
+                "it takes slides of several seconds through the peak, on one kind of rail: choose "
+                "them with --from and --to, or leave the axle out with --axle",
+            )
+        summaries.append(summary)
+        findings += [f for f in told if summary.slides]
+    if not any(s.slides for s in summaries):
+        raise UserError(
+            f"{name}: no axle slides: the rail had more than was asked for, and how much more is "
+            "not known",
+            "replay a log with slides",
+        )
+    braking = _braking(result, summaries)
+    if not braking.speed[0] > SLOWEST:
+        text = f"{name}: the train does not move when the brake is applied"
+        raise UserError(text, "choose a stop with --from and --to")
+    begin, end = braking.t[[0, -1]].tolist()
+    firsts = [
+        min((x.start for x in s.slides if begin <= x.start <= end), default=0) for s in summaries
+    ]
+    places = [_distance(braking, first) if first else None for first in firsts]
+    demand, told = _demand(braking, firsts)
+    radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
+    scenario = Scenario(
+        Path(name).stem, "a stop of a log", antiskid.LONGEST, antiskid.DRY,
+        train=Train(float(braking.speed[0]), len(radii)), brake=Brake(demand),
+        vehicle=replace(result.vehicle, wheel_radius=radii),
+    )  # fmt: skip
+    rails = [s.rail for s in summaries]
+    draws = []
+    for k, scale in enumerate(next(rail.scales for rail in rails if rail)):
+        phi = scenario.vehicle.friction
+        truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
+        track = _track(places, [rail and rail.draws[k] for rail in rails])
+        draws.append((replace(scenario, vehicle=truly), track))
+    stands = bool(braking.speed[-1] < _STANDS)
+    return Case(
+        scenario, _track(places, [rail and rail.best for rail in rails]), draws,
+        _distance(braking, end) if stands else None, [*findings, *told],
+    )  # fmt: skip
+
+
+def answers(
+    case: Case, algo: str, settings: antiskid.Settings, seed: int, tell: Callable[[str], None]
+) -> tuple[float, dict[str, Answer]]:
+    """Dry distance [m] and every controller's stop, by name.
+
+    Args:
+        case: the stop.
+        algo: online estimator in the loop.
+        settings: as in `antiskid.run`.
+        seed: of the sensors' noise.
+        tell: is told the progress.
+
+    Raises:
+        UserError: as `antiskid.run`.
+    """
+    dry, stops = antiskid.dry_distance(case.scenario), {}
+    for law in registry():
+        tell(law)
+        stops[law] = antiskid.run(case.scenario, law, seed, algo, settings, case.track)
+    dries = on_all_cores(lambda draw: antiskid.dry_distance(draw[0]), case.draws, tell)
+
+    def one(job: tuple[str, int]) -> Verdict:
+        law, k = job
+        scenario, track = case.draws[k]
+        stop = antiskid.run(scenario, law, seed, algo, settings, track)
+        return antiskid.verdict(stop, scenario, dries[k])
+
+    jobs = [(law, k) for law in stops for k in range(len(case.draws))]
+    verdicts = on_all_cores(one, jobs, tell)
+    found = {}
+    for n, (law, stop) in enumerate(stops.items()):
+        drawn = zip(*verdicts[n * len(dries) : (n + 1) * len(dries)], strict=True)
+        best = antiskid.verdict(stop, case.scenario, dry)
+        values: Values = {}
+        for key, value, of in zip(Verdict._fields, best, drawn, strict=True):
+            spread = interval(of)
+            values[key] = None if value is None or not spread else (value, *spread[1:])
+        found[law] = Answer(stop, values)
+    return dry, found
+
+
+def document(
+    log: str, case: Case, dry: float, found: dict[str, Answer], findings: Sequence[Finding]
+) -> dict[str, Any]:
+    """The `adhesion.antiskid/1` document; values on the best fit, their 95 % intervals beside."""
+    keys = Verdict._fields[:7]
+    values = {law: {k: a.values[k] for k in keys} for law, a in found.items()}
+    return {
+        "schema": "adhesion.antiskid/1",
+        "scenario": case.scenario.name,
+        "log": log,
+        "seed": next(iter(found.values())).stop.seed,
+        "draws": len(case.draws),
+        "dry_distance_m": dry,
+        "logged_distance_m": case.logged_m,
+        "controllers": {law: {k: x and x[0] for k, x in of.items()} for law, of in values.items()},
+        "intervals": {
+            law: {k: x and list(x[1:]) for k, x in of.items()} for law, of in values.items()
+        },
+        "findings": findings_document(findings),
+    }
+
+
+def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
+    """From the start of the brake in which the longest slide lies, to standstill or release."""
+    slide = max((x for s in summaries for x in s.slides), key=lambda x: x.duration)
+    start = min(
+        int(a.record.t[s.start])
+        for a in result.axles
+        for s in a.applications
+        if a.record.t[s.start] <= slide.start <= a.record.t[s.stop - 1]
+    )
+    last = max(int(a.record.t[-1]) for a in result.axles)
+    t = np.arange(start, last, round(_EVERY * 1e9), dtype=np.int64)
+    speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
+    K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
+    stop = len(t)
+    if (stands := speed < _STANDS).any():
+        stop = int(np.argmax(stands)) + 1
+    asked = K[:, :stop].max(axis=0)
+    released = np.flatnonzero((asked < _RELEASED * asked.max()) & (t[:stop] > slide.start))
+    if len(released):
+        stop = int(np.flatnonzero(asked[: released[0]] >= _FULL * asked.max())[-1]) + 1
+    return _Braking(t[:stop], speed[:stop], K[:, :stop])
+
+
+def _column(at: Times, t: Times, values: Floats | None) -> Floats:
+    assert values is not None  # `analyze` makes a train speed where there is none
+    known = np.isfinite(values)
+    return np.interp(at, t[known], values[known])
+
+
+def _distance(braking: _Braking, until: int) -> float:
+    """Run by the train until then [m]."""
+    seconds = (braking.t - braking.t[0]) * 1e-9
+    run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
+    return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
+
+
+def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[tuple[Command, ...], list[Finding]]:
+    """What was asked of the brakes; `firsts` is when each axle began to slide, 0: it did not."""
+    free, findings = [first == 0 for first in firsts], []
+    K = braking.K[free if any(free) else slice(None)].max(axis=0)
+    if not any(free):
+        sliding = braking.t >= min(firsts)
+        K = np.where(sliding, np.maximum.accumulate(K), K)
+        text = "every axle slid: the largest clamping force so far counts as what was asked for"
+        findings.append(Finding("demand-guessed", "info", text))
+    if braking.speed[-1] >= _STANDS:
+        text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
+        findings.append(Finding("stop-extended", "info", text))
+    seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
+    commands = [Command(0.0, clamping_force=float(K[0]))]
+    for i, force in enumerate(K[1:].tolist()):
+        commands.append(Command(seconds[i], None, force, seconds[i + 1] - seconds[i]))
+    return tuple(commands), findings
+
+
+def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) -> Track:
+    """Dry up to each axle's place, from there on its rail."""
+    starts = sorted({place for place in places if place is not None})
+    knots = np.unique([0.0, *starts, *(x + _BLEND for x in starts)])
+    dry = np.array(condition("dry"))
+    values = []
+    for place, rail in zip(places, rails, strict=True):
+        part = np.zeros(len(knots))
+        if place is not None:
+            part = np.clip((knots - place) / _BLEND, 0.0, 1.0)
+        under = dry + part[:, None] * (np.array(rail or dry) - dry)
+        values.append([*under, under[-1]])
+    return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

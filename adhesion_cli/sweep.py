@@ -1,0 +1,141 @@
+"""Many stops: every controller on a set of rails, over seeds, on all cores."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from .antiskid import ESTIMATOR, Settings, dry_distance, run, verdict
+from .controller import registry
+from .scenario import Film, Rail, Scenario, Section
+from .stop import Verdict
+
+RAILS = {
+    "dry": Rail((Section(0.0, "dry"),)),
+    "wet": Rail((Section(0.0, "wet"),)),
+    "low": Rail((Section(0.0, "low"),)),
+    "very-low": Rail((Section(0.0, "very-low"),)),
+    "sudden": Rail(
+        (
+            Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
+            Section(450.0, "low", 1.6), Section(550.0, "very-low"), Section(700.0, "low"),
+        )
+    ),
+    "film": Rail(
+        (Section(0.0, "wet"),),
+        film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
+    ),
+}  # fmt: skip
+"""Rails of a sweep by name; lengths are ours."""
+
+SPREAD = 0.2  # of f0 from seed to seed
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+
+class Row(NamedTuple):
+    """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
+
+    rail: str
+    controller: str
+    dry_distance_m: float
+    values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+    shorter: float  # share of the seeds in which it stops before every other controller
+
+
+def sweep(
+    scenario: Scenario,
+    seeds: int,
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Row]:
+    """Every controller on every rail of `RAILS`, on all cores.
+
+    A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
+    name says, the same for every controller.
+
+    Args:
+        scenario: train, brake and unit.
+        seeds: stops of each controller on each rail.
+        algo: online estimator in the loop.
+        settings: as in `run`.
+        tell: is told the progress.
+    """
+    dry, laws = dry_distance(scenario), list(registry())
+    for law in laws:  # compile before the threads start
+        run(replace(scenario, rail=RAILS["dry"]), law, 0, algo, settings)
+
+    def one(job: tuple[str, str, int]) -> Verdict:
+        rail, law, seed = job
+        factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
+        case = replace(scenario, rail=_scaled(RAILS[rail], factor))
+        return verdict(run(case, law, seed, algo, settings), case, dry)
+
+    jobs = [(r, c, seed) for r in RAILS for c in laws for seed in range(seeds)]
+    found: dict[tuple[str, str], list[Verdict]] = {}
+    for job, x in zip(jobs, on_all_cores(one, jobs, tell), strict=True):
+        found.setdefault(job[:2], []).append(x)
+    rows = []
+    for (rail, controller), verdicts in found.items():
+        others = [v for (r, c), v in found.items() if r == rail and c != controller]
+        first = [
+            all(mine.stopping_distance_m < x.stopping_distance_m for x in rivals)
+            for mine, *rivals in zip(verdicts, *others, strict=True)
+        ]
+        columns = zip(*verdicts, strict=True)
+        values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
+        rows.append(Row(rail, controller, dry, values, sum(first) / len(first)))
+    return rows
+
+
+def sweep_document(
+    scenario: Scenario, seeds: int, algo: str, rows: Sequence[Row]
+) -> dict[str, Any]:
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
+    rails: dict[str, dict[str, Any]] = {}
+    for r in rows:
+        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
+    return {
+        "schema": "adhesion.antiskid-sweep/1",
+        "scenario": scenario.name,
+        "seeds": seeds,
+        "estimator": algo,
+        "dry_distance_m": rows[0].dry_distance_m,
+        "rails": rails,
+    }
+
+
+def on_all_cores(
+    one: Callable[[Job], Answer], jobs: Sequence[Job], tell: Callable[[str], None]
+) -> list[Answer]:
+    """`one` of every job, in the order of the jobs.
+
+    Threads do, as compiled loops run free; what jobs have in common is to be compiled before.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    found: list[Answer] = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for n, x in enumerate(pool.map(one, jobs), 1):
+            found.append(x)
+            tell(f"{n} of {len(jobs)} stops")
+    return found
+
+
+def _scaled(rail: Rail, factor: float) -> Rail:
+    sections = tuple(replace(x, scale=x.scale * factor) for x in rail.section)
+    film = rail.film and replace(rail.film, scale=rail.film.scale * factor)
+    return replace(rail, section=sections, film=film)
+
+
+def interval(values: Sequence[float | None]) -> tuple[float, float, float] | None:
+    """Mean, 2.5 % and 97.5 % quantile of what there is; None where nothing is."""
+    known = [x for x in values if x is not None]
+    if not known:
+        return None
+    low, high = np.quantile(known, [0.025, 0.975])
+    return float(np.mean(known)), float(low), float(high)
