@@ -34,6 +34,7 @@ from .text import printable
 
 _EVERY = 0.1  # between two knots of the demand [s]
 _RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
+_NOISE = 0.01  # share of the largest demand: less is no change of it
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
@@ -43,6 +44,7 @@ Values = dict[str, tuple[float, float, float] | None]
 class Case(NamedTuple):
     """A stop of a log, ready to be run again."""
 
+    start_s: float  # of the brake, after the log's start [s]
     scenario: Scenario  # train and demand
     track: Track  # the best fit
     draws: list[tuple[Scenario, Track]]
@@ -115,7 +117,7 @@ def case(result: Result) -> Case:
         draws.append((replace(scenario, vehicle=truly), track))
     stands = bool(braking.speed[-1] < _STANDS)
     return Case(
-        scenario, _track(places, [rail and rail.best for rail in rails]), draws,
+        (begin - result.log.start_ns()) / 1e9, scenario, _track(places, [rail and rail.best for rail in rails]), draws,
         _distance(braking, end) if stands else None, [*findings, *told],
     )  # fmt: skip
 
@@ -173,6 +175,7 @@ def document(
         "log": log,
         "seed": next(iter(found.values())).stop.seed,
         "draws": len(case.draws),
+        "start_s": case.start_s,
         "dry_distance_m": dry,
         "logged_distance_m": case.logged_m,
         "controllers": {law: {k: x and x[0] for k, x in of.items()} for law, of in values.items()},
@@ -232,9 +235,11 @@ def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[tuple[Command, ..
         text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
         findings.append(Finding("stop-extended", "info", text))
     seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
-    commands = [Command(0.0, clamping_force=float(K[0]))]
+    asked, commands = float(K[0]), [Command(0.0, clamping_force=float(K[0]))]
     for i, force in enumerate(K[1:].tolist()):
-        commands.append(Command(seconds[i], None, force, seconds[i + 1] - seconds[i]))
+        if abs(force - asked) > _NOISE * K.max():  # noise would take air, again and again
+            asked = force
+        commands.append(Command(seconds[i], None, asked, seconds[i + 1] - seconds[i]))
     return tuple(commands), findings
 
 

@@ -1,0 +1,114 @@
+"""A log's stop run again, against the closed loop on the rail that the log was simulated on."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import recordings, simulation, write
+
+from adhesion_cli import analysis, antiskid, railfit, replay, scenario, settings, slip
+from adhesion_cli.cli.app import app
+from adhesion_cli.errors import UserError
+from adhesion_cli.model import Result
+
+NAME = "low-adhesion"
+KNOWN = (
+    "vehicle.friction={value=0.3, tolerance=0.003}",
+    "vehicle.efficiency={value=0.97, tolerance=0.0}",
+    "vehicle.axle_mass={value=4797.0, tolerance=10.0}",
+)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("log") / "low.csv", recordings(NAME))
+
+
+@cache
+def analysed(path: Path) -> Result:
+    return analysis.analyze(path, settings.load, ["kalman"], train_speed=True)
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(railfit, "_DRAWS", 12)
+
+
+def test_the_stop_is_the_logs(log: Path) -> None:
+    case, true = replay.case(analysed(log)), simulation(NAME)
+    at = int(np.searchsorted(true.t, case.start_s * 1e9))
+    assert case.logged_m == pytest.approx(true.distance[-1] - true.distance[at], abs=1.0)
+    assert case.scenario.train.axles == 4
+    assert case.scenario.train.speed == pytest.approx(true.train_speed[at], abs=0.1)
+    asked = [c.clamping_force for c in case.scenario.brake.command]
+    assert max(asked) == pytest.approx(true.clamping_force[:, 3].max(), rel=0.01)  # it only rolls
+    slid = true.distance[np.argmax(true.slip[:, 0] > 0.01)] - true.distance[at]
+    assert case.track.knots[1] == pytest.approx(slid, abs=3.0)
+    assert np.ptp(case.track.values[2:], axis=(0, 1)).max() == 0.0  # axles 3 and 4 never leave dry
+    assert len(case.draws) == 12
+    assert [f.code for f in case.findings] == ["rail-not-observable"] * 2
+
+
+def test_the_interval_holds_the_stop_on_the_true_rail(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["antiskid", "--from-log", str(log), "--json", "-o", str(tmp_path)]
+    arguments += [x for text in KNOWN for x in ("--set", text)]
+    assert app(arguments, standalone_mode=False) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "adhesion.antiskid/1"
+    assert document["draws"] == 12
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "low.antiskid.rrd", "low.antiskid.sha256",
+        *(f"low.{law}.antiskid.mcap" for law in ("none", "patent", "rule")),
+    }  # fmt: skip
+    s = scenario.load(NAME)
+    for law in ("none", "patent", "rule"):
+        stop = antiskid.run(s, law)
+        start = np.interp(document["start_s"], stop.t * 1e-9, stop.distance)
+        low, high = document["intervals"][law]["stopping_distance_m"]
+        assert low < stop.distance[-1] - start < high, law
+        assert high < 1.2 * low, law  # and it says something
+        value = document["controllers"][law]["stopping_distance_m"]
+        assert low <= value <= high
+        true = antiskid.verdict(stop, s, antiskid.dry_distance(s))
+        found = document["controllers"][law]
+        assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
+        assert found["extension"] == pytest.approx(true.extension, abs=0.02)
+        assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.02)
+
+
+def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
+    film = write(tmp_path / "film.csv", recordings("leaf-film"))
+    with pytest.raises(UserError, match="no rail to replay under axle 1: slides too short") as told:
+        replay.case(analysed(film))
+    assert "--from" in told.value.hint
+    service = write(tmp_path / "service.csv", recordings("service-brake", train=True))
+    with pytest.raises(UserError, match="no axle slides"):
+        replay.case(analysed(service))
+
+
+def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> None:
+    result = analysed(log)
+    two = Result(result.log, result.vehicle, result.axles[:2], result.findings, result.settings)
+    case = replay.case(two)
+    assert "demand-guessed" in {f.code for f in case.findings}
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    first = min(x.start for a in two.axles for x in slip.slides(a))
+    begin = case.start_s * 1e9 + result.log.start_ns()
+    after = asked[int((first - begin) * 1e-9 / replay._EVERY) + 1 :]
+    assert (np.diff(after) >= 0.0).all()
+    assert after[-1] == pytest.approx(simulation(NAME).clamping_force[:, 0].max(), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["slippery-stop", "--from-log", "a.csv"], ["slippery-stop", "--axle", "1"],
+     ["--from-log", "a.csv", "--rails"]],
+)  # fmt: skip
+def test_a_stop_has_one_source(arguments: list[str]) -> None:
+    with pytest.raises(UserError) as told:
+        app(["antiskid", *arguments], standalone_mode=False)
+    assert told.value.code == 2
