@@ -27,7 +27,7 @@ from .rail import Condition, Contact, Patch, conditions, creep_force
 
 _BLOCK = 1.0  # s
 _MOST = 800  # points of a fit
-_DRAWS = 60
+_DRAWS = 100
 _BLOCKS = 8  # fewer show no spread
 _TOLD = 3.0  # widest interval of a constant that is told, high over low
 _TRUST = 0.02  # weight of the anchor, over that of one point
@@ -35,6 +35,7 @@ _WIDE = 1.0  # 1 sigma of a draw's anchor, in the logarithm
 _CENTRE = (2.5, 97.5)
 _LEFT = 0.15  # largest rms beside the curve, over the largest μ
 _EVALUATIONS = 150
+_GRID = 4000  # slips among which the peak is looked for: 0.2 % apart
 
 
 class Interval(NamedTuple):
@@ -187,7 +188,7 @@ def _centre(values: Sequence[float]) -> tuple[float, float]:
 def _peak(rail: Condition, patch: Patch, speed: float, slip: Floats) -> tuple[float, float] | None:
     """Slip and μ of the largest adhesion; None at the edge of where there are points."""
     low, high = (float(x) for x in np.quantile(slip, [0.01, 0.98]))
-    grid = np.geomspace(max(low, 1e-4), max(high, 2e-4), 400)
+    grid = np.geomspace(max(low, 1e-4), max(high, 2e-4), _GRID)
     mu = np.empty(len(grid))
     compiled.function(_curve)(rail, patch, np.full(len(grid), speed), grid, mu)
     at = int(np.argmax(mu))

@@ -7,9 +7,9 @@ the clamping force of the axles that never slid; where every axle did, the large
 slide protection had let air out of each. Where the brake was released before the train stood, the
 demand goes on as it was. The track is level and the unit that of `scenario.Antiskid`.
 
-The fit's uncertainty is carried through: every draw of the fits is a rail under each axle, and a
-true pad friction for all; each controller stops on each. The intervals hold what the log does not
-decide, not what is said above.
+The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, and a true
+pad friction for all; each controller stops on `_DRAWS` of them. The intervals hold what the log
+does not decide, not what is said above.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,6 +34,7 @@ from .text import printable
 
 _EVERY = 0.1  # between two knots of the demand [s]
 _RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
+_DRAWS = 40  # of the fit that are run again
 _NOISE = 0.01  # share of the largest demand: less is no change of it
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
@@ -110,14 +111,15 @@ def case(result: Result) -> Case:
     )  # fmt: skip
     rails = [s.rail for s in summaries]
     draws = []
-    for k, scale in enumerate(next(rail.scales for rail in rails if rail)):
+    for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         phi = scenario.vehicle.friction
         truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [rail and rail.draws[k] for rail in rails])
         draws.append((replace(scenario, vehicle=truly), track))
     stands = bool(braking.speed[-1] < _STANDS)
     return Case(
-        (begin - result.log.start_ns()) / 1e9, scenario, _track(places, [rail and rail.best for rail in rails]), draws,
+        (begin - result.log.start_ns()) / 1e9, scenario,
+        _track(places, [rail and rail.best for rail in rails]), draws,
         _distance(braking, end) if stands else None, [*findings, *told],
     )  # fmt: skip
 
