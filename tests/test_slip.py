@@ -242,7 +242,7 @@ def test_a_spike_does_not_become_the_train() -> None:
 def test_slope_settings_are_checked() -> None:
     with pytest.raises(settings.UserError, match="not below"):
         settings.load(None, ["bands.slip_low=0.5"])
-    with pytest.raises(settings.UserError, match="outside"):
+    with pytest.raises(settings.UserError, match="out of range"):
         settings.load(None, ["slope.delta=-1"])
     stated = settings.load(None, ["bands.slip_high=0.1", "slope.rho=5"])
     assert stated.bands.slip_high == 0.1

@@ -5,6 +5,7 @@ While every wheel rolls, (1) gives the train's deceleration from K alone.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -103,7 +104,7 @@ def unbraked(s: Scene) -> Iterator[Finding]:
 
 def late_pressure(s: Scene) -> Iterator[Finding]:
     """A pressure whose clock is not the wheel speed's: the train slows before or after it rises."""
-    g = s.grid
+    g = replace(s.grid, train=None)  # it may have a clock of its own
     K, braking = g.mean(np.mean(g.clamping, axis=0)), g.braking
     rolls = g.rolling.all(axis=0) & np.isfinite(braking)
     n = np.arange(len(K)) * g.step
