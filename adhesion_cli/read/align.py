@@ -182,7 +182,9 @@ def _record(
     backwards = y < -max(_REVERSE, speed.step)
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
-    frozen = checks.stuck_speed(speed, at.held, others)
+    is_pressure = brake.meaning == "pressure"
+    K, K_smooth = (clamping_force(x, vehicle) if is_pressure else x for x in (at.held, at.smooth))
+    frozen = checks.stuck_speed(speed, K, others)
     keep = inside & at.fresh & ~frozen
     jump = np.diff(t, prepend=t[0]) > speed.gap_ns
     jump[1:] |= frozen[:-1] & ~frozen[1:]
@@ -230,12 +232,8 @@ def _record(
         return None, findings
     if backwards.any():
         y, at = np.abs(y), at._replace(train=np.abs(at.train))
-    is_pressure = brake.meaning == "pressure"
-    K, K_smooth = (
-        clamping_force(x[kept], vehicle) if is_pressure else x[kept] for x in (at.held, at.smooth)
-    )
     return AxleRecord(
-        axle, t[kept], K, K_smooth, y[kept], segments, speed.step,
+        axle, t[kept], K[kept], K_smooth[kept], y[kept], segments, speed.step,
         at.held[kept] if is_pressure else None,
         at.train[kept] if train else None,
         at.truth[kept] if truth else None,

@@ -107,7 +107,7 @@ def _repeats(n: int, runs: _Runs, stuck: Bools) -> Bools:
     return inside
 
 
-def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -> Bools:
+def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()) -> Bools:
     """Samples at which a stuck wheel-speed sensor repeats its last value, shape (n,).
 
     It would have moved meanwhile: by as much as the other axles and the train do, or, where the
@@ -118,13 +118,13 @@ def stuck_speed(speed: Channel, brake: Floats, others: Sequence[Channel] = ()) -
 
     Args:
         speed: wheel speed [rad/s].
-        brake: pressure or K at the speed's times, in any unit, shape (n,).
+        clamping: K at the speed's times, shape (n,).
         others: speeds of other axles and the train, in any unit.
     """
     t, y = speed.data.t, speed.data.value
     runs = _runs(speed)
     value = y[runs.first]
-    expected = _expected(speed, brake, runs)
+    expected = _expected(speed, clamping, runs)
     steps = np.full(len(value), 6.0)
     if others:
         moved = np.full((len(others), len(value)), np.nan)
@@ -211,10 +211,10 @@ def locked(speed: Channel, others: Sequence[Channel]) -> Bools:
     return moves & (np.abs(speed.data.value) <= max(0.1 * _SLOW, speed.step / 2.0))
 
 
-def _expected(speed: Channel, brake: Floats, runs: _Runs) -> Floats:
-    """By how much the speed would have changed within each run, judged by itself; shape (k,)."""
+def _expected(speed: Channel, clamping: Floats, runs: _Runs) -> Floats:
+    """By how much K would have slowed the wheel within each run, judged by itself; shape (k,)."""
     t, y = speed.data.t, speed.data.value
-    applied = (brake > _APPLIED * np.max(brake, initial=0.0)) & (y > 0.0)
+    applied = (clamping > _APPLIED * np.nanmax(clamping, initial=0.0)) & (y > 0.0)
     dt = np.diff(t) / 1e9
     both = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
     usual = float(np.median(dt)) if len(dt) else 0.0
@@ -223,9 +223,11 @@ def _expected(speed: Channel, brake: Floats, runs: _Runs) -> Floats:
     pair = applied[m:] & applied[:-m] & (far > 0.0) & (far < 2.0 * m * usual)
     if not pair.any():
         return np.zeros(len(runs.first))
-    rate = float(np.abs(y[m:] - y[:-m])[pair].sum() / far[pair].sum())
-    braked = np.concatenate([[0.0], np.cumsum(np.where(both, dt, 0.0))])
-    expected: Floats = rate * (braked[runs.last] - braked[runs.first])
+    mean = (clamping[1:] + clamping[:-1]) / 2.0
+    impulse = np.concatenate([[0.0], np.cumsum(np.where(both, mean * dt, 0.0))])
+    over = (impulse[m:] - impulse[:-m])[pair].sum()
+    by_impulse = float(np.abs(y[m:] - y[:-m])[pair].sum() / over) if over > 0.0 else 0.0
+    expected: Floats = by_impulse * (impulse[runs.last] - impulse[runs.first])
     return expected
 
 
