@@ -102,6 +102,15 @@ def test_a_constant_speed_without_brake_is_not_frozen() -> None:
     assert not findings
 
 
+def test_a_speed_in_steps_that_stands_after_the_release_is_not_frozen() -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    p = np.interp(t, [2.0, 4.0, 22.0, 24.0], [0.0, 3.0 * BAR, 3.0 * BAR, 0.0])
+    K = clamping_force(p, Vehicle())
+    y = 60.0 - np.cumsum(K) * 0.01 * 40.0 / np.sum(K * 0.01)
+    speed = replace(channel("wheel_speed", t, np.round(y / 0.066) * 0.066), step=0.066)
+    assert not align.records(log(channel("pressure", t, p), speed), Vehicle())[1]
+
+
 def test_quantised_speed_is_not_frozen() -> None:
     t, p, y = brake()
     y = np.round(y / 0.5) * 0.5
