@@ -413,6 +413,19 @@ def choose(
     return est, law, ep, sp, cp
 
 
+def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:
+    """Every parameter in force in the loops of these controllers, by `Settings`' names.
+
+    Raises:
+        UserError: as `choose`.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for law in laws:
+        _, _, ep, sp, cp = choose(law, algo, settings)
+        found |= {algo: ep._asdict(), SLOPE.name: sp._asdict(), law: cp._asdict()}
+    return found
+
+
 def bands(settings: Settings) -> slope.Bands:
     """The patent's bands under these settings, for every controller's picture alike."""
     p = validated(controllers()["patent"], settings.get("patent", {}))
@@ -457,17 +470,3 @@ def against(limits: Sequence[Limit], v: Verdict) -> Iterator[tuple[Limit, bool]]
     for limit in limits:
         value = getattr(v, limit.quantity)
         yield limit, value is None or limit.least <= value <= limit.most
-
-
-def document(
-    scenario: Scenario, dry: float, stops: Sequence[tuple[Stop, Verdict]]
-) -> dict[str, Any]:
-    """The `adhesion.antiskid/1` document."""
-    keys = Verdict._fields[:7]
-    return {
-        "schema": "adhesion.antiskid/1",
-        "scenario": scenario.name,
-        "seed": stops[0][0].seed,
-        "dry_distance_m": dry,
-        "controllers": {s.controller: {k: getattr(v, k) for k in keys} for s, v in stops},
-    }

@@ -2,20 +2,24 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from .model import Channel, Finding, Floats, Result
 from .slip import Summary
+from .stop import Stop, Verdict
 from .text import utf8
+
+if TYPE_CHECKING:
+    from .sweep import Row
 
 Kind = Literal[
     "result", "inspect", "convert", "recover", "simulate", "scenarios", "estimators", "response",
-    "reproduce",
+    "reproduce", "antiskid", "antiskid-sweep",
 ]  # fmt: skip
 
 
@@ -100,6 +104,52 @@ def slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         ],
         "fit": fit,
     }
+
+
+def antiskid_document(
+    stop: Stop,
+    scenario: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    dry: float,
+    controllers: Mapping[str, Mapping[str, float | None]],
+    **more: Any,
+) -> dict[str, Any]:
+    """The `adhesion.antiskid/1` document.
+
+    Args:
+        stop: one of the stops: they share estimator and seed.
+        scenario: its name.
+        parameters: in force, from `antiskid.parameters`.
+        dry: stopping distance on dry rail [m].
+        controllers: fields of each controller's `Verdict`.
+        more: entries of a replayed log.
+    """
+    return tagged(
+        "antiskid", scenario=scenario, seed=stop.seed, estimator=stop.algo, parameters=parameters,
+        dry_distance_m=dry, controllers=verdicts(controllers), **more,
+    )  # fmt: skip
+
+
+def verdicts(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What the document tells of each controller's verdict."""
+    return {law: {k: values[k] for k in Verdict._fields[:7]} for law, values in of.items()}
+
+
+def sweep_document(
+    scenario: str,
+    seeds: int,
+    algo: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    rows: "Sequence[Row]",
+) -> dict[str, Any]:
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
+    rails: dict[str, dict[str, Any]] = {}
+    for r in rows:
+        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
+    return tagged(
+        "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,
+        dry_distance_m=rows[0].dry_distance_m, rails=rails, outputs={},
+    )  # fmt: skip
 
 
 def channel_document(channel: Channel) -> dict[str, Any]:

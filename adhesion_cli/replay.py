@@ -21,7 +21,7 @@ import numpy as np
 
 from . import antiskid, slip
 from .controller import registry
-from .document import findings_document
+from .document import antiskid_document, findings_document, verdicts
 from .errors import UserError
 from .model import Finding, Floats, Result, Times
 from .plant import Track
@@ -166,26 +166,22 @@ def answers(
 
 
 def document(
-    log: str, case: Case, dry: float, found: dict[str, Answer], findings: Sequence[Finding]
+    log: str,
+    case: Case,
+    settings: antiskid.Settings,
+    dry: float,
+    found: dict[str, Answer],
+    findings: Sequence[Finding],
 ) -> dict[str, Any]:
     """The `adhesion.antiskid/1` document; values on the best fit, their 95 % intervals beside."""
-    keys = Verdict._fields[:7]
-    values = {law: {k: a.values[k] for k in keys} for law, a in found.items()}
-    return {
-        "schema": "adhesion.antiskid/1",
-        "scenario": case.scenario.name,
-        "log": log,
-        "seed": next(iter(found.values())).stop.seed,
-        "draws": len(case.draws),
-        "start_s": case.start_s,
-        "dry_distance_m": dry,
-        "logged_distance_m": case.logged_m,
-        "controllers": {law: {k: x and x[0] for k, x in of.items()} for law, of in values.items()},
-        "intervals": {
-            law: {k: x and list(x[1:]) for k, x in of.items()} for law, of in values.items()
-        },
-        "findings": findings_document(findings),
-    }
+    best = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in found.items()}
+    spread = {law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in found.items()}
+    stop = next(iter(found.values())).stop
+    return antiskid_document(
+        stop, case.scenario.name, antiskid.parameters(found, stop.algo, settings), dry, best,
+        log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
+        intervals=verdicts(spread), findings=findings_document(findings),
+    )  # fmt: skip
 
 
 def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:

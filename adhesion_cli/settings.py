@@ -32,7 +32,7 @@ GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
 }  # fmt: skip
-_OF_LOG = ("channels", "csv", "mcap", "selection")  # of the log a result was made from
+_ORIGIN = ("channels", "csv", "mcap", "selection", "antiskid")  # what a result was made from
 MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -61,8 +61,8 @@ class Settings:
     """Everything a user may state, checked.
 
     Attributes:
-        overrides: parameters stated by the user, by estimator or controller and name.
-        stated: the tree as stated, for the result's record of how it was made.
+        overrides: parameters as stated, by name of estimator, of controller, and of "slope": in
+            the loop, the slope has other defaults.
     """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -101,7 +101,7 @@ def load(
     here = Path("adhesion.toml")
     layers: list[Tree[str, Any]] = []
     if base:
-        layers.append({k: v for k, v in base.items() if k not in _OF_LOG})
+        layers.append({k: v for k, v in base.items() if k not in _ORIGIN})
     if folder and here.is_file():
         layers.append(toml.read(here, _IS))
     if config:
@@ -113,6 +113,11 @@ def load(
     for layer in (*layers, flags):
         _merge(tree, _one_spelling(layer))
     return _typed(tree, read)
+
+
+def stated_sections(assignments: Sequence[str]) -> set[str]:
+    """The sections of which `--set` states something."""
+    return {name for text in assignments for name in _one_spelling(_assignment(text))}
 
 
 def tree(
@@ -145,7 +150,7 @@ def tree(
 def _of_log(
     settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
 ) -> dict[str, Any]:
-    """How the log was read and what was taken of it: the sections `_OF_LOG`, where stated."""
+    """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
     channels: dict[str, Any] = {}
     for owner, known in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
@@ -246,6 +251,8 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         if key in registry:
             overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
             methods.validated(registry[key], overrides[key])
+    if slope := _checked("slope", tree, Params, _floats(Params)):
+        overrides["slope"] = slope
     vehicle = tree.get("vehicle", {})
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
@@ -260,7 +267,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         tuple(mappings),
         ReadOptions(**options),
         Analysis(**_checked("analysis", tree, Analysis, kinds)),
-        Params(**_checked("slope", tree, Params, _floats(Params))),
+        Params(**slope),
         _bands(Bands(**_checked("bands", tree, Bands, _floats(Bands)))),
         overrides,
     )

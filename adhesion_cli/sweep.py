@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -90,23 +90,6 @@ def sweep(
         values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
         rows.append(Row(rail, controller, dry, values, sum(first) / len(first)))
     return rows
-
-
-def sweep_document(
-    scenario: Scenario, seeds: int, algo: str, rows: Sequence[Row]
-) -> dict[str, Any]:
-    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
-    rails: dict[str, dict[str, Any]] = {}
-    for r in rows:
-        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
-    return {
-        "schema": "adhesion.antiskid-sweep/1",
-        "scenario": scenario.name,
-        "seeds": seeds,
-        "estimator": algo,
-        "dry_distance_m": rows[0].dry_distance_m,
-        "rails": rails,
-    }
 
 
 def on_all_cores(

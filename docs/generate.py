@@ -12,6 +12,7 @@ from typing import Any
 import typer.main
 
 from adhesion_cli import controller, estimator, methods, settings
+from adhesion_cli.antiskid import SLOPE_IN_LOOP
 from adhesion_cli.cli.app import app
 from adhesion_cli.model import Parameter, Quantity, Vehicle
 from adhesion_cli.read import units
@@ -50,6 +51,11 @@ _TEXTS = {
         "max_record": "largest record [bytes]",
     },
 }
+_IN_LOOP = (
+    "In the loop of `antiskid` the defaults are "
+    + ", ".join(f"`{name}` {value:g}" for name, value in SLOPE_IN_LOOP.items())
+    + ": slower than what suits a log.\n\n"
+)
 _COLUMNS = "| key | default | unit | range | what |\n|---|---|---|---|---|"
 
 
@@ -87,9 +93,10 @@ def settings_page() -> str:
             for section, keys in (("csv", settings.CSV_KEYS), ("mcap", settings.MCAP_KEYS))
         ),
         *(
-            f"## [{section}]\n\n{_table(_annotated(of))}"
-            for section, of in (
-                ("analysis", settings.Analysis), ("slope", Params), ("bands", Bands),
+            f"## [{section}]\n\n{text}{_table(_annotated(of))}"
+            for section, of, text in (
+                ("analysis", settings.Analysis, ""), ("slope", Params, _IN_LOOP),
+                ("bands", Bands, "Of `slip`; those of `antiskid` stand in `[patent]`.\n\n"),
             )
         ),
         *(

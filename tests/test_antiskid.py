@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
 from adhesion_cli import (
@@ -25,6 +26,7 @@ from adhesion_cli import (
     slope,
     sweep,
 )  # fmt: skip
+from adhesion_cli.cli.app import app
 from adhesion_cli.controller import APPLY, HOLD, VENT, Observed, registry
 from adhesion_cli.controllers import patent, rule
 from adhesion_cli.errors import UserError
@@ -384,7 +386,13 @@ def test_antiskid_command(tmp_path: Path) -> None:
     done = adhesion("leaf-film", "--json")
     assert done.returncode == 0, done.stderr
     doc = json.loads(done.stdout)
-    assert set(doc) == {"schema", "scenario", "seed", "dry_distance_m", "controllers"}
+    assert set(doc) == {
+        "schema", "scenario", "seed", "estimator", "parameters", "dry_distance_m", "controllers",
+        "outputs",
+    }  # fmt: skip
+    assert doc["estimator"] == "kalman"
+    assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap"]
+    assert all((tmp_path / name).is_file() for name in doc["outputs"].values())
     assert (doc["schema"], doc["scenario"]) == ("adhesion.antiskid/1", "leaf-film")
     assert list(doc["controllers"]) == ["none", "patent", "rule"]
     for verdict in doc["controllers"].values():
@@ -402,3 +410,76 @@ def test_antiskid_command(tmp_path: Path) -> None:
     bad = adhesion("leaf-film", "--set", "patent.slip_high")
     assert bad.returncode == 2
     assert "Traceback" not in bad.stderr
+
+
+SLIPPERY = """
+description = "One axle from 9 m/s on a slippery rail"
+duration = 60.0
+brake = {command = [{at = 1.0, pressure = 4e5}]}
+rail = {section = [{at = 0.0, condition = "low"}]}
+train = {speed = 9.0}
+"""
+
+
+def test_a_stop_has_the_settings_of_every_command_and_records_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("short.toml").write_text(SLIPPERY)
+    Path("adhesion.toml").write_text(
+        "[patent]\nslip_low = 0.01\nslip_high = 0.06\n[slope]\nrho = 0.7\n[vehicle]\nphi = 0.2\n"
+    )
+    Path("given.toml").write_text(
+        "[patent]\nslip_high = 0.05\npatience = 0.2\n[neso]\nbeta1 = 90\n"
+    )
+    arguments = ["antiskid", "short.toml", "--json", "-a", "neso", "-c", "given.toml"]
+    arguments += ["--set", "patent.slip_high=0.04"]
+    assert app(arguments, standalone_mode=False) == 0
+    doc = json.loads(capsys.readouterr().out)
+    used = doc["parameters"]
+    assert [used["patent"][k] for k in ("slip_low", "slip_high", "patience")] == [0.01, 0.04, 0.2]
+    assert (used["slope"]["rho"], used["slope"]["delta"]) == (0.7, antiskid.SLOPE_IN_LOOP["delta"])
+    assert (doc["estimator"], used["neso"]["beta1"]) == ("neso", 90.0)
+    stated = {name: used[name] for name in ("patent", "slope", "neso")}
+    best = scenario.load("short.toml")
+    again = antiskid.run(best, "patent", algo="neso", settings=stated)
+    for law in registry():
+        with open(doc["outputs"][f"{law}.mcap"], "rb") as file:
+            records = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+        carried = settings.nested(records["adhesion.settings"])
+        assert {name: carried.get(name, {}) for name in ("neso", "slope", law)} == {
+            name: used[name] for name in ("neso", "slope", law)
+        }
+        assert carried["bands"]["slip_high"] == 0.04
+        loop = carried["antiskid"]
+        assert (loop["controller"], loop["estimator"]) == (law, "neso")
+        assert loop["scenario"]["train"]["speed"] == 9.0
+        assert loop["scenario"]["brake"]["command"] == [{"at": 1.0, "pressure": 4e5, "ramp": 0.0}]
+        assert loop["scenario"]["antiskid"]["period"] == best.antiskid.period
+        assert records["adhesion.provenance"]["input_format"] == "closed loop"
+        assert "outputs" not in json.loads(records["adhesion.metrics"]["json"])
+    found = doc["controllers"]["patent"]["stopping_distance_m"]
+    assert found == antiskid.verdict(again, best, 1.0).stopping_distance_m
+    read = analysis.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load, ["neso"])
+    assert (read.settings["slope"]["rho"], read.settings["neso"]["beta1"]) == (0.7, 90.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--set", "patnet.slip_high=0.1"], "'patnet'"),
+        (["--set", "patent.slip_hihg=0.1"], "'slip_hihg'"),
+        (["--set", "patent.slip_high"], "no '='"),
+        (["--set", "phi=0.3"], "--set vehicle: of a log"),
+        (["--set", "bands.slip_high=0.1"], "--set bands: of a log"),
+        (["--from", "0", "--axle", "2"], "--axle, --from: of a log"),
+        (["-c", "missing.toml"], "no such file"),
+        (["--seeds", "3"], "--seeds: of no use without --rails"),
+        (["--rails", "--seed", "0", "-o", "x"], "--out, --seed: of no use with --rails"),
+        (["--rails", "--view", "--force"], "--force, --view: of no use with --rails"),
+    ],
+)
+def test_what_would_do_nothing_is_refused(arguments: list[str], says: str) -> None:
+    with pytest.raises(UserError, match=says) as told:
+        app(["antiskid", "slippery-stop", *arguments], standalone_mode=False)
+    assert told.value.code == 2

@@ -1,29 +1,35 @@
 """`adhesion antiskid`: stops in closed loop, every controller on the same rail."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Shared, shared
+from .options import Shared, completes, estimators, loader, scenarios, shared
 
 if TYPE_CHECKING:
+    from ..antiskid import Settings as Stated
+    from ..plant import Track
     from ..scenario import Limit, Scenario
     from ..stop import Stop, Verdict
     from ..sweep import Row
 
 TrainSpeed = Literal["measured", "axles"]
-_OF_LOGS = ("config", "axle", "from_", "to", "strict", "reference")
+_OF_LOGS = {name: "--" + name.strip("_") for name in ("axle", "from_", "to", "strict", "reference")}
+_OF_FILES = {name: "--" + name for name in ("out", "force", "view")}
 
 
-@shared(*_OF_LOGS, "out", "json", "force", "view")
+@shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json")
 def command(
     shared: Shared,
     scenario: Annotated[
         str | None,
-        typer.Argument(metavar="[SCENARIO]", help="Bundled scenario, or a scenario TOML."),
+        typer.Argument(
+            metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)
+        ),
     ] = None,
     from_log: Annotated[
         Path | None,
@@ -32,19 +38,14 @@ def command(
         ),
     ] = None,
     algo: Annotated[
-        str, typer.Option("-a", "--algo", metavar="NAME", help="Estimator in the loop.")
-    ] = "kalman",
-    set_: Annotated[
-        list[str],
+        str,
         typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="One setting, as patent.slip_high=0.05, rule.pulse=0.1; with --from-log also the "
-            "log's, as vehicle.phi=0.28; repeatable.",
+            "-a", "--algo", metavar="NAME", help="Estimator in the loop.", **completes(estimators)
         ),
-    ] = [],  # noqa: B006
+    ] = "kalman",
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of the noise, for the scenario's.")
+        int | None,
+        typer.Option("--seed", metavar="N", min=0, help="Seed of the noise, for the scenario's."),
     ] = None,
     train_speed: Annotated[
         TrainSpeed | None,
@@ -54,8 +55,9 @@ def command(
         bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no files.")
     ] = False,
     seeds: Annotated[
-        int, typer.Option("--seeds", metavar="N", min=1, help="Stops on each rail of --rails.")
-    ] = 10,
+        int | None,
+        typer.Option("--seeds", metavar="N", min=1, help="Stops on each rail of --rails; else 10."),
+    ] = None,
 ) -> int:
     """Stop a train under the patent's law, a rule-based WSP and none, on the same rail.
 
@@ -63,32 +65,43 @@ def command(
     on it; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log, and
     <name>.antiskid.rrd.
 
-    Example: adhesion antiskid slippery-stop
+    Settings are those of [patent], [rule], [slope] and of the estimator; with --from-log also the
+    log's.
+
+    Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
     from .. import antiskid
     from ..controller import registry
-    from ..document import dumps
+    from ..document import antiskid_document, dumps, sweep_document
     from ..errors import UserError
     from ..scenario import load
     from . import show
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
+    idle = _given(shared, _OF_FILES) if rails else []
+    idle += ["--seed"] if rails and seed is not None else ["--seeds"] if seeds and not rails else []
+    if idle:
+        text = f"{', '.join(idle)}: of no use {'with' if rails else 'without'} --rails"
+        raise UserError(text, "--rails writes no files and has --seeds", code=2)
     if from_log:
         if rails:
             raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
-        return _replay(from_log, replace(shared, set_=set_), algo, seed or 0, train_speed)
+        return _replay(from_log, shared, algo, seed or 0, train_speed)
     assert scenario is not None
-    if any(getattr(shared, name) for name in _OF_LOGS):
-        text = "--config, --axle, --from, --to, --strict and --reference concern a log"
-        raise UserError(text, "name one with --from-log", code=2)
-    case, settings, tell = load(scenario), _settings(set_), show.progress(shared.quiet)
-    case = _told(case, train_speed)
+    settings = loader(shared)().overrides
+    if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
+        hint = "name one with --from-log; a scenario's TOML states its train and rail"
+        raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
+    case, tell = _told(load(scenario), train_speed), show.progress(shared.quiet)
+    made_with = antiskid.parameters(registry(), algo, settings)
     if rails:
-        from ..sweep import sweep, sweep_document
+        from ..sweep import sweep
 
+        seeds = seeds or 10
         rows = sweep(case, seeds, algo, settings, tell)
-        print(dumps(sweep_document(case, seeds, algo, rows)) if shared.json else _rails(rows))
+        document = sweep_document(case.name, seeds, algo, made_with, rows)
+        print(dumps(document) if shared.json else _rails(rows))
         return 0
 
     paths = _paths(shared, case.name, Path(scenario))
@@ -99,27 +112,35 @@ def command(
         tell(law)
         stop = antiskid.run(case, law, seed, algo, settings)
         stops[law] = (stop, antiskid.verdict(stop, case, dry))
-    document = dumps(antiskid.document(case, dry, list(stops.values())))
-    table = _verdicts({law: v._asdict() for law, (_, v) in stops.items()})
+    found = {law: v._asdict() for law, (_, v) in stops.items()}
+    document = antiskid_document(stops["none"][0], case.name, made_with, dry, found)
+    table = _verdicts(found)
     kept = [line for law, (_, v) in stops.items() for line in _limits(law, case.limit, v)]
     text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
-    _write(
-        paths,
-        shared,
-        Path(scenario),
-        case,
-        [s for s, _ in stops.values()],
-        settings,
-        document,
-        text,
-    )
-    _say(paths, shared, document, text)
+    made = [(s, _carried(s, case, settings)) for s, _ in stops.values()]
+    _write(paths, shared, Path(scenario), case, made, settings, document, text)
     return 0
+
+
+def _given(shared: Shared, names: "Mapping[str, str]") -> list[str]:
+    """The flags of these fields that are set."""
+    unset = (None, False)  # --from 0 is set
+    return [
+        flag
+        for name, flag in names.items()
+        if (value := getattr(shared, name)) != [] and not any(value is x for x in unset)
+    ]
+
+
+def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str]:
+    """What `--set` states that is no setting of a stop; `settings` holds those that are."""
+    from ..settings import stated_sections
+
+    return [f"--set {section}" for section in sorted(stated_sections(set_) - set(settings))]
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
     from ..analysis import analyze
-    from ..document import dumps
     from ..replay import answers, case, document
     from ..text import printable
     from . import show
@@ -141,16 +162,19 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     settings = load().overrides
     dry, found = answers(replayed, algo, settings, seed, tell)
     findings = [*result.findings, *replayed.findings]
-    text = dumps(document(str(log), replayed, dry, found, findings))
+    answer = document(str(log), replayed, settings, dry, found, findings)
     logged = replayed.logged_m
     head = f"{printable(str(log))}: {dry:.1f} m on dry rail, " + (
         f"{logged:.1f} m in the log, " if logged else "not stopped in the log, "
     )
     head += f"estimator {algo}; in brackets 95 % of {len(replayed.draws)} draws of the fitted rail"
     verdict = "\n".join([head, _verdicts({law: a.values for law, a in found.items()})])
-    stops = [a.stop for a in found.values()]
-    _write(paths, shared, log, replayed.scenario, stops, settings, text, verdict)
-    _say(paths, shared, text, verdict)
+    origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
+    made = [
+        (a.stop, _carried(a.stop, replayed.scenario, settings, replayed.track, **origin))
+        for a in found.values()
+    ]
+    _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict)
     if not shared.json:
         show.message(show.findings(findings), shared.quiet or not findings)
     return 3 if show.lossy(findings) else 0
@@ -178,46 +202,67 @@ def _paths(shared: Shared, name: str, source: Path) -> list[Path]:
 
 def _write(
     paths: Sequence[Path], shared: Shared, source: Path, case: "Scenario",
-    stops: "Sequence[Stop]", settings: Mapping[str, Mapping[str, float]], document: str, text: str,
+    stops: "Sequence[tuple[Stop, dict[str, Any]]]", settings: "Stated",
+    document: dict[str, Any], text: str,
 ) -> None:  # fmt: skip
+    """Writes the files, each stop with what it was made from, and says what came out."""
     from ..antiskid import bands
+    from ..document import dumps
     from ..physics import G
-    from ..settings import Settings, tree
     from ..write import files, mcap, rrd
-
-    with files.outputs(paths, shared.force, inputs=[source]) as (recording, *records):
-        carried = tree(Settings(case.vehicle), [])
-        for record, stop in zip(records, stops, strict=True):
-            mcap.write_stop(record, case.name, stop, case.vehicle, carried, document)
-        weight = case.vehicle.axle_mass.value * G
-        rrd.write_stops(recording, case.name, stops, weight, bands(settings)[:2], text)
-
-
-def _say(paths: Sequence[Path], shared: Shared, document: str, text: str) -> None:
     from . import show
 
-    print(document if shared.json else "\n".join([text, show.wrote(*paths)]))
+    with files.outputs(paths, shared.force, inputs=[source]) as (recording, *records):
+        for record, (stop, carried) in zip(records, stops, strict=True):
+            mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
+        weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
+        rrd.write_stops(recording, case.name, all_stops, weight, bands(settings)[:2], text)
+    kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
+    outputs = dict(zip(kinds, map(str, paths), strict=True))
+    whole = {**document, "outputs": outputs}
+    print(dumps(whole) if shared.json else "\n".join([text, show.wrote(*paths)]))
     if shared.view:
         from .view import show_recording
 
         show_recording(paths[0])
 
 
-def _settings(given: Sequence[str]) -> dict[str, dict[str, float]]:
-    """The numbers of `--set`, by the name before the dot."""
-    from ..errors import UserError
+def _carried(
+    stop: "Stop", case: "Scenario", settings: "Stated", track: "Track | None" = None, **more: str
+) -> dict[str, Any]:
+    """All that a stop was made from, as the settings its file carries.
 
-    settings: dict[str, dict[str, float]] = {}
-    for text in given:
-        name, _, value = text.partition("=")
-        owner, _, key = name.partition(".")
-        try:
-            settings.setdefault(owner, {})[key] = float(value)
-        except ValueError:
-            raise UserError(
-                f"--set {text}: not NAME=NUMBER", "for example --set patent.slip_high=0.05", code=2
-            ) from None
-    return settings
+    Args:
+        stop: the stop.
+        case: its scenario.
+        settings: as stated.
+        track: the fitted rail, where that is not the scenario's.
+        more: on the log it was fitted to.
+    """
+    from ..antiskid import bands, parameters
+    from ..settings import Settings, tree
+
+    unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
+    loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}
+    scenario = {k: v for k, v in asdict(case).items() if k not in unused}
+    if track:  # its last knot is at infinity
+        knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
+        scenario["rail"] = {"knots": knots, "conditions": conditions}
+    loop["scenario"] = _plain({**scenario, "seed": stop.seed})
+    return {
+        **tree(Settings(case.vehicle, bands=bands(settings)), []),
+        **parameters([stop.controller], stop.algo, settings),
+        "antiskid": loop,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it; what is not stated, or without a limit, is left out."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
 
 
 _HEADER = [

@@ -165,7 +165,8 @@ def write_stop(
         name: of the scenario.
         stop: the stop.
         vehicle: that was stopped.
-        settings: as of a result; whoever reads the file as a log takes them.
+        settings: as of a result, with all that the stop was made from; whoever reads the file as
+            a log takes them.
         metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
 
     Raises:
@@ -178,18 +179,18 @@ def write_stop(
     ]
     for i in range(stop.pressure.shape[1]):
         streams += _stop_streams(stop, i, vehicle)
-    made_from = repr((name, stop.controller, stop.algo, stop.seed, stop.air, len(stop.t)))
+    stated = names.flat(settings)
     provenance = {
         "version": __version__,
         "input": printable(f"{name}, controller {stop.controller}"),
-        "input_sha256": sha256(made_from.encode()).hexdigest(),
+        "input_sha256": sha256(repr(stated).encode()).hexdigest(),
         "input_format": "closed loop",
     }
     _write(
         path,
         streams,
         {
-            names.SETTINGS: names.flat(settings),
+            names.SETTINGS: stated,
             "adhesion.provenance": provenance,
             "adhesion.metrics": {"json": metrics},
         },
