@@ -5,7 +5,7 @@ import pytest
 
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel, Column, Log, Meaning, Vehicle
-from adhesion_cli.physics import clamping_force
+from adhesion_cli.physics import clamping_force, rolling_deceleration, wheelset
 from adhesion_cli.read import align, timeaxis
 
 BAR = 1e5
@@ -110,6 +110,19 @@ def test_a_speed_in_steps_that_stands_after_the_release_is_not_frozen() -> None:
     speed = replace(channel("wheel_speed", t, np.round(y / 0.066) * 0.066), step=0.066)
     _, findings = align.records(log(channel("pressure", t, p), speed), Vehicle())
     assert "speed-frozen" not in {f.code for f in findings}
+
+
+@pytest.mark.parametrize("drive", [0.3, 0.7, 1.5, 3.0])  # of the wheel [rad/s²]
+def test_a_train_that_starts_and_stops_is_no_suspect(drive: float) -> None:
+    t = np.arange(0.0, 100.0, 0.05)
+    p = np.interp(t, [50.0, 52.0, 64.0, 66.0], [0.0, 3.0 * BAR, 3.0 * BAR, 0.0])
+    K, w = clamping_force(p, Vehicle()), wheelset(Vehicle(), 1)
+    gained = np.where((t > 2.0) & (t < 40.0), drive, 0.0) - rolling_deceleration(w) * K
+    y = 20.0 + np.cumsum(gained) * 0.05
+    _, findings = align.records(
+        log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
+    )
+    assert not findings
 
 
 def test_quantised_speed_is_not_frozen() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..model import Bools, Finding, Floats, Severity, Vehicle
 from ..physics import G, clamping_force, true_runs
-from .grid import LEAST, Grid, Scene, largest
+from .grid import FREE, LEAST, Grid, Scene, far, largest
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
@@ -31,6 +31,7 @@ _SIGMAS = 2.5  # of the stated tolerances are no finding
 _NEAR = 1.12  # as near as this to a unit's factor, the unit is the likely cause
 _ABSURD = 30.0  # no slide explains that either
 _ANY_VEHICLE = 6.0  # no vehicle is that far from another
+_BESIDE = 5.0  # before and after a brake, the train coasts on the same gradient [s]
 _LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
 _REACH = 5.0  # and the largest looked for [s]
 
@@ -195,7 +196,7 @@ def unexplained(s: Scene) -> Iterator[Finding]:
     allowed = 0.2 + (0.15 if line else 3.0 * _tolerance(s.vehicle)) * np.fmax(x, y)
     for where, way in (
         (known & g.rolling.any(axis=0) & (off > allowed), "more"),
-        (rolls & (off < -allowed), "less"),
+        (rolls & (off < -allowed) & (x > FREE * np.nanmax(x, initial=0.0)), "less"),
     ):
         long = _lasting(where, _LASTS, g)
         if not long.any():
@@ -266,6 +267,7 @@ def _fit(g: Grid) -> _Fit | None:
     braking = g.braking
     K = g.mean(np.mean(g.clamping, axis=0))
     used = used & np.isfinite(braking) & np.isfinite(K)
+    used &= ~far(FREE * np.nanmax(K, initial=0.0) > K, round(_BESIDE / g.step))
     if used.sum() < LEAST or not (K[used] > 0.0).any():
         return None
     x, y = K[used], braking[used]

@@ -14,6 +14,8 @@ LEAST = 8  # samples on it that show anything
 _STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
+FREE = 0.05  # of the highest K: less is no braking
+_DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
 
 
 class Axle(NamedTuple):
@@ -43,12 +45,19 @@ class Grid:
 
     @cached_property
     def braking(self) -> Floats:
-        """Deceleration of the train, else the mean one of the axles that roll, (n,) [m/s²]."""
+        """Deceleration of the train, else the mean one of the axles that roll, (n,) [m/s²].
+
+        NaN where it gains speed without brake, and a second around: a motor drives it.
+        """
         if self.train is not None:
-            return -self.slope(self.train)
-        rolls = np.sum(self.rolling, axis=0)
-        slowing = np.sum(np.where(self.rolling, -self.slope(self.rim), 0.0), axis=0)
-        return np.where(rolls > 0, slowing / np.maximum(rolls, 1), np.nan)
+            slowing = -self.slope(self.train)
+        else:
+            rolls = np.sum(self.rolling, axis=0)
+            sums = np.sum(np.where(self.rolling, -self.slope(self.rim), 0.0), axis=0)
+            slowing = np.where(rolls > 0, sums / np.maximum(rolls, 1), np.nan)
+        K = self.mean(largest(self.clamping))
+        driven = (FREE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN)
+        return np.where(far(~driven, 2 * self.half), slowing, np.nan)
 
     @cached_property
     def share(self) -> Floats:
