@@ -464,7 +464,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
     assert all(len(found) == 1 for found in examples.values()), examples
     # These take long, need no file, and have tests of their own.
     assert examples.pop("reproduce") == ["reproduce"]
-    assert examples.pop("antiskid") == ["antiskid slippery-stop"]
+    assert examples.pop("antiskid") == ["antiskid slippery-stop --set patent.slip_high=0.05"]
     (shown,) = examples.pop("view")
     for (example,) in [examples.pop("simulate"), *examples.values()]:  # makes what the others take
         done = run(*example.split())
