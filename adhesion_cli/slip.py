@@ -34,6 +34,7 @@ _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
 _SHORT = 0.1  # a slide lasts longer [s]
+_LONG = 2.0  # shorter, it cannot be told from a clock that is late [s]
 _LASTS = 0.5  # and so does a change of region that is an event [s]
 
 
@@ -188,6 +189,30 @@ def _march(
         code[i] = region(slip[i], s.slope, bands)
 
 
+def delayed(record: AxleRecord, slip: Floats) -> list[tuple[slice, float]]:
+    """What looks like a slide and is a train speed that is late by τ [s]: where, and τ.
+
+    There v − ωR = τ |dv/dt|, in each quarter of it: as the train slows, slip grows as 1/v. A wheel
+    that slides is caught, or slides deeper.
+    """
+    assert record.train_speed is not None
+    found = []
+    for first, past in physics.true_runs(np.nan_to_num(slip) > _CAUGHT):
+        t, v = (record.t[first:past] - record.t[first]) * 1e-9, record.train_speed[first:past]
+        s = slip[first:past]
+        if len(t) < 12 or t[-1] < _LONG or s.max() < _SLIDE or v.max() < 1.5 * v.min():
+            continue
+        quarters = np.array_split(np.arange(len(t)), 4)
+        slowing = np.array([-np.polyfit(t[q], v[q], 1)[0] for q in quarters])
+        apart = np.array([np.mean(v[q] * s[q]) for q in quarters])
+        steady = all(np.std(v[q] * s[q]) < 0.4 * np.mean(v[q] * s[q]) for q in quarters)
+        if steady and (slowing > _EVEN / 2.0).all():
+            tau = apart / slowing
+            if np.ptp(tau) < 0.4 * np.mean(tau):
+                found.append((slice(first, past), float(np.mean(tau))))
+    return found
+
+
 def observed(
     axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands
 ) -> tuple[AxleResult, list[Finding]]:
@@ -206,6 +231,14 @@ def observed(
     assert record.train_speed is not None
     radius, findings = calibrated(record, vehicle)
     slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
+    if late := delayed(record, slip):
+        text = (
+            "slip grows as the train slows, just as with a train speed that is "
+            f"{np.mean([x for _, x in late]):.2f} s late: no slip there; correct its time stamps"
+        )
+        first = np.concatenate([np.arange(s.start, s.stop) for s, _ in late])
+        slip[first] = np.nan
+        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", len(first)))
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     known = [slip[s][np.isfinite(slip[s])] for s in record.segments]
     noise = math.sqrt(physics.white_noise(known))

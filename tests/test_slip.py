@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from simulated import recordings, simulation, write
 
-from adhesion_cli import analysis, rail, railfit, settings, slip, slope
+from adhesion_cli import analysis, physics, rail, railfit, settings, slip, slope
 from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
 
@@ -228,6 +228,29 @@ def test_a_late_train_speed_is_told() -> None:
         result = analysis.analyze(log, settings.load, ["leso"])
     (found,) = [f for f in result.findings if f.code == "train-clock-offset"]
     assert "1.5 s behind" in found.message
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.3])
+def test_a_late_train_speed_makes_no_slide(late: float) -> None:
+    t = np.arange(0.0, 25.0, 0.02)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, len(t))
+    v = np.maximum(25.0 - 1.05 * np.maximum(t - 2.0, 0.0), 0.0)
+    wheel = v * (1.0 - 0.0036 * (t > 2.0)) / 0.46
+    train = np.interp(t - late, t, v) + noise
+    nothing = np.zeros(len(t))
+    record = AxleRecord(
+        1, np.round(t * 1e9).astype(np.int64), nothing, nothing, wheel, (slice(0, len(t)),),
+        train_speed=train,
+    )  # fmt: skip
+    apparent = physics.slip(train, wheel, 0.46, 1.0)
+    found = slip.delayed(record, apparent)
+    assert bool(found) == (np.nanmax(apparent) > 0.06)
+    assert all(tau == pytest.approx(late, rel=0.5) for _, tau in found)
+
+
+def test_slides_are_no_late_train_speed() -> None:
+    for name in ("low-adhesion", "leaf-film"):
+        assert "train-late" not in codes(analysed(name))
 
 
 def test_a_spike_does_not_become_the_train() -> None:
