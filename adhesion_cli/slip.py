@@ -34,8 +34,8 @@ _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
 _SHORT = 0.1  # a slide lasts longer [s]
-_LONG = 2.0  # shorter, it cannot be told from a clock that is late [s]
 _LASTS = 0.5  # and so does a change of region that is an event [s]
+_LONG = 2.0  # shorter, a train speed that is late cannot be told from a slide [s]
 
 
 class Slide(NamedTuple):
@@ -234,11 +234,13 @@ def observed(
     if late := delayed(record, slip):
         text = (
             "slip grows as the train slows, just as with a train speed that is "
-            f"{np.mean([x for _, x in late]):.2f} s late: no slip there; correct its time stamps"
+            f"{np.mean([tau for _, tau in late]):.2f} s late: no slip there; "
+            "correct its time stamps"
         )
-        first = np.concatenate([np.arange(s.start, s.stop) for s, _ in late])
-        slip[first] = np.nan
-        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", len(first)))
+        for where, _ in late:
+            slip[where] = np.nan
+        count = sum(where.stop - where.start for where, _ in late)
+        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", count))
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     known = [slip[s][np.isfinite(slip[s])] for s in record.segments]
     noise = math.sqrt(physics.white_noise(known))
