@@ -10,12 +10,15 @@ minute, under each controller. The sweep has at least STOPS stops (1000 if not g
 import os
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
+
+from table import Row, show
 
 from adhesion_cli import antiskid, controller, scenario, sweep
 
 
-def stop() -> None:
+def rows() -> Iterator[Row]:
     long = replace(scenario.load("slippery-stop"), rail=sweep.RAILS["very-low"])
     for law in controller.registry():
         antiskid.run(long, law)  # compiles
@@ -24,9 +27,9 @@ def stop() -> None:
             begin = time.perf_counter()
             done = antiskid.run(long, law)
             times.append(time.perf_counter() - begin)
-        seconds = float(done.t[-1]) * 1e-9
-        minute = min(times) / seconds * 60.0
-        print(f"{law}: {min(times):.2f} s for a stop of {seconds:.0f} s, {minute:.2f} s a minute")
+        stopped = float(done.t[-1]) * 1e-9
+        name = f"stop in closed loop, {law}"
+        yield Row(name, min(times), stopped, "s", "the stop's own time", most=1.0 / 60.0)
 
 
 def many(stops: int) -> None:
@@ -44,5 +47,5 @@ def many(stops: int) -> None:
 
 
 if __name__ == "__main__":
-    stop()
+    show(rows())
     many(int(sys.argv[1]) if len(sys.argv) > 1 else 1000)

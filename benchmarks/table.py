@@ -46,7 +46,7 @@ def show(rows: Iterable[Row]) -> None:
     print(f"{'':36} {'ours':>9} {'rival':>9} {'unit':10} {'ratio':>7} {'target':>7} met  rival is")
     for row in rows:
         print(
-            f"{row.name:36} {row.ours:9.4g} {row.rival:9.4g} {row.unit:10} {row.ratio:7.2f} "
+            f"{row.name:36} {row.ours:9.4g} {row.rival:9.4g} {row.unit:10} {row.ratio:7.3g} "
             f"{row.target:>7} {row.met:4} {row.against}",
             flush=True,
         )
