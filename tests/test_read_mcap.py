@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+from collections import Counter
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
@@ -56,10 +57,10 @@ uint32 nanosec
 )
 
 
-def joints(t: int, names: list[str], **arrays: list[float]) -> bytes:
+def joints(t: int, names: list[str], little: bool = True, **arrays: list[float]) -> bytes:
     stamp = {"sec": t // 10**9, "nanosec": t % 10**9}
     header = {"stamp": stamp, "frame_id": "wagon"}
-    return cdr(JOINT_STATE, {"header": header, "name": names, **arrays})
+    return cdr(JOINT_STATE, {"header": header, "name": names, **arrays}, little)
 
 
 def opened(folder: Path, log: Log, **options: Any) -> McapSource:
@@ -122,6 +123,42 @@ def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
     for column in read(source).values():
         assert column.valid.tolist() == [True, True, False, False, True]
     assert codes(source) == [("mcap-label-change", 2)]
+
+
+def test_messages_laid_out_alike_and_otherwise_in_one_block(tmp_path: Path) -> None:
+    """Those like the first are read at its places: also its faults must be found in each."""
+    two = {"position": [1.5, 2.5], "velocity": [0.0, -1.0]}
+    plain = joints(START, ["left", "r"], **two)
+    text = plain.index(b"wagon\0") + 6
+    assert plain[text : text + 2] == b"\0\0"  # padding, which writers need not clear
+    cases = [
+        (plain, [1.5, 2.5, 0.0, -1.0]),
+        (plain[:text] + b"\x07\xff" + plain[text + 2 :], [1.5, 2.5, 0.0, -1.0]),
+        (plain.replace(b"wagon", b"train"), [1.5, 2.5, 0.0, -1.0]),  # nobody asks for it
+        (plain + b"more", [1.5, 2.5, 0.0, -1.0]),
+        (plain[:-5], [np.nan] * 4),
+        (joints(START, ["left", "q"], **two), [np.nan] * 4),
+        (
+            joints(START, ["left", "r"], position=[3.0], velocity=[4.0, 5.0]),
+            [3.0, np.nan, 4.0, 5.0],
+        ),
+        (joints(START, ["left", "r"], position=[6.0, 7.0], velocity=[8.0, 9.0]), [6, 7, 8, 9]),
+        (joints(START, ["left", "r"], little=False, **two), [1.5, 2.5, 0.0, -1.0]),
+        (plain[:3], [np.nan] * 4),
+    ]
+    order = [0, *np.random.default_rng(5).integers(len(cases), size=60).tolist()]
+    log = Log([JOINT_STATE], [Channel(1, "/joints", "cdr", {}, 1)], per_chunk=9)
+    log.messages = [message(1, START + i, cases[k][0]) for i, k in enumerate(order)]
+    source = opened(tmp_path, log, time_source="log")
+    got = np.array([column.value for column in read(source).values()]).T
+    np.testing.assert_array_equal(got, np.array([cases[k][1] for k in order], float))
+    count = Counter(order)
+    assert sorted(codes(source)) == [
+        ("mcap-array-length", count[6]),
+        ("mcap-bad-message", count[4]),
+        ("mcap-bad-message", count[9]),
+        ("mcap-label-change", count[5]),
+    ]
 
 
 UNIT_SCHEMA = Schema(1, b"float64 x\nstring unit\nfloat64 y_bar", "ros2msg", "p/msg/T")
@@ -672,6 +709,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     path.write_bytes(log.bytes())
     script = """
 import sys
+from collections import Counter
 from pathlib import Path
 from adhesion_cli.read.mcap import open_mcap
 from adhesion_cli.read.source import ReadOptions

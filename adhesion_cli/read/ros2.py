@@ -41,6 +41,7 @@ _FIELD = re.compile(
 _UNIT = re.compile(r"#.*\[([^,\]\d][^,\]]*)\]")  # as rosidl reads units: "# ... [bar]"
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is walked one by one
 _MOST_MESSAGES = 16384  # inside one message
+_WIDEST = 4096  # bytes of messages that are compared with one another
 _TIME = "uint32 sec\nuint32 nanosec"
 
 _Place = int | Offsets  # alike in all messages of a batch, or one per message
@@ -71,6 +72,7 @@ class Ros2Decoder:
         except UnicodeDecodeError as e:
             raise UndecodableError(f"schema is not UTF-8: {e}") from e
         self._types = {f"builtin_interfaces/{n}": _members("", _TIME) for n in ("Time", "Duration")}
+        self._layouts: dict[int, _Layout] = {}  # by the identity of what is wanted
         lines = "\n".join(line for line in text.splitlines() if line.strip())
         current, self._root = name, _short(name)
         for part in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
@@ -150,7 +152,71 @@ class Ros2Decoder:
     def columns(
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
-        """Many messages at once, see Decoder."""
+        """Many messages at once, see Decoder.
+
+        Those laid out as one before are read at its places, the others are walked.
+        """
+        layout = self._layouts.pop(id(wanted), None)
+        layout = layout or self._layout(buffer, start[:1], end[:1], wanted)
+        if layout is None:
+            return self._walked(buffer, start, end, wanted)
+        same, messages = layout.alike(buffer, start, end)
+        if not len(same):
+            return self._walked(buffer, start, end, wanted)  # and the next time another layout
+        self._layouts[id(wanted)] = layout
+        found, lost = layout.numbers(messages)
+        faults = [Fault(f.code, f.text, same[f.rows]) for f in rounded_faults(wanted, lost)]
+        if len(same) == len(start):
+            return found, faults
+        values = np.empty((len(wanted.leaves), len(start)))
+        values[:, same] = found
+        odd = np.delete(np.arange(len(start)), same)
+        values[:, odd], more = self._walked(buffer, start[odd], end[odd], wanted)
+        return values, faults + [Fault(f.code, f.text, odd[f.rows]) for f in more]
+
+    def _layout(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> "_Layout | None":
+        """How one message is laid out; None where it has a fault or is long."""
+        if any(f.code != "mcap-rounded" for f in self._walked(buffer, start, end, wanted)[1]):
+            return None
+        first = int(start[0])
+        places: dict[Steps, tuple[str, int]] = {}
+        decide = [(first + 1, 1)]  # offset and length; the byte order
+
+        def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
+            places[steps] = dtype, int(where[0]) - first
+
+        def scalars(steps: Steps, dtype: str, where: Offsets, count: _Place) -> None:
+            for k in range(min(int(np.max(count)), LONG_ARRAY)):
+                places[*steps, k] = dtype, int(where[0]) - first + k * np.dtype(dtype).itemsize
+
+        def text(steps: Steps, where: Offsets, length: Offsets) -> None:
+            if steps in wanted.said or steps[:-1] in wanted.labels:
+                decide.append((int(where[0]), int(length[0])))
+
+        walk = _TracedWalk(
+            self._types, buffer, start, end, scalar, scalars, text, lambda steps, count: None
+        )
+        walk.message(self._root, ())
+        decide += [(at, 4) for at in walk.lengths]
+        of = [places.get(steps) for steps in wanted.leaves]
+        ends = [at - first + length for at, length in decide]
+        ends += [place[1] + np.dtype(place[0]).itemsize for place in of if place]
+        width = -(-max(ends) // 8) * 8
+        if width > _WIDEST:
+            return None
+        mask = np.zeros(width, np.uint8)
+        for at, length in decide:
+            mask[at - first : at - first + length] = 0xFF
+        said = buffer[first : first + width] & mask
+        return _Layout(
+            wanted, walk.behind - first, of, mask.view(np.uint64), said.view(np.uint64), walk.order
+        )
+
+    def _walked(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
         kind = buffer[start + 1]  # of the encapsulation: 0 big-endian, 1 little-endian
         kind[end - start < 4] = 0xFF
         if (kind == kind[0]).all() and kind[0] <= 1:
@@ -239,6 +305,49 @@ class Ros2Decoder:
         return values, faults
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """Where the wanted numbers stand in messages that are laid out alike.
+
+    That is decided by their byte order and the lengths in them. The strings that say what is
+    wanted decide too, as a message that says another is at fault.
+    """
+
+    wanted: Wanted
+    size: int  # bytes that such a message has at least
+    places: list[tuple[str, int] | None]  # of the wanted numbers: type, offset
+    mask: NDArray[np.uint64]  # set where bytes decide, shape (w,)
+    said: NDArray[np.uint64]  # what they are, shape (w,)
+    order: str  # of the bytes, "<" or ">"
+
+    def alike(
+        self, buffer: Bytes, start: Offsets, end: Offsets
+    ) -> tuple[Offsets, NDArray[np.uint64]]:
+        """Which messages are laid out so, and their bytes, shape (n, w)."""
+        rows = np.flatnonzero(end - start >= self.size)
+        width = self.mask.nbytes
+        if not len(rows):
+            return rows, np.empty((0, len(self.mask)), np.uint64)
+        view = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, 0, (1,))
+        messages = view[start[rows]].view(np.uint64).reshape(len(rows), len(self.mask))
+        other = (messages & self.mask) != self.said
+        if other.any():
+            alike = ~other.any(axis=1)
+            rows, messages = rows[alike], messages[alike]
+        return rows, messages
+
+    def numbers(self, messages: NDArray[np.uint64]) -> tuple[Floats, Bools]:
+        """The wanted numbers of such messages and which are `inexact`, each of shape (k, n)."""
+        values = np.full((len(self.places), len(messages)), np.nan)
+        lost = np.zeros(values.shape, np.bool_)
+        for i, (dtype, offset) in ((i, place) for i, place in enumerate(self.places) if place):
+            kind = "u1" if dtype == "?" else self.order + dtype
+            new = np.ndarray((len(messages),), kind, messages.data, offset, messages.strides[:1])
+            values[i] = new != 0 if dtype == "?" else new
+            lost[i] = new.dtype.kind in "iu" and inexact(new)
+        return values, lost
+
+
 class _Walk:
     """The place in every message of a batch, moved on together, field by field.
 
@@ -267,7 +376,7 @@ class _Walk:
         self.bad = end - start < 4
         self.why = "message is shorter than its schema says"
         self._messages = 0
-        self._order = ">" if len(buffer) and buffer[start[0] + 1] == 0 else "<"
+        self.order = ">" if len(buffer) and buffer[start[0] + 1] == 0 else "<"
 
     def gather(self, dtype: str, where: Offsets) -> NDArray[Any]:
         """Numbers at any offsets, aligned or not."""
@@ -276,7 +385,7 @@ class _Walk:
             return truth
         size = np.dtype(dtype).itemsize
         view = np.ndarray(
-            (len(self._buffer) - size + 1,), self._order + dtype, self._buffer, 0, (1,)
+            (len(self._buffer) - size + 1,), self.order + dtype, self._buffer, 0, (1,)
         )
         found: NDArray[Any] = view[where]
         return found
@@ -378,6 +487,24 @@ class _Walk:
                 break
             self._one(kind, (*steps, k))
         self.active = outer
+
+
+class _TracedWalk(_Walk):
+    """A walk over one message that keeps where the lengths in it stand."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.lengths: list[int] = []
+
+    @property
+    def behind(self) -> int:
+        """The offset behind what was walked."""
+        return int((self._base + self._pos)[0])
+
+    def _length(self) -> Offsets:
+        length = super()._length()
+        self.lengths.append(self.behind - 4)
+        return length
 
 
 def _short(name: str) -> str:
