@@ -81,6 +81,7 @@ class Chain(NamedTuple):
     mass: float  # m [kg]
     inertia: float  # I [kg m²]
     phi: float  # φ [-]
+    noise: float = 0.0  # 1 sigma of v − ωR as measured [m/s]
 
 
 def slip_of(c: Chain, v: float, y: float) -> float:
@@ -176,7 +177,9 @@ def online(
             control = law.init(cp, o)
         else:
             estimate = est.step(ep, wheelset, estimate, h, K, y)
-            k = slope_step(sp, k, h, slip_of(chain, v, y), estimate.F / (chain.mass * G))
+            noise = chain.noise / max(v, SLOWEST)
+            mu = estimate.F / (chain.mass * G)
+            k = slope_step(sp, k, h, slip_of(chain, v, y), mu, noise, 0.0)
             o = observed(chain, v, y, K, estimate.F, estimate.F / chain.mass, k)
             control = law.step(cp, control, h, o)
         if drives is not None:
@@ -249,12 +252,12 @@ def _march(
                 fastest = trace.told_wheel_speed[j].max() * chain.radius
                 braking = braked(trace.told_clamping_force[j], w, chain.radius).mean()
                 v_told = reference_speed(v_told, fastest, braking, h) if j > 0 else fastest
-            slowing = F.sum() / (axles * chain.mass)
+            slowing, noise = F.sum() / (axles * chain.mass), chain.noise / max(v_told, SLOWEST)
             for i in range(axles):
                 y, K = trace.told_wheel_speed[j, i], trace.told_clamping_force[j, i]
                 s, mu = slip_of(chain, v_told, y), F[i] / (chain.mass * G)
                 if j > 0:
-                    slopes[i] = slope_step(sp, slopes[i], h, s, mu)
+                    slopes[i] = slope_step(sp, slopes[i], h, s, mu, noise, 0.0)
                 o = observed(chain, v_told, y, K, F[i], slowing, slopes[i])
                 if j > 0:
                     controls[i] = control_step(cp, controls[i], h, o)

@@ -157,6 +157,7 @@ class AxleRecord:
     train_speed: Floats | None = None  # NaN where not known
     truth: Floats | None = None  # true adhesion force [N], NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
+    train_speed_interval: float = 0.0  # between the train speed's own samples [s]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -171,6 +172,7 @@ class AxleRecord:
             self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
             self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **some,
             clamping_force_step=self.clamping_force_step,
+            train_speed_interval=self.train_speed_interval,
         )  # fmt: skip
 
 

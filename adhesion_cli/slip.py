@@ -35,6 +35,10 @@ _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
 _SHORT = 0.1  # a slide lasts longer [s]
 _LASTS = 0.5  # and so does a change of region that is an event [s]
+_NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
+_SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
+_CLEARLY = 2.0  # sigma that are more than noise
+_MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
 _LONG = 2.0  # shorter, a train speed that is late cannot be told from a slide [s]
 
 
@@ -176,17 +180,55 @@ def _finite_median(x: Floats) -> Floats:
 
 
 def _march(
-    p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slope: Floats, sure: Floats,
-    code: Regions,
+    p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slip_noise: Floats,
+    mu_noise: Floats, slope: Floats, sure: Floats, code: Regions,
 ) -> None:  # fmt: skip
     """`slope.step` over one segment."""
     s: State = init(p, slip[0], mu[0])
     for i in range(len(t)):
         if i > 0:
-            s = step(p, s, (t[i] - t[i - 1]) * 1e-9, slip[i], mu[i])
+            h = (t[i] - t[i - 1]) * 1e-9
+            s = step(p, s, h, slip[i], mu[i], slip_noise[i], mu_noise[i])
         slope[i] = s.slope
         sure[i] = s.confidence
         code[i] = region(slip[i], s.slope, bands)
+
+
+def speed_noise(record: AxleRecord, radius: float) -> Floats:
+    """1 sigma of the noise of v − ωR [m/s], shape (n,); one level, that while braked.
+
+    The train speed's is what bends over three values a time apart, the largest of times up to
+    `_SLOWEST`: it may be sampled more slowly than the wheel's, and a receiver's own filter makes
+    noise slow. The train bends too, and so does a wheel in a slide: of v itself and of v − ωR of a
+    wheel that rolls, the one that bends less counts. Only where v bends more than noise makes it,
+    as when the train stops between two of its samples, the line between them is as wrong as that.
+    """
+    assert record.train_speed is not None
+    v, rim = record.train_speed, record.wheel_speed * radius
+    braked = record.clamping_force > _FREE
+    rolls = braked & (np.abs(v - rim) < np.maximum(_CAUGHT * v, _NEAR))
+    h = float(np.median(np.diff(record.t))) * 1e-9
+    train = 0.0
+    for m in sorted({round(x) for x in np.geomspace(1, max(1, round(_SLOWEST / h)), 8)}):
+        levels = [
+            float(np.median(known)) / _MEDIAN
+            for x, used in ((v, braked), (v - rim, rolls))
+            if len(known := (bend := _bend(record, x, m))[used & np.isfinite(bend)]) > 20 * m
+        ]
+        train = max(train, min(levels, default=0.0))
+    wheel = np.nanmedian(_bend(record, rim, 1)) / _MEDIAN
+    between = _bend(record, v, max(1, round(record.train_speed_interval / h))) / _CLEARLY
+    return np.hypot(np.fmax(train, between), np.nan_to_num(wheel))
+
+
+def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
+    """By what x bends about m samples before and behind, as 1 sigma of noise; shape (n,)."""
+    found = np.full(len(x), np.nan)
+    for s in record.segments:
+        if s.stop - s.start > 2 * m:
+            y = x[s]
+            found[s][m:-m] = np.abs(y[2 * m :] - 2.0 * y[m:-m] + y[: -2 * m]) / math.sqrt(6.0)
+    return found
 
 
 def delayed(record: AxleRecord, slip: Floats) -> list[tuple[slice, float]]:
@@ -218,7 +260,7 @@ def observed(
 ) -> tuple[AxleResult, list[Finding]]:
     """The result of an axle with a train speed, with its slip, slope, regions and their events.
 
-    The slip's own noise raises the excitation that a slope needs.
+    Noise of either speed, over v, raises the excitation that a slope needs.
 
     Args:
         axle: as far as it is computed.
@@ -242,14 +284,15 @@ def observed(
         count = sum(where.stop - where.start for where, _ in late)
         findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", count))
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
-    known = [slip[s][np.isfinite(slip[s])] for s in record.segments]
-    noise = math.sqrt(physics.white_noise(known))
-    p = p._replace(least=max(p.least, 2.0 * noise))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
+    mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
     n = len(record)
     slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
     march = compiled.function(_march)
     for s in record.segments:
-        march(p, bands, record.t[s], slip[s], mu[s], slope[s], sure[s], code[s])
+        noise = slip_noise[s], mu_noise[s]
+        march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], sure[s], code[s])
     done = replace(axle, slip=slip, slope=slope, slope_confidence=sure, region=code)
     return replace(done, events=_events(done)), findings
 

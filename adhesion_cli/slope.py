@@ -26,14 +26,17 @@ carry S and C and not P and k: the equations are then linear and decay, so the s
 signals that are straight lines between samples, stable for every interval, and S → 0 where
 Δs = 0, which is P → ∞ in the other form.
 
-How sure. M = ∫ w Δμ² dτ and N = ∫ w dτ give the excitation √(S/N), the rms of Δs, and what is left
-unexplained, Q = M − kC. Q/S is a slope squared, the error's scale, and
+How sure. M = ∫ w Δμ² dτ leaves Q = M − kC unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what S
+is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
+1/v. g > 1 because a memory of 1/ρ holds few independent values, and few are often larger than their
+rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/S is a
+slope squared, the error's scale, and
 
-    confidence = (1 − least²/(S/N)) (k² + k0²)/(k² + k0² + Q/S):
+    confidence = (1 − Z/S) (k² + k0²)/(k² + k0² + (Q + Y)/S):
 
 no more than noise in the slip gives 0, else, but for k0, the squared correlation of Δμ and Δs;
 k0 keeps it up at the peak, where μ does not move and no correlation can be. Noise in the slip
-draws k towards 0, by at most the share least²/(S/N). Below `surest`, the slope is not observable.
+draws k towards 0, by at most the share Z/(g² S). Below `surest`, the slope is not observable.
 """
 
 import math
@@ -49,7 +52,10 @@ class Params(NamedTuple):
 
     delta: Annotated[float, Quantity("rad/s", "corner δ of the high-pass", 1e-3, 1e3)] = 2.0
     rho: Annotated[float, Quantity("1/s", "forgetting rate ρ", 1e-3, 1e3)] = 2.0
-    least: Annotated[float, Quantity("-", "rms slip change that is only noise", 1e-9, 1.0)] = 5e-4
+    least: Annotated[float, Quantity("-", "rms slip change that shows nothing", 1e-9, 1.0)] = 5e-4
+    guard: Annotated[
+        float, Quantity("-", "rms slip change over its noise that shows nothing", 1.0, 100.0)
+    ] = 3.0
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
     surest: Annotated[float, Quantity("-", "least confidence of a slope", 0.0, 1.0)] = 0.5
 
@@ -73,17 +79,20 @@ class State(NamedTuple):
     S: float  # ∫ w Δs² [s]
     C: float  # ∫ w Δs Δμ [s]
     M: float  # ∫ w Δμ² [s]
-    N: float  # ∫ w [s]
+    Z: float  # ∫ w (least² + (guard σ_s)²) [s]
+    Y: float  # ∫ w σ_μ² [s]
     confidence: float  # 0 not observable, 1 certain
     slope: float  # k = dμ/ds; NaN where not observable
 
 
 def init(p: Params, slip: float, mu: float) -> State:
     """State at the first sample: nothing is known of the slope."""
-    return State(slip, mu, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+    return State(slip, mu, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
 
 
-def step(p: Params, s: State, h: float, slip: float, mu: float) -> State:
+def step(
+    p: Params, s: State, h: float, slip: float, mu: float, slip_noise: float, mu_noise: float
+) -> State:
     """State one sample later; a sample without slip or μ (standstill) makes the next one a start.
 
     Args:
@@ -92,6 +101,8 @@ def step(p: Params, s: State, h: float, slip: float, mu: float) -> State:
         h: interval since then [s].
         slip: s [-], NaN where there is none.
         mu: adhesion coefficient [-].
+        slip_noise: σ_s, 1 sigma of the slip's noise [-].
+        mu_noise: σ_μ, the same of μ [-].
     """
     if not (math.isfinite(slip) and math.isfinite(mu) and math.isfinite(s.slip)):
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
@@ -105,17 +116,17 @@ def step(p: Params, s: State, h: float, slip: float, mu: float) -> State:
     cross = 2.0 * s.dslip * s.dmu + s.dslip * y + x * s.dmu + 2.0 * x * y
     C = keep * s.C + new * cross / 6.0
     M = keep * s.M + new * (s.dmu * s.dmu + s.dmu * y + y * y) / 3.0
-    N = keep * s.N + new
+    Z = keep * s.Z + new * (p.least * p.least + p.guard * p.guard * slip_noise * slip_noise)
+    Y = keep * s.Y + new * mu_noise * mu_noise
     confidence, slope = 0.0, math.nan
-    noise = p.least * p.least * N
-    if noise < S:
+    if Z < S:
         k = C / S  # [S3]
-        left = max(M - k * C, 0.0) / S
+        left = (max(M - k * C, 0.0) + Y) / S
         known = k * k + p.small * p.small
-        confidence = (1.0 - noise / S) * known / (known + left)
+        confidence = (1.0 - Z / S) * known / (known + left)
         if confidence >= p.surest:
             slope = k
-    return State(slip, mu, x, y, S, C, M, N, confidence, slope)
+    return State(slip, mu, x, y, S, C, M, Z, Y, confidence, slope)
 
 
 def region(slip: float, slope: float, bands: Bands) -> int:

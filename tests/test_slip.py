@@ -218,6 +218,34 @@ def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
     assert "unknown energy" in event.message
 
 
+@pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 50.0])
+@pytest.mark.parametrize("noise", [0.005, 0.02, 0.1, 0.3])
+def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> None:
+    """Slip's noise is that of the speeds over v: at walking pace ten times that at 10 m/s."""
+    random = np.random.default_rng(int(1e4 * noise + rate))
+    t = np.arange(0.0, 25.0, 0.02)
+    slowing = 1.05 * np.clip((t - 2.0) / 1.5, 0.0, 1.0)
+    v = np.maximum(20.0 - np.concatenate([[0.0], np.cumsum(slowing[1:]) * 0.02]), 0.0)
+    mu = np.where(v > 0.0, slowing / G, 0.0)
+    steep = 40.0  # of a dry rail
+    own = np.arange(0.0, 25.0 + 1.0 / rate, 1.0 / rate)
+    train = np.interp(t, own, np.interp(own, t, v) + noise * random.standard_normal(len(own)))
+    wheel = v * (1.0 - mu / steep) / 0.42 + 0.003 * random.standard_normal(len(t))
+    record = AxleRecord(
+        1, np.round(t * 1e9).astype(np.int64), 8000.0 * slowing, 8000.0 * slowing, wheel,
+        (slice(0, len(t)),), train_speed=train, train_speed_interval=1.0 / rate,
+    )  # fmt: skip
+    level = np.median(slip.speed_noise(record, 0.42))
+    true = math.hypot(noise * (math.sqrt(2.0 / 3.0) if rate < 50.0 else 1.0), 0.42 * 0.003)
+    assert level == pytest.approx(true, rel=0.5)
+    force = mu * Vehicle().axle_mass.value * G
+    ref = Reference("none", "none", force, 0.0 * force + 5.0, 0.0 * force)
+    axle = AxleResult(record, ref, {}, (), (slice(100, len(t)),))
+    done, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+    told = done.slope[np.isfinite(done.slope)]
+    assert (told > steep / 2.0).all()
+
+
 def test_a_late_train_speed_is_told() -> None:
     late = [
         replace(r, t=r.t + 1_500_000_000) if r.signal == "train_speed" else r

@@ -30,10 +30,12 @@ def swing(name: str, middle: float, size: float, times: np.ndarray) -> Samples:
     return [(t, s, curve(name, s)[0]) for t, s in zip(times.tolist(), slips, strict=True)]
 
 
-def march(p: slope.Params, samples: Samples) -> list[slope.State]:
+def march(
+    p: slope.Params, samples: Samples, noise: tuple[float, float] = (0.0, 0.0)
+) -> list[slope.State]:
     states = [slope.init(p, *samples[0][1:])]
     for (before, _, _), (t, s, mu) in pairwise(samples):
-        states.append(slope.step(p, states[-1], t - before, s, mu))
+        states.append(slope.step(p, states[-1], t - before, s, mu, *noise))
     return states
 
 
@@ -95,6 +97,28 @@ def test_without_excitation_there_is_no_slope_and_nothing_grows() -> None:
     assert max(abs(s.C) + s.S for s in rest) < 1e-5
 
 
+@settings(derandomize=True, max_examples=30, deadline=None)
+@given(
+    noise=st.floats(1e-4, 0.2), rate=st.sampled_from([5.0, 20.0, 100.0]), seed=st.integers(0, 99),
+    ramp=st.floats(-0.2, 0.2),
+)  # fmt: skip
+def test_noise_in_slip_shows_no_slope(noise: float, rate: float, seed: int, ramp: float) -> None:
+    n = int(30.0 * rate)
+    slips = 0.004 + noise * np.random.default_rng(seed).standard_normal(n)
+    samples = [(i / rate, s, 0.1 + ramp * i / n) for i, s in enumerate(slips.tolist())]
+    assert all(math.isnan(s.slope) for s in march(slope.Params(), samples, (noise, 0.0)))
+
+
+def test_noise_in_mu_makes_a_slope_less_sure() -> None:
+    samples = swing("wet", 0.05, 0.02, np.arange(0.0, 3.0, 0.01))
+    sure, doubtful, unknown = (
+        march(slope.Params(), samples, (0.0, noise))[-1] for noise in (0.0, 1e-3, 1.0)
+    )
+    assert sure.confidence > doubtful.confidence > 0.5
+    assert doubtful.slope == sure.slope
+    assert math.isnan(unknown.slope)
+
+
 def test_changes_that_slip_does_not_explain_are_not_a_slope() -> None:
     """The rail changes under a swinging slip: μ moves, but not along one curve."""
     rng = np.random.default_rng(4)
@@ -122,7 +146,7 @@ def test_the_same_compiled() -> None:
     fast = compiled.function(slope.step)
     state = slope.init(p, *samples[0][1:])
     for (before, _, _), (t, s, mu) in pairwise(samples):
-        state = fast(p, state, t - before, s, mu)
+        state = fast(p, state, t - before, s, mu, 0.0, 0.0)
     assert state == march(p, samples)[-1]
 
 

@@ -238,6 +238,7 @@ def _record(
         at.train[kept] if train else None,
         at.truth[kept] if truth else None,
         brake.step * (force_per_pressure(vehicle) if is_pressure else 1.0),
+        1.0 / train.rate_hz if train and train.rate_hz else 0.0,
     ), findings  # fmt: skip
 
 
