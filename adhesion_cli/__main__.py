@@ -12,9 +12,18 @@ from typing import NoReturn
 from .errors import UserError
 from .text import printable, utf8
 
+_HINT = "nothing was left half-written"
+
+
+class _Terminated(BaseException):
+    """The system asks the run to end."""
+
 
 def main() -> NoReturn:
-    """Runs the command line and exits: 0 done, 1 failed, 2 wrong arguments, 3 data lost."""
+    """Runs the command line and exits: 0 done, 1 failed, 2 wrong arguments, 3 data lost.
+
+    130 by SIGINT, 143 by SIGTERM; 1 as well where whoever read the output is gone.
+    """
     # What is imported stays: looking through it for garbage again and again is a tenth of a run.
     gc.set_threshold(100_000)
     try:
@@ -27,7 +36,9 @@ def main() -> NoReturn:
     except UserError as error:
         code = _failed(error.text, error.hint, error.code)
     except KeyboardInterrupt:
-        code = _failed("interrupted", "nothing was left half-written", 130)
+        code = _failed("interrupted", _HINT, 128 + signal.SIGINT)
+    except _Terminated:
+        code = _failed("terminated", _HINT, 128 + signal.SIGTERM)
     except BrokenPipeError:  # whoever read our output is gone
         _drop_output()
         code = 1
@@ -56,7 +67,7 @@ def _prepare_streams() -> None:
 
 
 def _terminated(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(128 + number)  # unwinds, so that temporary files are removed
+    raise _Terminated  # unwinds, so that temporary files are removed
 
 
 def _of_system(error: OSError | MemoryError) -> str:

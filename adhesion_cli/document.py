@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .model import Channel, Finding, Floats, Result
+from .model import Channel, Finding, Floats, Log, Result
 from .slip import Summary
 from .stop import Stop, Verdict
 from .text import utf8
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Kind = Literal[
     "result", "inspect", "convert", "recover", "simulate", "scenarios", "estimators", "response",
-    "reproduce", "antiskid", "antiskid-sweep",
+    "reproduce", "slip", "antiskid", "antiskid-sweep",
 ]  # fmt: skip
 
 
@@ -77,7 +77,32 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
+def slip_document(
+    logs: Sequence[Log],
+    summaries: Sequence[Sequence[Summary]],
+    findings: Sequence[Sequence[Finding]],
+    outputs: Sequence[Mapping[str, str]],
+) -> dict[str, Any]:
+    """The `adhesion.slip/1` document.
+
+    Args:
+        logs: the analysed logs.
+        summaries: of each log's axles.
+        findings: of each log.
+        outputs: the files written of each log, by format; the document names them by log.
+    """
+    axles = [
+        _slip_axle(log.path, log.start_ns(), s)
+        for log, of in zip(logs, summaries, strict=True)
+        for s in of
+    ]
+    return tagged(
+        "slip", outputs={log.path: of for log, of in zip(logs, outputs, strict=True)},
+        axles=axles, findings=findings_document([f for of in findings for f in of]),
+    )  # fmt: skip
+
+
+def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
     """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
     rail = summary.rail
     peak, mu = (rail.peak_slip, rail.peak_mu) if rail else (None, None)

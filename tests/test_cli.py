@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from trains import three_trains
+from trains import rows, three_trains
 
 from adhesion_cli import settings
 from adhesion_cli.cli.app import app
@@ -21,16 +21,6 @@ ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "sample_logs"
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
-    lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
-    for i in range(n):
-        t = i / rate
-        pressure = 3.5 * min(max(t - 1.0, 0.0), 1.0)
-        speed = 72.0 - 2.0 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
-        lines.append(f"{start + t:.3f},{pressure:.3f},{speed:.4f}")
-    return "\n".join(lines) + "\n"
 
 
 def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None:

@@ -313,6 +313,10 @@ def test_the_command(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["schema"] == "adhesion.slip/1"
+    (outputs,) = document["outputs"].values()
+    assert outputs == {kind: f"stop.slip.{kind}" for kind in ("mcap", "rrd")}
+    assert all((tmp_path / path).is_file() for path in outputs.values())
+    assert {axle["log"] for axle in document["axles"]} == set(document["outputs"])
     first, third = document["axles"]
     assert first["axle"] == 1
     assert first["peak_slip_ci"][0] < first["peak_slip"] < first["peak_slip_ci"][1]

@@ -1,4 +1,4 @@
-"""A log as one operator publishes them: three trains in one table, no header, a row every 10 s."""
+"""Logs as tables: one train in a stop; three trains as one operator publishes them."""
 
 START = 1_722_520_000  # s since 1970
 _STEPS = (0, 10, 20, 30, 40, 51, 61, 71, 81, 91, 101, 172)
@@ -7,7 +7,10 @@ _PRESSURE = (0.01, 0.0, 0.01, 0.95, 0.92, 1.07, 1.06, 1.58, 1.04, 0.95, 0.93, 0.
 
 
 def three_trains() -> str:
-    """Seconds and train in columns 1 and 2; pressures [bar] in 6 and 7, speed [km/h] in 12."""
+    """Three trains, no header, a row every 10 s.
+
+    Seconds and train in columns 1 and 2; pressures [bar] in 6 and 7, speed [km/h] in 12.
+    """
     lines = []
     for step, speed, pressure in zip(_STEPS, _SPEED, _PRESSURE, strict=True):
         other = (29.4, 4.4, 1.5, 0.0, 1.3, 46.2, 4.5, 0.0, 1296.0, 0.03, 50.6)
@@ -15,4 +18,15 @@ def three_trains() -> str:
         braking = (29.7, 4.5, 1.1, pressure, second, 39.8, 3.5, 0.0, 1024.0, speed, 51.3)
         for train, cells in ((3, other), (4, other), (5, braking)):
             lines.append(",".join(map(str, (START + step, train, *cells, 4.43))))
+    return "\n".join(lines) + "\n"
+
+
+def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
+    """One axle that is braked and never slides, its sensors as a CSV log."""
+    lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
+    for i in range(n):
+        t = i / rate
+        pressure = 3.5 * min(max(t - 1.0, 0.0), 1.0)
+        speed = 72.0 - 2.0 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
+        lines.append(f"{start + t:.3f},{pressure:.3f},{speed:.4f}")
     return "\n".join(lines) + "\n"

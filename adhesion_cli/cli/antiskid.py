@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from . import results
 from .options import Shared, completes, estimators, loader, scenarios, shared
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def command(
     from ..document import antiskid_document, dumps, sweep_document
     from ..errors import UserError
     from ..scenario import load
+    from ..write import files
     from . import show
 
     if (scenario is None) == (from_log is None):
@@ -104,7 +106,8 @@ def command(
         print(dumps(document) if shared.json else _rails(rows))
         return 0
 
-    paths = _paths(shared, case.name, Path(scenario))
+    paths = _paths(shared, case.name)
+    files.check(paths, shared.force, inputs=[Path(scenario)])
     tell("dry rail")
     dry = antiskid.dry_distance(case)
     stops = {}
@@ -140,26 +143,19 @@ def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..analysis import analyze
     from ..replay import answers, case, document
     from ..text import printable
     from . import show
-    from .analyze import outputs
-    from .options import checked
 
-    load = checked(replace(shared, algo=[algo]), [log])
-    name = outputs(Path(), log, "antiskid")[0].name.removesuffix(".antiskid.mcap")
-    paths, tell = _paths(shared, name, log), show.progress(shared.quiet)
-    result = analyze(
-        log, load, [algo], shared.axle, (shared.from_, shared.to), tell, train_speed=True
-    )
+    paths, tell = _paths(shared, results.stem(log)), show.progress(shared.quiet)
+    (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
     replayed = case(result)
     replayed = replayed._replace(
         scenario=_told(replayed.scenario, train_speed),
         draws=[(_told(s, train_speed), track) for s, track in replayed.draws],
     )
-    settings = load().overrides
+    settings = loader(shared)().overrides
     dry, found = answers(replayed, algo, settings, seed, tell)
     findings = [*result.findings, *replayed.findings]
     answer = document(str(log), replayed, settings, dry, found, findings)
@@ -189,15 +185,12 @@ def _told(case: "Scenario", train_speed: TrainSpeed | None) -> "Scenario":
     )
 
 
-def _paths(shared: Shared, name: str, source: Path) -> list[Path]:
-    """The files of every controller's stop, and the recording of all; none may be there yet."""
+def _paths(shared: Shared, name: str) -> list[Path]:
+    """The files of every controller's stop, and the recording of all."""
     from ..controller import registry
-    from ..write import files
 
     names = [f"{name}.antiskid.rrd", *(f"{name}.{law}.antiskid.mcap" for law in registry())]
-    paths = [(shared.out or Path()) / n for n in names]
-    files.check(paths, shared.force, inputs=[source])
-    return paths
+    return [(shared.out or Path()) / n for n in names]
 
 
 def _write(

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .options import EVERY, Shared, checked, rejects, shared, targets
+from . import results
+from .options import EVERY, Shared, rejects, shared
 
 
 @shared(*EVERY)
@@ -21,56 +22,45 @@ def command(
 
     Example: adhesion compare leaf-film.mcap --algo neso --algo leso
     """
-    from ..analysis import analyze
     from ..document import document, dumps, entry
     from ..estimator import registry
     from ..metrics import overall
     from ..text import printable
-    from ..write import files, mcap, rrd
+    from ..write import files, mcap
     from . import show
-    from .analyze import embedded, named, outputs
 
     if not logs:
         logs = [_newest()]
         show.message(f"no log given: comparing {logs[0]}", shared.quiet)
-    load = checked(shared, logs)
-    pair = outputs(shared.out or Path(), logs[0], "compare")
-    files.check(targets(shared, pair), shared.force, inputs=logs)
-    results = [
-        analyze(
-            log, load, shared.algo, shared.axle, (shared.from_, shared.to),
-            show.progress(shared.quiet),
-        )
-        for log in logs
-    ]  # fmt: skip
+    pair = results.pair(shared, logs[0], "compare")
+    analysed = results.analysed(shared, logs, pair)
+
+    from ..write import rrd  # slow to import: only after the checks
+
     with (
-        rejects(shared, (r.log for r in results), logs),
+        rejects(shared, (r.log for r in analysed), logs),
         files.outputs(pair, shared.force, inputs=logs) as (record, picture),
     ):
-        mcap.write_comparison(record, results, embedded(results))
-        rrd.write_comparison(picture, results, list(registry()))
+        mcap.write_comparison(record, analysed, results.embedded(analysed))
+        rrd.write_comparison(picture, analysed, list(registry()))
     if shared.json:
-        print(dumps(document([entry(r, named(pair)) for r in results])))
+        print(dumps(document([entry(r, results.named(pair)) for r in analysed])))
     else:
         rows = [
             (f"{Path(r.log.path).name} axle {a.record.axle}", s)
-            for r in results
+            for r in analysed
             for a in r.axles
             for s in a.scores
         ]
-        groups = [a.scores for r in results for a in r.axles]
+        groups = [a.scores for r in analysed for a in r.axles]
         if len(groups) > 1:
             rows += [("all", s) for s in overall(groups)]
         print(show.scores(rows, "log"))
-        for r in results:
-            name = f"{printable(r.log.path)}:\n" if len(results) > 1 else ""
+        for r in analysed:
+            name = f"{printable(r.log.path)}:\n" if len(analysed) > 1 else ""
             show.message(name + show.findings(r.findings), shared.quiet or not r.findings)
         print(show.wrote(*pair))
-    if shared.view:
-        from .view import show_recording
-
-        show_recording(pair[1])
-    return 3 if any(show.lossy(r.findings) for r in results) else 0
+    return results.finished(shared, pair[1], [f for r in analysed for f in r.findings])
 
 
 def _newest() -> Path:

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from . import results
 from .options import Shared, shared
 
 
@@ -17,12 +18,15 @@ def command(shared: Shared) -> int:
     from ..document import dumps
     from ..estimator import registry
     from ..reproduce import panels, reproduce
-    from ..write import files, mcap, rrd, svg
+    from ..write import files, mcap, svg
     from .show import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
     files.check(paths, shared.force)
     made = reproduce(tell=progress(shared.quiet))
+
+    from ..write import rrd  # slow to import: only after the checks
+
     with files.outputs(paths, shared.force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
         rrd.write_comparison(recording, made.results, list(registry()))
@@ -33,11 +37,7 @@ def command(shared: Shared) -> int:
     else:
         print("\n\n".join(report(made.document)))
         print(f"\n{wrote(*paths)}")
-    if shared.view:
-        from .view import show_recording
-
-        show_recording(paths[1])
-    return 0
+    return results.finished(shared, paths[1], [])
 
 
 def report(doc: dict[str, Any]) -> list[str]:

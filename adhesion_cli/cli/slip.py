@@ -1,9 +1,10 @@
 """`adhesion slip`: the slip-adhesion curve of a log."""
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from .options import EVERY, Logs, Shared, checked, rejects, shared, targets
+from . import results
+from .options import EVERY, Logs, Shared, shared
 
 if TYPE_CHECKING:
     from ..slip import Summary
@@ -18,60 +19,35 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
     """
-    from ..analysis import analyze
-    from ..document import dumps, findings_document, slip_axle
+    from ..document import dumps, slip_document
     from ..slip import summary
     from ..text import printable
-    from ..write import files
     from . import show
-    from .analyze import outputs, write
 
-    load = checked(shared, logs)
-    paths = [outputs(shared.out or Path(), log, "slip") for log in logs]
-    files.check(targets(shared, [p for pair in paths for p in pair]), shared.force, inputs=logs)
+    pairs = [results.pair(shared, log, "slip") for log in logs]
+    analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     tell = show.progress(shared.quiet)
-    results, summaries, findings = [], [], []
-    for log in logs:
-        result = analyze(
-            log, load, shared.algo, shared.axle, (shared.from_, shared.to), tell,
-            train_speed=True,
-        )  # fmt: skip
-        tell(f"{log.name}: rail under each axle")
+    summaries, findings, notes = [], [], []
+    for result in analysed:
+        tell(f"{result.log.path}: rail under each axle")
         of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
-        results.append(result)
-        summaries.append(list(of))
+        summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
-    starts = [result.log.start_ns() for result in results]
-    notes = [
-        [f"```\n{table([s], start, shares=False)}\n```" for s in of]
-        for of, start in zip(summaries, starts, strict=True)
-    ]
-    with rejects(shared, (r.log for r in results), logs):
-        write(results, paths, shared.force, notes)
-    found = [f for of in findings for f in of]
+        start = result.log.start_ns()
+        notes.append([f"```\n{table([s], start, shares=False)}\n```" for s in of])
+    results.write(shared, analysed, pairs, notes)
     if shared.json:
-        axles = [
-            slip_axle(str(log), start, s)
-            for log, start, of in zip(logs, starts, summaries, strict=True)
-            for s in of
-        ]
-        document = {"schema": "adhesion.slip/1", "axles": axles}
-        print(dumps({**document, "findings": findings_document(found)}))
+        outputs = [results.named(pair) for pair in pairs]
+        print(dumps(slip_document([r.log for r in analysed], summaries, findings, outputs)))
     else:
-        for log, pair, start, of, told in zip(
-            logs, paths, starts, summaries, findings, strict=True
-        ):
-            print(f"{printable(str(log))}\n{table(of, start)}")
+        for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
+            print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
             print(show.wrote(*pair))
             show.message(show.findings(told), shared.quiet or not told)
-    if shared.view:
-        from .view import show_recording
-
-        show_recording(paths[-1][1])
-    return 3 if show.lossy(found) else 0
+    return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 
-def table(summaries: "list[Summary]", start_ns: int, shares: bool = True) -> str:
+def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) -> str:
     """Peak, utilisation and (with `shares`) regions of every axle, every slide, the rails."""
     from ..slope import REGIONS
     from . import show

@@ -243,7 +243,9 @@ def _umask() -> int:
 def _refuse_existing(paths: Sequence[Path]) -> None:
     for path in paths:
         if os.path.lexists(path):
-            raise UserError(f"{_shown(path)}: exists already", "add --force to replace it")
+            raise UserError(
+                f"{_shown(path)}: exists already", "add --force to replace it, or write elsewhere"
+            )
 
 
 def _shown(path: Path) -> str:

@@ -1,0 +1,101 @@
+"""What commands that analyse logs share: all are analysed, then everything is written."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .options import Shared, checked, rejects, targets
+
+if TYPE_CHECKING:
+    from ..model import Finding, Result
+
+Pair = tuple[Path, Path]
+
+
+def stem(log: Path) -> str:
+    """A log's name without its endings; a result's is that of the log it was made from."""
+    name = log.name.removesuffix(".gz")
+    return name.removesuffix(Path(name).suffix).removesuffix(".adhesion")
+
+
+def pair(shared: Shared, log: Path, kind: str) -> Pair:
+    """The two files a command writes for a log: `<stem>.<kind>.mcap` and `.rrd`."""
+    folder = shared.out or Path()
+    return folder / f"{stem(log)}.{kind}.mcap", folder / f"{stem(log)}.{kind}.rrd"
+
+
+def named(files: Pair) -> dict[str, str]:
+    """The outputs as the JSON names them."""
+    return {"mcap": str(files[0]), "rrd": str(files[1])}
+
+
+def analysed(
+    shared: Shared, logs: Sequence[Path], paths: Iterable[Path], train_speed: bool = False
+) -> "list[Result]":
+    """Every log analysed, after what needs no work was checked: options, settings, outputs.
+
+    Args:
+        shared: what to analyse, and how.
+        logs: the logs.
+        paths: everything that will be written.
+        train_speed: whether a log that has none gets one made of its axles.
+
+    Raises:
+        UserError: for what would fail afterwards, and for a log that holds nothing to analyse.
+    """
+    from ..analysis import analyze
+    from ..write import files
+    from . import show
+
+    load = checked(shared, logs)
+    files.check(targets(shared, [*paths]), shared.force, inputs=logs)
+    window, tell = (shared.from_, shared.to), show.progress(shared.quiet)
+    return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]
+
+
+def write(
+    shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair],
+    notes: Sequence[Sequence[str]] = (),
+) -> None:  # fmt: skip
+    """Writes both files of each result; none gets its name before all are written.
+
+    Args:
+        shared: whether existing ones are replaced, and where to what was left out goes.
+        results: of the logs.
+        pairs: the files of each.
+        notes: on the slip of each axle of each log.
+    """
+    from .. import estimator
+    from ..write import files, mcap, rrd
+
+    inputs = [Path(result.log.path) for result in results]
+    with ExitStack() as stack:
+        stack.enter_context(rejects(shared, (r.log for r in results), inputs))
+        for i, (result, of) in enumerate(zip(results, pairs, strict=True)):
+            record, picture = stack.enter_context(files.outputs(of, shared.force, inputs=inputs))
+            mcap.write_result(record, result, embedded([result]))
+            known = list(estimator.registry())
+            rrd.write_result(picture, result, known, notes[i] if notes else ())
+
+
+def embedded(results: "Sequence[Result]") -> str:
+    """The document as a result file carries it: by file names, wherever the files lie."""
+    from ..document import document, dumps, entry
+
+    entries = [entry(result, {}) for result in results]
+    for one in entries:
+        one["log"]["path"] = Path(one["log"]["path"]).name
+        del one["outputs"]
+    return dumps(document(entries))
+
+
+def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:
+    """Opens the viewer if asked to; returns the exit code."""
+    from .show import lossy
+
+    if shared.view:
+        from .view import show_recording
+
+        show_recording(recording)
+    return 3 if lossy(findings) else 0

@@ -1,0 +1,270 @@
+"""Every command that writes: the old result or the new one, nothing left, whatever ends the run."""
+
+import contextlib
+import functools
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from trains import rows
+
+from adhesion_cli.cli.app import app
+
+# What each command is given, {out} being its folder, and all that it writes there.
+COMMANDS = {
+    "analyze": ("a.csv -a td -o {out}", ["a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"]),
+    "compare": ("a.csv -a td -o {out}", ["a.compare.mcap", "a.compare.rrd", "a.compare.sha256"]),
+    "slip": ("a.csv -a td -o {out}", ["a.slip.mcap", "a.slip.rrd", "a.slip.sha256"]),
+    "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
+    "recover": ("a.mcap -o {out}/b.mcap", ["b.mcap"]),
+    "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
+    "inspect": ("bad.csv --rejects {out}/b.csv", ["b.csv"]),
+    "estimators": ("--response -a td -o {out}", ["response.svg"]),
+    "antiskid": (
+        "slippery-stop -o {out}",
+        ["slippery-stop.antiskid.rrd", "slippery-stop.antiskid.sha256"]
+        + [f"slippery-stop.{law}.antiskid.mcap" for law in ("none", "patent", "rule")],
+    ),
+    "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg", "sha256")]),
+}
+LONG = ("antiskid", "reproduce")
+ALL = sorted(COMMANDS)
+EACH = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in ALL]
+STARTS = "import signal, sys; from adhesion_cli import __main__\n"
+GOES = "sys.argv[1:] = {arguments!r}; __main__.main()"
+
+Files = dict[str, bytes]
+
+
+def command(name: str, out: Path, *more: str) -> list[str]:
+    return [name, *COMMANDS[name][0].format(out=out).split(), *more]
+
+
+def started(
+    folder: Path, arguments: list[str], code: str = "", **more: Any
+) -> "subprocess.Popen[str]":
+    """The command, after some code that spoils what it relies on."""
+    return subprocess.Popen(
+        [sys.executable, "-c", STARTS + code + GOES.format(arguments=arguments)],
+        cwd=folder, stdout=more.pop("stdout", subprocess.PIPE), stderr=subprocess.PIPE, text=True,
+        **more,
+    )  # fmt: skip
+
+
+def ended(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
+    out, err = process.communicate(timeout=300)
+    return process.returncode, out, err
+
+
+def files(folder: Path) -> Files:
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a log as CSV and as MCAP, and one with many bad rows."""
+    folder = tmp_path_factory.mktemp("logs")
+    whole = rows()
+    (folder / "a.csv").write_text(whole)
+    (folder / "bad.csv").write_text(whole + "no number,0,0\n" * 1000)
+    assert ended(started(folder, ["convert", "a.csv", "a.mcap"]))[0] == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def old(logs: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Files]:
+    """What a command writes, from a run that nothing disturbs."""
+
+    @functools.cache
+    def of(name: str) -> Files:
+        out = tmp_path_factory.mktemp(name)
+        code, _, err = ended(started(logs, command(name, out)))
+        assert code == (3 if name == "inspect" else 0), err
+        assert sorted(files(out)) == sorted(COMMANDS[name][1])
+        return files(out)
+
+    return of
+
+
+def put(folder: Path, of: Files) -> None:
+    for name, content in of.items():
+        (folder / name).write_bytes(content)
+
+
+def test_the_table_has_every_command_that_writes() -> None:
+    assert {c.name for c in app.registered_commands} - set(COMMANDS) == {"view"}
+
+
+WAITS = """
+import os, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+def wait(_): open('begun', 'w').close(); time.sleep(60)
+os.fsync = wait
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["INT", "TERM"]
+)
+@pytest.mark.parametrize("name", EACH)
+def test_a_signal_when_all_is_written_and_nothing_named(
+    logs: Path, tmp_path: Path, old: Callable[[str], Files], name: str, number: int, code: int
+) -> None:
+    put(tmp_path, old(name))
+    begun = logs / "begun"
+    begun.unlink(missing_ok=True)
+    process = started(logs, command(name, tmp_path, "--force", "--json"), WAITS)
+    until = time.monotonic() + 120.0
+    while not begun.exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.01)
+    process.send_signal(number)
+    ends, out, err = ended(process)
+    assert (ends, err) == (code, "")
+    document = json.loads(out)
+    assert document["schema"] == "adhesion.error/1"
+    assert document["error"] == {130: "interrupted", 143: "terminated"}[code]
+    assert files(tmp_path) == old(name)
+
+
+def limited() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+
+@pytest.fixture(
+    params=[
+        "limit",
+        "full",
+        pytest.param("nearly full", marks=pytest.mark.slow),
+        pytest.param("no inode", marks=pytest.mark.slow),
+    ]
+)
+def disk(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Any]]:
+    """A folder that takes old results and no more, and what a process does before it begins."""
+    if request.param == "limit":
+        yield tmp_path, limited
+        return
+    size = "nr_inodes=12" if request.param == "no inode" else "size=4m"
+    with mounted(tmp_path, size) as folder:
+
+        def fill() -> None:
+            """Takes what is left, but one page where it is to be only nearly full."""
+            with contextlib.suppress(OSError):
+                if request.param == "no inode":
+                    for i in range(12):
+                        (folder / f".filler {i}").touch()
+                with (folder / ".filler").open("wb", buffering=0) as filler:
+                    while filler.write(bytes(4096)):
+                        pass
+            if request.param == "nearly full":
+                os.truncate(folder / ".filler", (folder / ".filler").stat().st_size - 4096)
+
+        yield folder, fill
+
+
+@contextlib.contextmanager
+def mounted(folder: Path, options: str) -> Iterator[Path]:
+    """A file system in memory on this folder; the test is left out where none can be had."""
+    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    if not shutil.which("mount") or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_a_full_disk(
+    logs: Path, disk: tuple[Path, Any], old: Callable[[str], Files], name: str
+) -> None:
+    folder, spoil = disk
+    put(folder, old(name))
+    before = files(folder)
+    code, out, err = ended(started(logs, command(name, folder, "--force"), preexec_fn=spoil))
+    assert (code, out) == (1, ""), err
+    assert f"error: {folder}: cannot write the results (" in err
+    assert {n: c for n, c in files(folder).items() if not n.startswith(".filler")} == before
+
+
+TELLS_ITS_WORK = """
+import atexit
+opened = []
+sys.addaudithook(lambda event, told: event == "open" and opened.append(str(told[0])))
+@atexit.register
+def tell():
+    logs = [path for path in opened if path.endswith((".csv", ".mcap"))]
+    print(*logs, *({"numba", "rerun"} & set(sys.modules)))
+"""
+
+
+@pytest.mark.parametrize("how", ["read-only", "hard link", "symlink", "exists"])
+@pytest.mark.parametrize("name", ALL)
+def test_what_cannot_be_written_is_found_before_the_work(
+    logs: Path, tmp_path: Path, name: str, how: str
+) -> None:
+    """No log is opened and nothing compiled, and nothing changes."""
+    log, out = logs / COMMANDS[name][0].split()[0], tmp_path / COMMANDS[name][1][0]
+    force, says = ["--force"], "is the input itself"
+    with contextlib.ExitStack() as stack:
+        if how == "read-only":
+            stack.enter_context(mounted(tmp_path, "ro"))
+            says = "the folder cannot be written to"
+        elif how == "exists":
+            out.symlink_to("nowhere")
+            force, says = [], "exists already"
+        elif not log.is_file():
+            pytest.skip("reads no log")
+        elif how == "hard link":
+            os.link(log, out)
+        else:
+            out.symlink_to(log)
+        before, content = os.listdir(tmp_path), log.is_file() and log.read_bytes()
+        code, worked, err = ended(started(logs, command(name, tmp_path, *force), TELLS_ITS_WORK))
+        assert (code, worked) == (1, "\n")
+        assert err.startswith("error: ")
+        assert says in err
+        assert os.listdir(tmp_path) == before
+        assert (log.is_file() and log.read_bytes()) == content
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_a_reader_that_went_away_and_outputs_that_are_links(
+    logs: Path, tmp_path: Path, old: Callable[[str], Files], name: str
+) -> None:
+    """The results are whole, the links' target is kept, the exit code is the same for all."""
+    (tmp_path / "precious").write_bytes(b"precious")
+    for written in COMMANDS[name][1]:
+        (tmp_path / written).symlink_to("precious")
+    reader, writer = os.pipe()
+    os.close(reader)
+    process = started(logs, command(name, tmp_path, "--force"), stdout=writer)
+    os.close(writer)
+    code, _, err = ended(process)
+    assert code == 1
+    assert "error" not in err
+    found = files(tmp_path)
+    assert found.pop("precious") == b"precious"
+    assert sorted(found) == sorted(COMMANDS[name][1])
+    same = [n for n in found if not n.endswith((".rrd", ".sha256"))]  # a recording has an id
+    assert {n: found[n] for n in same} == {n: old(name)[n] for n in same}
+    assert not any((tmp_path / n).is_symlink() for n in found)
+
+
+def test_eight_runs_of_a_command_to_one_output(
+    logs: Path, tmp_path: Path, old: Callable[[str], Files]
+) -> None:
+    runs = [started(logs, command("convert", tmp_path)) for _ in range(8)]
+    assert sorted(ended(run)[0] for run in runs) == [0] + [1] * 7
+    assert files(tmp_path) == old("convert")
+    runs = [started(logs, command("convert", tmp_path, "--force")) for _ in range(8)]
+    assert [ended(run)[0] for run in runs] == [0] * 8
+    assert files(tmp_path) == old("convert")
