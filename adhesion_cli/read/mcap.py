@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from ..errors import UserError
-from ..model import Bools, Column, Finding, Floats, Reject, Severity, Times
+from ..model import Column, Finding, Floats, Reject, Severity, Times
 from .mcap_records import HEADER, MESSAGE, Records, Schema, Walk
 from .source import Field, ReadOptions
 from .tree import (
@@ -420,7 +420,7 @@ class _Taker:
         self._ids = np.array(s.ids)
         self._t: Times = np.empty(s.rows, np.int64)
         self._values: Floats = np.empty((len(self.paths), s.rows))
-        self._timed: Bools = np.ones(s.rows, np.bool_)
+        self._newest = np.int64(-(1 << 63))
 
     def take(self, records: Records, at: int) -> None:
         """Adds the messages of the block at an offset of the file."""
@@ -451,19 +451,29 @@ class _Taker:
                 )
             if self._source == "header":
                 t = np.where(known, own, log)
-                self._timed[here] = known
                 if not known.all():
+                    self._values[:, here][:, ~known] = np.nan
                     text = "message without a stamp of its own; its values are not used"
                     bad = [f.rows for f in faults if f.code == "mcap-bad-message"]
                     rows = np.flatnonzero(~known)
                     if len(rows := np.setdiff1d(rows, np.concatenate(bad)) if bad else rows):
                         faults.append(Fault("mcap-no-stamp", text, rows))
         self._t[here] = t
+        if self._source != "header":
+            self._note_late(t)
         for fault in faults:
             found = self.found.setdefault(
                 (fault.code, fault.text), _Found(0, at, int(log[fault.rows[0]]))
             )
             found.count += len(fault.rows)
+
+    def _note_late(self, t: Times) -> None:
+        newest = np.maximum.accumulate(np.maximum(t, self._newest))
+        self._newest = newest[-1]
+        late = t < newest
+        if late.any():
+            count, first, most = self.late or (0, int(t[np.argmax(late)]), 0)
+            self.late = count + int(late.sum()), first, max(most, int((newest - t).max()))
 
     def columns(self) -> list[Column]:
         """One column per path, all with the same time array.
@@ -472,16 +482,12 @@ class _Taker:
         them. Stamps inside them are the sender's, whose order is left to be judged, and so is
         that of a clock that was set back.
         """
-        values = list(self._values)
-        fell = np.diff(self._t) < 0
-        if self._source != "header" and fell.any():
+        if self.late:
             order = np.argsort(self._t, kind="stable")
-            run = np.append(0, np.cumsum(fell))
+            run = np.append(0, np.cumsum(np.diff(self._t) < 0, dtype=np.int32))
             if np.count_nonzero(np.diff(run[order])) <= _MOST_TURNS * run[-1]:
-                newest = np.maximum.accumulate(self._t)
-                late = self._t < newest
-                first = int(self._t[np.argmax(late)])
-                self.late = int(late.sum()), first, int((newest - self._t).max())
-                self._t = self._t[order]
-                values = [v[order] for v in values]
-        return [Column(self._t, v, np.isfinite(v) & self._timed) for v in values]
+                for one in (self._t, *self._values):
+                    one[:] = one[order]  # in place: beside all columns there is no room for them
+            else:
+                self.late = None
+        return [Column(self._t, v, np.isfinite(v)) for v in self._values]
