@@ -32,7 +32,8 @@ from mcap_logs import (
 )
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import Column
+from adhesion_cli.model import Column, Vehicle
+from adhesion_cli.read.log import survey
 from adhesion_cli.read.mcap import McapSource, open_mcap
 from adhesion_cli.read.source import Field, ReadOptions
 
@@ -301,7 +302,22 @@ def test_integers_that_no_double_holds_are_told(tmp_path: Path, encoding: str) -
     assert column.value.tolist() == [float(n) for n in numbers]
     (finding,) = source.findings
     assert (finding.code, finding.severity) == ("mcap-rounded", "info")
+    assert finding.channel == "/a value"
     assert (finding.count, finding.first_s) == (2, 2e-9)
+
+
+def test_a_stamp_in_ns_is_no_finding_unless_it_is_asked_for_as_a_number(tmp_path: Path) -> None:
+    rows = [(i * 10**7, {"ts": START + i * 10**7 + 1, "speed_kmh": 50 - i}) for i in range(20)]
+    source = opened(tmp_path, json_log(rows))
+    ts, speed = source.fields
+    source.columns([speed])
+    assert source.time_reason.startswith("stamp inside the messages")
+    assert codes(source) == []
+    log = survey(opened(tmp_path, json_log(rows)), (), Vehicle())  # nobody takes it for anything
+    assert [c.meaning for c in log.channels] == [None, "wheel_speed"]
+    assert "mcap-rounded" not in {f.code for f in log.findings}
+    source.columns([ts])
+    assert [f.channel for f in source.findings] == ["/0 ts"]
 
 
 def test_an_unknown_encoding_is_told(tmp_path: Path) -> None:

@@ -182,6 +182,30 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
     assert [r.data for r in records if isinstance(r, Attachment)] == [b"", b"attached"]
 
 
+def test_a_limit_is_settable_where_it_is_told(
+    tmp_path: Path, run: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    """A large attachment is left out of a copy, larger chunks cannot be read, until one says so."""
+    path = tmp_path / "log.mcap"
+    log = scalar_log(VALUES, compression="zstd", per_chunk=8, attachments=100, data_crc=False)
+    path.write_bytes(log.bytes())
+    few = "mcap.max_record=700"
+    done = run("recover", path, "-o", "few.mcap", "--set", few)
+    assert done.returncode == 3, done.stderr
+    assert "--set mcap.max_record=" in done.stderr
+    assert run("recover", path, "-o", "no.mcap", "--set", few, "--strict").returncode == 1
+    assert not (tmp_path / "no.mcap").exists()
+    assert run("recover", path, "-o", "all.mcap").returncode == 0
+    for name, count in (("few.mcap", range(60, 90)), ("all.mcap", [100])):
+        with (tmp_path / name).open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            assert sum(1 for _ in reader.iter_messages()) == len(VALUES)
+            assert sum(1 for _ in reader.iter_attachments()) in count
+    done = run("inspect", path, "--set", "mcap.max_inflated=100")
+    assert done.returncode == 1
+    assert "--set mcap.max_inflated=" in done.stdout
+
+
 def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
     """Behind a broken length: chunks, attachments and metadata by their indexes."""
     path, copy = tmp_path / "log.mcap", tmp_path / "copy.mcap"

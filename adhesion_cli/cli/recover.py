@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, shared
+from .options import Shared, loader, shared
 
 
-@shared("json", "force", "strict")
+@shared("config", "set_", "json", "force", "strict")
 def command(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="Damaged MCAP log.")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="MCAP to write.")],
@@ -21,16 +21,16 @@ def command(
     Example: adhesion recover leaf-film.mcap -o whole.mcap
     """
     from ..read.mcap import copy_whole
-    from ..read.source import ReadOptions
     from ..write import files
     from . import show
 
+    options = loader(shared)().read
     files.check([out], shared.force, inputs=[log])
     with (
         files.outputs([out], shared.force, inputs=[log]) as (temporary,),
         temporary.open("wb") as target,
     ):
-        found = copy_whole(log, target, ReadOptions(strict=shared.strict))
+        found = copy_whole(log, target, options)
     if shared.json:
         from ..document import dumps, findings_document, tagged
 

@@ -1,6 +1,7 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
 import re
+from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
@@ -192,7 +193,7 @@ class _Spread:
     def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         count = np.array(list(map(len, nodes)))
         for fault in length_faults(self._wanted, steps, count, len(rows)):
-            self._faults.append(Fault(fault.code, fault.text, rows[fault.rows]))
+            self._faults.append(replace(fault, rows=rows[fault.rows]))
         for k, child in enumerate(known):
             place = (*steps, k)
             if not isinstance(child, (dict, list)) and place not in self._places:

@@ -134,7 +134,11 @@ def _without_empty(log: Log) -> Log:
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
-    return _log(source, meant, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, 0))
+    log = _log(source, meant, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, 0))
+    # Counters and stamps in ns that mean nothing to us may be rounded.
+    used = {f"{m.field.channel} {m.field.path}" for m in meant if m.meaning}
+    told = [f for f in log.findings if f.code != "mcap-rounded" or f.channel in used]
+    return replace(log, findings=tuple(told))
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:

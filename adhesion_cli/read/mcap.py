@@ -103,7 +103,12 @@ def copy_whole(path: Path, out: BinaryIO, options: ReadOptions) -> list[Finding]
         UserError: where nothing is whole.
     """
     source = McapSource(Path(path), options)
-    source.walk.copy_whole(out)
+    for at, length in source.walk.copy_whole(out):
+        source._tell(
+            "mcap-large-attachment", "error",
+            f"byte {at}: an attachment of {length} bytes, limit {options.max_record}, is not "
+            f"copied; --set mcap.max_record={length} copies it",
+        )  # fmt: skip
     return source.findings
 
 
@@ -379,10 +384,11 @@ class McapSource:
             )
             first_s = (first - self.walk.times[0]) / 1e9
             self._tell("mcap-unordered", "warning", text, taker.series.topic, count, first_s)
-        for (code, text), found in sorted(taker.found.items()):
+        for (code, text, of), found in sorted(taker.found.items()):
             self._tell(
                 code, _SEVERITY[code], f"{text}; first in the block at byte {found.at}",
-                taker.series.topic, found.count, (found.time - self.walk.times[0]) / 1e9,
+                f"{taker.series.topic} {of}".strip(), found.count,
+                (found.time - self.walk.times[0]) / 1e9,
             )  # fmt: skip
         low, high = taker.ahead
         if low <= high and (max(-low, high) > _SECOND or high - low > _SECOND):
@@ -407,7 +413,7 @@ class _Taker:
     def __init__(self, series: _Series) -> None:
         self.series, self.paths = series, list[str]()
         self.rows = 0
-        self.found: dict[tuple[str, str], _Found] = {}
+        self.found: dict[tuple[str, str, str], _Found] = {}
         self.ahead = (1 << 62, -(1 << 62))  # lowest and highest of stamp minus log time [ns]
         self.late: tuple[int, int, int] | None = None  # how many, first one's time, most [ns]
 
@@ -463,7 +469,7 @@ class _Taker:
             self._note_late(t)
         for fault in faults:
             found = self.found.setdefault(
-                (fault.code, fault.text), _Found(0, at, int(log[fault.rows[0]]))
+                (fault.code, fault.text, fault.of), _Found(0, at, int(log[fault.rows[0]]))
             )
             found.count += len(fault.rows)
 

@@ -41,7 +41,9 @@ _RUN = 4 << 20  # bytes of unchunked records taken together
 _HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
 _JSON_HEADS = 100  # first messages of a JSON channel that are kept to search them for keys
 _OTHER_HEADS = 4  # of other channels, should the first not decode
-_RAISE_LIMIT = "raise the limit if the log is trusted, or cut it with `adhesion recover`"
+_RAISE_LIMIT = (
+    "if the log is trusted, raise the limit with --set mcap.{}={}; else `adhesion recover` cuts it"
+)
 
 
 class DamageError(Exception):
@@ -247,10 +249,14 @@ class Walk:
         """The error for a file that is not what it was on opening."""
         return UserError(f"{self.path}: the file changed while it was read", "read it again")
 
-    def copy_whole(self, out: BinaryIO) -> None:
+    def copy_whole(self, out: BinaryIO) -> list[tuple[int, int]]:
         """Writes what is whole as a new MCAP: messages, metadata and attachments.
 
         Chunks, ids and indexes are new; times, topics, schemas and message bytes are kept.
+
+        Returns:
+            Offset and length of attachments beyond the limit of a record, which are left out:
+            mcap's writer takes one only as a whole.
         """
         from mcap.writer import Writer
 
@@ -267,13 +273,13 @@ class Walk:
         }  # fmt: skip
         for name, entries in self.metadata.items():
             writer.add_metadata(name, entries)
-        with self._opened() as file:
+        large = [one for one in self.attachments if one[1] > self._options.max_record]
+        with self._opened() as self._file:
             for at, length in self.attachments:
-                content = _Content(file.read(at + HEADER.size, length), at)
-                log_time, create_time = content.number(8), content.number(8)
-                name, kind = content.text(), content.text()
-                data = content.raw(content.number(8))
-                writer.add_attachment(create_time, log_time, name, kind, data)
+                if (at, length) not in large:
+                    log_time, create_time, name, kind, start, size = self._attached(at, length)
+                    data = self._file.read(start, size)
+                    writer.add_attachment(create_time, log_time, name, kind, data)
         for _, records in self.again():
             columns = (
                 records.channel, records.start + HEADER.size + MESSAGE, records.end,
@@ -286,6 +292,7 @@ class Walk:
                     data = records.data[start:end].tobytes()
                     writer.add_message(channels[channel], log, data, publish, sequence)
         writer.finish()  # type: ignore[no-untyped-call]
+        return large
 
     # ------------------------------------------------------------------ records outside chunks
 
@@ -353,7 +360,8 @@ class Walk:
             raise DamageError(at, f"a footer of {length} bytes")
         limit = self._options.max_record
         if length > limit and opcode != Opcode.ATTACHMENT:  # those are read in pieces
-            raise DamageError(at, f"a record of {length} bytes, limit {limit}", _RAISE_LIMIT)
+            hint = _RAISE_LIMIT.format("max_record", length)
+            raise DamageError(at, f"a record of {length} bytes, limit {limit}", hint)
         return opcode, length
 
     def _summary(self) -> int:
@@ -466,12 +474,18 @@ class Walk:
                 what = f"statistics say {count} messages of channel {channel}, found {here}"
                 self._note(DamageError(at, what))
 
+    def _attached(self, at: int, length: int) -> tuple[int, int, str, str, int, int]:
+        """An attachment's log time, creation time, name, media type, offset of its data, size."""
+        content = self._content(at, min(length, _PIECE))
+        times = content.number(8), content.number(8)
+        named = content.text(), content.text()
+        size = content.number(8)
+        return *times, *named, at + HEADER.size + content.place(), size
+
     def _attachment(self, at: int, length: int) -> None:
         place, end = at + HEADER.size, at + HEADER.size + length
-        content = _Content(self._file.read(place, min(length, _PIECE)), at)
-        content.raw(16)
-        content.text(), content.text()
-        behind = place + content.number(8) + content.place()
+        *_, start, size = self._attached(at, length)
+        behind = start + size
         if behind + 4 > end:
             raise DamageError(at, "an attachment's data does not fit into its record")
         crc = int.from_bytes(self._file.read(behind, 4), "little")
@@ -592,9 +606,8 @@ class Walk:
         packed = content.raw(content.number(8))
         if size > self._options.max_inflated:
             limit = self._options.max_inflated
-            raise DamageError(
-                block.at, f"a chunk of {size} inflated bytes, limit {limit}", _RAISE_LIMIT
-            )
+            hint = _RAISE_LIMIT.format("max_inflated", size)
+            raise DamageError(block.at, f"a chunk of {size} inflated bytes, limit {limit}", hint)
         data = np.empty(size + PADDING, np.uint8)
         data[size:] = 0
         try:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -165,14 +165,14 @@ class Ros2Decoder:
             return self._walked(buffer, start, end, wanted)  # and the next time another layout
         self._layouts[id(wanted)] = layout
         found, lost = layout.numbers(messages)
-        faults = [Fault(f.code, f.text, same[f.rows]) for f in rounded_faults(wanted, lost)]
+        faults = [replace(f, rows=same[f.rows]) for f in rounded_faults(wanted, lost)]
         if len(same) == len(start):
             return found, faults
         values = np.empty((len(wanted.leaves), len(start)))
         values[:, same] = found
         odd = np.delete(np.arange(len(start)), same)
         values[:, odd], more = self._walked(buffer, start[odd], end[odd], wanted)
-        return values, faults + [Fault(f.code, f.text, odd[f.rows]) for f in more]
+        return values, faults + [replace(f, rows=odd[f.rows]) for f in more]
 
     def _layout(
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
@@ -226,7 +226,7 @@ class Ros2Decoder:
         for value in (0, 1):
             if len(rows := np.flatnonzero(kind == value)):
                 values[:, rows], found = self._same_order(buffer, start[rows], end[rows], wanted)
-                faults += [Fault(f.code, f.text, rows[f.rows]) for f in found]
+                faults += [replace(f, rows=rows[f.rows]) for f in found]
         if len(rows := np.flatnonzero(kind > 1)):
             faults.append(Fault("mcap-bad-message", "no plain CDR encapsulation", rows))
         return values, faults
@@ -297,9 +297,7 @@ class Ros2Decoder:
             bad = np.flatnonzero(walk.bad)
             values[:, bad] = np.nan
             faults = [
-                Fault(f.code, f.text, kept)
-                for f in faults
-                if len(kept := np.setdiff1d(f.rows, bad))
+                replace(f, rows=kept) for f in faults if len(kept := np.setdiff1d(f.rows, bad))
             ]
             faults.append(Fault("mcap-bad-message", walk.why, bad))
         return values, faults

@@ -75,6 +75,7 @@ class Fault:
     code: str
     text: str
     rows: Offsets
+    of: str = ""  # path of the number, where it is about one
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +124,7 @@ class Wanted:
     """The numbers asked for, and what the first message said that later ones must repeat."""
 
     leaves: Sequence[Steps]
+    asked: int  # how many of them are; those behind are the stamp
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers
     labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
     said: dict[Steps, Said]
@@ -370,7 +372,7 @@ def repeated(tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None) -> Wanted:
             if place:
                 said.setdefault(place, Said(text, [], code)).leaves.append(i)
     iso = stamp.places[0] if stamp and stamp.text else None
-    return Wanted(tuple(wanted), lengths, labels, said, iso)
+    return Wanted(tuple(wanted), len(leaves), lengths, labels, said, iso)
 
 
 def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int) -> Iterator[Fault]:
@@ -413,16 +415,16 @@ def inexact(integers: NDArray[Any]) -> Bools:
 
 
 def rounded_faults(wanted: Wanted, lost: Bools) -> Iterator[Fault]:
-    """The faults of wanted numbers that are `inexact`.
+    """The faults of numbers asked for that are `inexact`; a stamp is one to the microsecond.
 
     Args:
         wanted: the numbers.
         lost: which are, shape (len(wanted.leaves), n).
     """
-    for steps, rows in zip(wanted.leaves, lost, strict=True):
+    for steps, rows in zip(wanted.leaves[: wanted.asked], lost, strict=False):
         if rows.any():
-            text = f"{path(steps)} holds integers beyond 2^53, rounded to what a double holds"
-            yield Fault("mcap-rounded", text, np.flatnonzero(rows))
+            text = "holds integers beyond 2^53, rounded to what a double holds"
+            yield Fault("mcap-rounded", text, np.flatnonzero(rows), path(steps))
 
 
 def other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
