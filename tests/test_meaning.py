@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import pytest
 
 from adhesion_cli.errors import UserError
@@ -55,10 +59,71 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             ("p [bar]", "v [km/h]", "omega [rad/s]"),
             [(PRESSURE, None, "bar"), (TRAIN, None, "km/h"), (WHEEL, None, "rad/s")],
         ),
+        (
+            ("Pression CF essieu 2 [bar]", "Pression conduite générale [bar]",
+             "Vitesse de rotation roue 2 (tr/min)", "Vitesse du train (km/h)"),
+            [
+                (PRESSURE, 2, "bar"), (None, None, "bar"),
+                (WHEEL, 2, "tr/min"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Pressione cilindro freno 1 [bar]", "Pressione condotta generale [bar]",
+             "Velocità asse 1 [giri/min]", "Velocità treno [km/h]"),
+            [
+                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (WHEEL, 1, "giri/min"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Remcilinderdruk as 1 [bar]", "Treinleidingdruk [bar]",
+             "Wielsnelheid as 1 [km/u]", "Treinsnelheid [km/u]"),
+            [
+                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (WHEEL, 1, "km/u"), (TRAIN, None, "km/u"),
+            ],
+        ),
+        (
+            ("Presión cilindro de freno 1 [bar]", "Velocidad eje 1 [km/h]", "Velocidad tren [m/s]"),
+            [(PRESSURE, 1, "bar"), (WHEEL, 1, "km/h"), (TRAIN, None, "m/s")],
+        ),
+        (
+            ("制动缸压力_1轴_kPa", "轴速1_km/h", "列车管压力(kPa)", "GPS速度 (km/h)"),
+            [
+                (PRESSURE, 1, "kPa"), (WHEEL, 1, "km/h"),
+                (None, None, "kPa"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Hauptluftleitungsdruck [bar]", "Vorsteuerdruck [bar]", "Cdruck DG2 [bar]"),
+            [(None, None, "bar"), (None, None, "bar"), (PRESSURE, 3, "bar"), (PRESSURE, 4, "bar")],
+        ),
+        (
+            ("Pression [bar]", "Effort de freinage [kN]", "Consigne de vitesse [km/h]", "Vitesse"),
+            [(PRESSURE, None, "bar"), (None, None, "kN"), (None, None, "km/h"), (WHEEL, None, "")],
+        ),
     ],
 )  # fmt: skip
 def test_reads_the_names_of_csv_columns(names: tuple[str, ...], expected: list[object]) -> None:
     assert seen(*names) == expected
+
+
+def test_the_reason_told_is_the_same_in_every_run() -> None:
+    code = (
+        "from adhesion_cli.read.meaning import understood\n"
+        "from adhesion_cli.read.source import Field\n"
+        "names = ['列车速度', '轴1轮速转速', '1轴制动缸压力', '机车车速']\n"
+        "print([m.reason for m in understood([Field(n) for n in names], ())[0]])"
+    )
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": str(seed)},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for seed in range(4)
+    }  # fmt: skip
+    assert len(told) == 1
+    assert "列车" in told.pop()
 
 
 def test_reads_topics_fields_and_message_types() -> None:

@@ -335,6 +335,46 @@ def test_units_row_gives_units_and_header_text_stays(log):
     ]
 
 
+_ROWS = [f"{i / 100:.2f}\t{1 + i / 7:.4f}\t{70 - i / 9:.4f}" for i in range(30)]
+_LABVIEW = (
+    "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\t{columns}\n***End_of_Header***\t\n\t\n"
+    "Channels\t2\t\t\nY_Unit_Label\tbar\tkm/h\t\nDelta_X\t0.01\t0.01\t\n"
+    "***End_of_Header***\t\t\t\nX_Value\tp\tv\tComment\n"
+) + "".join(f"{row}\t\n" for row in _ROWS)
+_UNNAMED = "".join(f"\t{row}\n" for row in _ROWS)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "label"),
+    [
+        (_LABVIEW.replace("{columns}", "One"), 7, "Y_Unit_Label"),
+        ("Channel\tTime\tp\tv\nunit_string\ts\tbar\tkm/h\n" + _UNNAMED, 2, "unit_string"),
+        (
+            "Channel Name\tTime\tp\tv\nUnit\ts\tbar\tkm/h\nNI_ChannelLength\t30\t30\t30\n"
+            + _UNNAMED,
+            2, "Unit",
+        ),
+    ],
+)  # fmt: skip
+def test_rows_that_their_first_cell_names_give_units_and_no_data(log, text, line, label):
+    source, columns = read(log, text)
+    assert [f.unit for f in source.fields if f.channel in ("p", "v")] == ["bar", "km/h"]
+    assert source.stated["units row"] == f"line {line} (its first cell is {label!r})"
+    assert columns["p"].value[:2].tolist() == [1.0, 1.1429]
+    assert len(columns["v"].value) == 30
+    assert not codes(source)
+
+
+def test_units_of_a_labview_log_with_a_time_for_each_channel_are_not_guessed(log):
+    source, _ = read(log, _LABVIEW.replace("{columns}", "Multi"))
+    assert not any(f.unit for f in source.fields)
+
+
+def test_a_remark_beside_a_row_is_no_label(log):
+    _, columns = read(log, "Remark\tTime\tp\tv\nbegin\t-0.01\t5.25\t80\n" + _UNNAMED)
+    assert columns["p"].value[:2].tolist() == [5.25, 1.0]
+
+
 def test_units_row_may_hold_a_unit_we_do_not_know(log):
     text = "Zeit;Druck;v;Luft;Rate\nhh:mm:ss.fff;bar;km/h;Nl/min;Hz\n"
     log.write_text(text + "13:05:07,0;1;2;3;4\n13:05:07,5;1;2;3;4\n")

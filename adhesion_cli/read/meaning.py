@@ -44,28 +44,41 @@ class Meant:
 # Words in lower case; Latin ones must be whole words of the name, stems may sit in a compound,
 # Chinese ones may stand anywhere.
 _STEMS = ("pressure", "druck", "zylinder", "cylinder", "speed", "velocity", "geschw", "drehzahl",
-          "adhesion", "kraftschluss", "clamp", "klemmkraft")  # fmt: skip
+          "adhesion", "kraftschluss", "clamp", "klemmkraft", "leitung", "behälter", "vorsteuer",
+          "luftfeder", "speicher", "druk", "cilinder", "leiding", "snelheid", "toerental", "wiel",
+          "trein")  # fmt: skip
 _VOCABULARY = {
-    "pressure": "pressure press pres druck p 压力 缸压 压强",
-    "cylinder": "bc bcp bcps pbc pc cylinder cyl zylinder bz bzd caliper 制动缸 闸缸",
+    "pressure": """
+        pressure press pres druck p pression pressione presión presion druk 压力 缸压 压强""",
+    "cylinder": """
+        bc bcp bcps pbc pc cylinder cyl zylinder bz bzd caliper cylindre cf cilindro cilinder
+        制动缸 闸缸""",
     "other pressure": """
         pipe bp hl hll hbl reservoir main mr mrp pilot spring supply load ambient parking command
         cmd target setpoint demand soll sollwert request requested atmospheric hauptluftleitung
-        hauptbehälter vorsteuer luftfeder federspeicher
+        hauptbehälter vorsteuer luftfeder federspeicher leitung behälter speicher
+        conduite cg réservoir reservoir suspension commande consigne condotta serbatoio sospensione
+        comando leiding veer tubería tuberia depósito deposito
         列车管 总风 空簧 预控 停放 目标 指令 制动管 主风""",
-    "speed": "speed velocity vel geschw drehzahl omega ω rpm spd v w n 速度 转速 轮速 轴速 车速",
+    "speed": """
+        speed velocity vel geschw drehzahl omega ω rpm spd v w n vitesse velocità velocita velocidad
+        snelheid toerental 速度 转速 轮速 轴速 车速""",
     "wheel": """
-        wheel wheels axle axles wheelset achse achs rad radsatz ws ax joint encoder 轮 轴""",
+        wheel wheels axle axles wheelset achse achs rad radsatz ws ax joint encoder
+        essieu essieux roue roues asse assi ruota ruote sala wiel eje ejes rueda ruedas 轮 轴""",
     "train": """
         train vehicle gps gnss radar doppler ground zug fahrzeug body carbody car loco reference ref
-        odometry odom twist fahr 列车 车速 车辆 地面 参考 机车""",
+        odometry odom twist fahr treno trein tren véhicule vehicule veicolo voertuig
+        列车 车速 车辆 地面 参考 机车""",
     "other speed": """
-        limit target setpoint soll wind fan cmd command demand motor engine 目标 限速 电机""",
+        limit target setpoint soll wind fan cmd command demand motor engine limite consigne moteur
+        motore 目标 限速 电机""",
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
     "other force": """
-        brake braking brems bremskraft friction reib traction tractive drawbar coupler buffer spring
-        normal vertical lateral load wheelload zug radlast 制动 闸 牵引 垂向 横向""",
+        brake braking brems bremskraft frein freinage freno frenatura friction reib traction
+        tractive drawbar coupler buffer spring normal vertical lateral load wheelload zug radlast
+        制动 闸 牵引 垂向 横向""",
     "adhesion": "adhesion adhesive kraftschluss bw adh 黏着 粘着",
     "absolute": "abs absolute absolut 绝对 绝压",
     "bogie": "bogie bogies truck drehgestell dg 转向架",
@@ -78,7 +91,8 @@ _VOCABULARY = {
         variance covariance stamp sec nsec nanosec seq index status quality temperature lat lon
         latitude longitude altitude valid flag acceleration accel""",
 }
-_WORDS = {kind: frozenset(words.split()) for kind, words in _VOCABULARY.items()}
+# In order: which of several words is told must not change from run to run.
+_WORDS = {kind: dict.fromkeys(words.split()) for kind, words in _VOCABULARY.items()}
 _GENERIC = set(
     "value data val raw scalar float float64 double signal reading measurement x".split()
 )

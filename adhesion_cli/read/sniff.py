@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import UserError
 from .source import ReadOptions
-from .words import is_units_row, time_name
+from .words import is_signal_name, is_units_name, is_units_row, time_name
 
 HEAD_BYTES = 1 << 20
 MAX_COLUMNS = 10_000
@@ -129,7 +129,8 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         )
     body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s) and "\0" not in s]
     marks = [k for k, (_, s) in enumerate(body) if s.startswith("***End_of_Header***")]
-    body = body[marks[-1] + 1 :] if marks else body  # LabVIEW's, whose header has rows of numbers
+    block = body[: marks[-1]] if marks else []  # LabVIEW's header, which has rows of numbers
+    body = body[marks[-1] + 1 :] if marks else body
     if not body:
         raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
     if len(body) == 1 and complete:
@@ -152,7 +153,8 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     delimiter, width, why["delimiter"] = _delimiter([s for _, s in body], stated, path)
     if directive and options.delimiter is None:
         why["delimiter"] = f"{delimiter!r} (stated in the line {directive[0]!r})"
-    table = [(n, split(s, delimiter)) for n, s in body]
+    table, labelled = _labelled([(n, split(s, delimiter)) for n, s in body], width)
+    labelled += [(n, split(s, delimiter)) for n, s in block]
     rows = [cells for _, cells in table if len(cells) == width]
     decimal, why["decimal"] = _decimal(rows, width, options, path)
     start = _first_data(table, width, decimal)
@@ -199,6 +201,10 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         why["header"] = "a comment line above the data (it names as many columns)"
     if unit_cells:
         why["units row"] = f"line {table[start - 1][0]} (every cell is a unit)"
+    elif found := _labelled_units(labelled):
+        n, unit_cells = found
+        why["units row"] = f"line {n} (its first cell is {unit_cells[0]!r})"
+        unit_cells = ["", *unit_cells[1:]]
     if comment:
         why["comments"] = f"lines starting with {comment!r} (seen in the head)"
     if n_preamble := before.get("preamble"):
@@ -483,6 +489,31 @@ def _first_data(table: list[tuple[int, list[str]]], width: int, decimal: str) ->
         if flag and sum(near) >= 0.3 * len(near):
             return i
     return None
+
+
+def _labelled(
+    table: list[tuple[int, list[str]]], width: int
+) -> tuple[list[tuple[int, list[str]]], list[tuple[int, list[str]]]]:
+    """The table without the rows that its first column names and data rows leave without a name.
+
+    Exports of TDMS channels have them below the header, as "Channel", "unit_string", "Length".
+
+    Returns:
+        Table and labelled rows.
+    """
+    tail = [cells for _, cells in table[len(table) // 3 :] if len(cells) == width]
+    if any(cells[0] for cells in tail):
+        return table, []
+    head = next((i for i, (_, cells) in enumerate(table) if is_signal_name(cells[0])), len(table))
+    rows = [(n, cells) for n, cells in table[head + 1 :] if cells[0]]
+    return [row for row in table if row not in rows], rows
+
+
+def _labelled_units(labelled: list[tuple[int, list[str]]]) -> tuple[int, list[str]] | None:
+    """The row of units among rows that their first cell names; its line, its cells."""
+    if any(cells[:2] == ["X_Columns", "Multi"] for _, cells in labelled):
+        return None  # LabVIEW's with a time for each channel: the units have other places
+    return next(((n, cells) for n, cells in labelled if is_units_name(cells[0])), None)
 
 
 def _headers(

@@ -41,7 +41,7 @@ _SPELLINGS: dict[tuple[Dimension, float, float], str] = {
         "speed",
         1.0 / 3.6,
         0.0,
-    ): "km/h kmh kmph kph km/hr km_h km_per_h kmh-1 km/std 公里/小时 千米/小时",
+    ): "km/h kmh kmph kph km/hr km_h km_per_h kmh-1 km/std km/u 公里/小时 千米/小时",
     ("speed", 0.44704, 0.0): "mph mi/h mile/h miles/h",
     ("speed", 0.3048, 0.0): "ft/s fps",
     ("angular speed", 1.0, 0.0): "rad/s rads rads-1 rad/sec rad_s rad_per_s radps 弧度/秒",
@@ -49,7 +49,8 @@ _SPELLINGS: dict[tuple[Dimension, float, float], str] = {
         "angular speed",
         _RPM,
         0.0,
-    ): "rpm r/min rev/min 1/min u/min min-1 min^-1 rev_min 转/分 转/分钟",
+    ): "rpm r/min rev/min 1/min u/min tr/min tours/min giri/min omw/min min-1 min^-1 rev_min "
+    "转/分 转/分钟",
     ("angular speed", 2.0 * math.pi, 0.0): "rps rev/s r/s u/s 转/秒",
     ("angular speed", _DEGREE, 0.0): "deg/s °/s deg_s degps degrees/s",
     ("pulse rate", 1.0, 0.0): "Hz hertz 1/s s-1 pulses/s imp/s pulse/s 赫兹",
@@ -161,7 +162,7 @@ def in_name(name: str) -> tuple[str, str]:
         ):  # fmt: skip
             return head.strip(), tail[-1].strip()
     # behind an underscore, the axle's number perhaps behind it: v_kmh, speed_km_h, wheel_speed_rpm1
-    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+"):
+    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+/[a-zA-Z]+", r"[a-zA-Z]+"):
         end = re.search(rf"[_.\-/:]({word})(_?(?:axle|ax|wheel|w)?_?\d{{1,2}})?$", name)
         if end and end[1].lower() in _IN_NAMES:
             return name[: end.start()] + (end[2] or ""), end[1]

@@ -1,6 +1,7 @@
 """Words by which a table's time column, group column and units row are known.
 
-Chinese, English, German. What the other columns mean is decided in `meaning`.
+Chinese, Dutch, English, French, German, Italian, Spanish. What the other columns mean is decided in
+`meaning`.
 """
 
 import re
@@ -19,7 +20,7 @@ _UNIT_WORDS = {
     "ns": "ns nsec nanos nanosecond nanoseconds nanosekunden 纳秒",
     "us": "us µs μs usec micros microsecond microseconds mikrosekunden 微秒",
     "ms": "ms msec millis millisecond milliseconds millisekunden 毫秒",
-    "s": "s sec secs second seconds sek sekunde sekunden 秒",
+    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes secondi seconden 秒",
     "min": "min mins minute minutes minuten 分 分钟",
     "h": "h hr hrs hour hours stunde stunden 小时",
 }
@@ -33,18 +34,24 @@ _TIME = (
     "sampletime samplingtime timeutc utctime utc utctimestamp timestamputc localtime timelocal "
     "unixtime unixtimestamp epoch epochtime posixtime ts tstamp stamp clock uptime "
     "messzeit messzeitpunkt aufzeichnungszeit relativzeit laufzeit uhrzeit zeitpunkt systemzeit "
+    "temps tempo tijd tijdstempel tijdstip tiempo horodatage "
     "采样时间 测量时间 记录时间 采集时间 相对时间 系统时间 运行时间 时刻 gpstime utcgpstime gpsutc "
     "gpstimestamp timeaxis zeitachse millis micros milliseconds microseconds seconds sekunden "
     "t excel exceltime exceldate matlabtime datenum serialdate"
 ).split()
-_DATE = "date datum 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
-_CLOCK = "time uhrzeit zeit 时间 timeofday clock localtime utctime utc 时刻".split()
+_DATE = (
+    "date datum fecha 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
+)
+_CLOCK = (
+    "time uhrzeit zeit heure ora hora tijd tijdstip 时间 timeofday clock localtime utctime utc 时刻"
+).split()
 _GROUP = (
     "axle axleid axleno axlenr axlenumber axleindex axlenum wheelset wheelsetid wheelsetno wheel "
     "wheelid device deviceid deviceno unit unitid vehicle vehicleid car carid carno bogie bogieid "
     "train trainid sensor sensorid node nodeid source id "
     "achse achsnr achsnummer achsid radsatz radsatznr rad gerät gerätenr geräteid fahrzeug "
     "fahrzeugid fahrzeugnr wagen wagennr drehgestell "
+    "essieu asse eje wielstel "
     "轴 轴号 轴位 车轴 车轴号 轮对 轮对号 设备 设备号 设备id 车号 车厢 车厢号 转向架"
 ).split()
 _SIGNAL = (
@@ -53,11 +60,14 @@ _SIGNAL = (
     "kanal kanalname messgröße messgroesse größe messkanal variablenname bezeichnung messstelle "
     "信号 信号名 信号名称 通道 通道名 通道名称 变量 变量名 参数 名称 测点"
 ).split()
-_UNITS_NAME = "unit units einheit einheiten 单位".split()
+_UNITS_NAME = (
+    "unit units einheit einheiten unité unités unità eenheid unidad yunitlabel unitstring 单位"
+).split()
 _COUNTER = "index idx i n no nr number row rownumber sample samples samplenumber count counter seq sequence record frame line id zeile lfdnr nummer 序号 编号 行号".split()  # noqa: E501
 
 _UNITS_ROW = frozenset(
     "s sec ms msec us μs ns min h d bar mbar kpa mpa pa hpa psi km/h kmh kph m/s mph rpm 1/min "
+    "tr/min giri/min omw/min km/u "
     "u/min min-1 min^-1 rad/s 1/s hz khz kn n nm v mv a ma w kw % ‰ ° deg rad °c c degc k m mm cm "
     "km g kg t l m/s2 m/s² m/s^2 1 - -- bool enum text string utc iso counts imp pulses "
     "秒 毫秒 千帕 兆帕 帕 巴 公里/小时 千米/小时 米/秒 转/分 牛 千牛 无".split()
