@@ -21,6 +21,10 @@ def test_generated_page_is_up_to_date(name: str) -> None:
     assert page == generate.PAGES[name](), "run: python docs/generate.py"
 
 
+def test_the_help_shows_no_type_of_python() -> None:
+    assert not re.search(r"[{}]|<(list|path|str|int)", generate.cli_page())
+
+
 def test_pages_that_are_named_exist() -> None:
     sources = [*ROOT.glob("adhesion_cli/**/*.py"), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]
     named = {

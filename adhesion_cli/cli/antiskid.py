@@ -284,7 +284,8 @@ def _cells(values: "Mapping[str, _Value]") -> list[str]:
 def _verdicts(of: "Mapping[str, Mapping[str, _Value]]") -> str:
     from .show import table
 
-    return table(["controller", *_HEADER], [[law, *_cells(v)] for law, v in of.items()])
+    cells = zip(*(_cells(v) for v in of.values()), strict=True)
+    return table(["", *of], [[name, *row] for name, row in zip(_HEADER, cells, strict=True)])
 
 
 def _limits(controller: str, limits: "Sequence[Limit]", v: "Verdict") -> list[str]:

@@ -3,10 +3,12 @@
 Commands import what they need when they run, so that help and completion are instant.
 """
 
+import re
 import sys
 from typing import Any
 
 import typer
+from typer.core import TyperCommand
 
 from ..errors import UserError
 from . import (
@@ -31,6 +33,15 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+class _Command(TyperCommand):
+    def get_help(self, ctx: Any) -> str:
+        """The help without typer's marks on arguments: braces, and the type in Python."""
+        text = re.sub(r"\{([A-Z]+)\}", r"\1", super().get_help(ctx))
+        return re.sub(r"(?m)^(  [A-Z]+) <\S+>  ", r"\1  ", text)
+
+
 for module in (
     inspect,
     analyze,
@@ -44,7 +55,7 @@ for module in (
     view,
     estimators,
 ):
-    app.command(module.__name__.rpartition(".")[2])(module.command)
+    app.command(module.__name__.rpartition(".")[2], cls=_Command)(module.command)
 
 # typer carries click inside, or uses the installed one, by version: reach its classes either way
 _ClickError: Any = typer.BadParameter.__mro__[2]

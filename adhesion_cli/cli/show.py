@@ -44,20 +44,26 @@ def _newtons(value: float | None) -> str:
 
 
 def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
-    """The table of estimators, whatever stands in the first column."""
+    """The table of estimators, whatever stands in the first column.
+
+    What they are measured against has a column only where that is not the same for all.
+    """
+    against = {s.against for _, s in rows}
+    own = len(against) > 1
     header = [
-        title, "algorithm", "against", "rmse [N]", "bias [N]", "max [N]", "lag [s]", "gain",
-        "95 % [s]", "ripple [N]", "relative",
+        title, "algorithm", *(["against"] if own else []), "rmse [N]", "bias [N]", "max [N]",
+        "lag [s]", "gain", "95 % [s]", "ripple [N]", "relative",
     ]  # fmt: skip
     lines = [
         [
-            name, s.algo, s.against, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
-            number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), _newtons(s.ripple_n),
-            number(s.relative, 2),
+            name, s.algo, *([s.against] if own else []), number(s.rmse_n), number(s.bias_n),
+            number(s.max_error_n), number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2),
+            _newtons(s.ripple_n), number(s.relative, 2),
         ]
         for name, s in rows
     ]  # fmt: skip
-    return table(header, lines, left=3)
+    found = table(header, lines, left=3 if own else 2)
+    return f"against {against.pop()}:\n{found}" if len(against) == 1 else found
 
 
 def findings(found: Sequence[Finding]) -> str:
