@@ -314,12 +314,13 @@ class AxleResult:
     region: Regions | None = None  # index into `slope.REGIONS`
     events: tuple[Event, ...] = ()  # slides and changes of region
 
-    def error(self, algo: str) -> Floats:
-        """Estimate minus what it is scored against, truth or reference [N], shape (n,)."""
+    def error(self, algo: str, rows: slice | NDArray[np.int64] = slice(None)) -> Floats:
+        """Estimate minus what it is scored against, truth or reference [N], of these rows."""
         against = {s.algo: s.against for s in self.scores}.get(algo, "reference")
         known = self.record.truth if against == "truth" else self.reference.force
         assert known is not None  # nothing is scored against a truth that is not there
-        return self.estimates[algo] - known
+        difference: Floats = self.estimates[algo][rows] - known[rows]
+        return difference
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ of a message are those the protobuf library would have written.
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -52,6 +53,7 @@ _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 
 Offsets = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
+_Values = Callable[[slice], Floats]  # the values of these rows: most are computed chunk by chunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ class _Stream:
     topic: str
     message: str
     t: Times
-    columns: dict[str, tuple[str, Floats]]  # field: (unit, values)
+    columns: dict[str, tuple[str, _Values]]  # field: (unit, values)
     tails: tuple[bytes, ...] = (b"",)  # encoded fields that follow the doubles
     tail: NDArray[np.int64] | None = None  # which of them, per row; None: the first
     unit: str | None = None  # of the whole topic
@@ -244,8 +246,16 @@ def _damaged(what: str) -> UserError:
 def _scalar(topic: str, unit: str, data: Column) -> _Stream:
     """A channel at its own stamps, one message per sample that has a value."""
     tail = descriptors.message("Scalar")(unit=unit).SerializeToString()
-    columns = {"value": (unit, data.value[data.valid])}
-    return _Stream(topic, "Scalar", data.t[data.valid], columns, (tail,), unit=unit)
+    t, value = data.t, data.value
+    if not data.valid.all():
+        t, value = t[data.valid], value[data.valid]
+    return _Stream(topic, "Scalar", t, {"value": (unit, value.__getitem__)}, (tail,), unit=unit)
+
+
+def _known(values: Floats | _Values | None) -> _Values:
+    if values is None:
+        return lambda part: np.full(part.stop - part.start, np.nan)
+    return values if callable(values) else values.__getitem__
 
 
 def _result_streams(result: Result, prefix: str) -> list[_Stream]:
@@ -258,13 +268,12 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
 def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
     record, reference = axle.record, axle.reference
 
-    def stream(name: str, message: str, **columns: tuple[str, Floats | None]) -> _Stream:
-        unknown = np.full(len(record), np.nan)
-        filled = {f: (unit, unknown if v is None else v) for f, (unit, v) in columns.items()}
+    def stream(name: str, message: str, **columns: tuple[str, Floats | _Values | None]) -> _Stream:
+        filled = {f: (unit, _known(v)) for f, (unit, v) in columns.items()}
         return _Stream(f"{topic}/{name}", message, record.t, filled)
 
-    def mu(force: Floats) -> Floats:
-        return physics.coefficient(force, result.vehicle)
+    def mu(force: Floats) -> _Values:
+        return lambda part: physics.coefficient(force[part], result.vehicle)
 
     yield stream(
         "input", "AxleInput",
@@ -290,7 +299,8 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
     for algo, force in sorted(axle.estimates.items()):
         yield stream(
             f"estimate/{algo}", "Estimate",
-            force=("N", force), coefficient=("-", mu(force)), error=("N", axle.error(algo)),
+            force=("N", force), coefficient=("-", mu(force)),
+            error=("N", partial(axle.error, algo)),
         )  # fmt: skip
     if record.truth is not None:
         yield stream("truth", "Truth", force=("N", record.truth))
@@ -314,7 +324,8 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     topic, slip = f"/axle/{i + 1}", descriptors.message("Slip")
 
     def stream(name: str, message: str, **columns: tuple[str, Floats]) -> _Stream:
-        return _Stream(f"{topic}/{name}", message, stop.t, columns)
+        filled = {f: (unit, _known(v)) for f, (unit, v) in columns.items()}
+        return _Stream(f"{topic}/{name}", message, stop.t, filled)
 
     radius, F = vehicle.radius(1).value, stop.estimate[:, i]  # the unit knows one radius
     yield stream(
@@ -514,10 +525,12 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     clocks: dict[int, Times] = {}  # by identity of the time axis: topics of one axle share theirs
     for s in streams:
         if id(s.t) not in clocks:
-            clocks[id(s.t)] = np.maximum.accumulate(s.t)
+            rises = bool((s.t[1:] >= s.t[:-1]).all())
+            clocks[id(s.t)] = s.t if rises else np.maximum.accumulate(s.t)
     total = sum(len(s.t) * (_MESSAGE + 13 + 9 * len(s.columns) + len(s.tails[0])) for s in streams)
     pieces = -(-total // CHUNK)
-    sample = np.sort(np.concatenate([clocks[id(s.t)][::64] for s in streams]))
+    every = max(64, total >> 24)  # one in so many: a sample of bounded size
+    sample = np.sort(np.concatenate([clocks[id(s.t)][::every] for s in streams]))
     middle = len(sample) * np.arange(1, pieces) // pieces
     edges = sample[middle]
     # Where many rows lie at one time (a clock that jumped back), an edge takes its share of them.
@@ -599,7 +612,7 @@ class _Rows:
         self.stamp_len = self.seconds_len + (seconds > 0) + self.nanos_len + (nanos > 0)
         number = descriptors.numbers(stream.message)
         self.columns = [
-            (number[name] << 3 | 1, values[part]) for name, (_, values) in stream.columns.items()
+            (number[name] << 3 | 1, values(part)) for name, (_, values) in stream.columns.items()
         ]
         self.tails = stream.tails
         self.tail = None if stream.tail is None else stream.tail[part]

@@ -43,7 +43,8 @@ _ESTIMATORS = (
 )  # fmt: skip
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _MARKDOWN = rr.MediaType.MARKDOWN
-_ROWS = 1 << 18  # rows sent at once
+_ROWS = 1 << 16  # rows sent at once
+_JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 _GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
 
 
@@ -167,11 +168,20 @@ class _Page:
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             t, index, inside = _rows(axle)
-            for plot in self._plots(axle, index, inside):
-                rows += self._send_plot(rec, f"{self.root}/{path}/{plot.name}", t, plot)
-                if self.large:
-                    whole = f"{self.root}/overview/{path}/{plot.name}"
-                    rows += self._send_plot(rec, whole, *_envelope(t, plot))
+            span = -(-2 * len(t) // _OVERVIEW_ROWS)
+            step = max(_ROWS // span, 1) * span
+            for at in range(0, len(t), step):
+                part = slice(at, at + step)
+                for plot in self._plots(axle, index[part], inside[part]):
+                    rows += self._send_plot(
+                        rec, f"{self.root}/{path}/{plot.name}", t[part], plot, at == 0
+                    )
+                    if self.large:
+                        whole = f"{self.root}/overview/{path}/{plot.name}"
+                        rows += self._send_plot(
+                            rec, whole, *_envelope(t[part], plot, span), at == 0
+                        )
+                rec.flush()  # or the SDK queues the whole log
             scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=_MARKDOWN)
             rec.log(f"{self.root}/{path}/scores", scores, static=True)
             if axle.slip is not None:
@@ -196,6 +206,7 @@ class _Page:
         return columns
 
     def _plots(self, axle: AxleResult, index: NDArray[np.int64], inside: Bools) -> Iterator[_Plot]:
+        """What is drawn of some rows, see `_rows`."""
         record, reference = axle.record, axle.reference
 
         def column(values: Floats, factor: float = 1.0) -> Floats:
@@ -228,7 +239,9 @@ class _Page:
             yield _lines("force/truth", [("truth", _TRUTH, computed(record.truth))])
         algos = [a for a in self.colours if a in axle.estimates]
         estimates = [(a, self.colours[a], computed(axle.estimates[a])) for a in algos]
-        errors = [(a, self.colours[a], computed(axle.error(a))) for a in algos]
+        errors = [
+            (a, self.colours[a], np.where(inside, axle.error(a, index), np.nan)) for a in algos
+        ]
         if algos:
             yield _lines("force/estimates", estimates)
             yield _lines("error", errors)
@@ -237,20 +250,22 @@ class _Page:
             sure = computed(axle.slope_confidence)
             yield _lines("confidence", [("confidence", _REFERENCE, sure)])
 
-    def _send_plot(self, rec: rr.RecordingStream, path: str, t: Times, plot: _Plot) -> int:
+    def _send_plot(
+        self, rec: rr.RecordingStream, path: str, t: Times, plot: _Plot, first: bool
+    ) -> int:
         style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
         series, colours = list(plot.series), np.array(plot.colours, np.uint32)
-        rec.log(path, style(names=series, colors=colours, widths=list(plot.widths)), static=True)
-        for at in range(0, len(t), _ROWS):
-            part = slice(at, at + _ROWS)
-            values = plot.values[part]
-            if plot.half is None:
-                data = rr.Scalars.columns(scalars=values)
-            else:
-                data = rr.Measurements.columns(
-                    values=values.ravel(), variances=plot.half[part].ravel() ** 2
-                )
-            rec.send_columns(path, self._times(t[part]), data)
+        if first:
+            rec.log(
+                path, style(names=series, colors=colours, widths=list(plot.widths)), static=True
+            )
+        if plot.half is None:
+            data = rr.Scalars.columns(scalars=plot.values)
+        else:
+            data = rr.Measurements.columns(
+                values=plot.values.ravel(), variances=plot.half.ravel() ** 2
+            )
+        rec.send_columns(path, self._times(t), data)
         return len(t)
 
     def _send_slip(self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats) -> int:
@@ -328,7 +343,8 @@ class _Page:
         shares = [3.0, 3.0, 6.0]
         if estimates:
             braking = np.concatenate([np.arange(s.start, s.stop) for s in _applications(axle)])
-            error = _span([], [axle.error(a)[braking] for a in estimates])
+            braking = braking[:: max(1, len(braking) // _JUDGED)]
+            error = _span([], [axle.error(a, braking) for a in estimates])
             title = f"Axle {N}: estimate minus {against} [N]"
             rows.append(_chart(f"{path}/error", title, error, legend=None))
             shares.append(3.0)
@@ -401,9 +417,8 @@ def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
     return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
 
 
-def _envelope(t: Times, plot: _Plot) -> tuple[Times, _Plot]:
-    """The lowest and the highest value of each of some thousand spans, as two rows a span."""
-    step = -(-2 * len(t) // _OVERVIEW_ROWS)
+def _envelope(t: Times, plot: _Plot, step: int) -> tuple[Times, _Plot]:
+    """The lowest and the highest value of each span of `step` rows, as two rows a span."""
     at = np.arange(0, len(t), step)
     below, above = plot.values, plot.values
     if plot.half is not None:
@@ -518,13 +533,14 @@ def _span(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, float
 
     The viewer's own range leaves out the bands, and one wild sample flattens everything else.
     """
-    finite = [v[np.isfinite(v)] for v in [*whole, *most]]
-    ends = [
-        np.quantile(v, [0.0, 1.0] if i < len(whole) else [0.001, 0.999])
-        for i, v in enumerate(finite)
-        if len(v)
-    ]
-    every = np.concatenate([*ends, [0.0]])
+
+    def ends(values: Floats, quantiles: list[float]) -> Floats:
+        finite = values[np.isfinite(values)]
+        return np.quantile(finite, quantiles) if len(finite) else np.empty(0)
+
+    extremes = [ends(v, [0.0, 1.0]) for v in whole]
+    extremes += [ends(v[:: max(1, len(v) // _JUDGED)], [0.001, 0.999]) for v in most]
+    every = np.concatenate([*extremes, [0.0]])
     low, high = float(every.min()), float(every.max())
     margin = 0.05 * (high - low)
     return (low - margin, high + margin) if margin > 0.0 else None

@@ -1,0 +1,148 @@
+"""Peak memory, each case in a process of its own: beside the columns nothing grows with the log."""
+
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header
+from mcap_logs import MAGIC, START, double_message, proto_file, proto_schema, record
+
+TESTS = Path(__file__).parent
+PRELUDE = """
+import sys
+from pathlib import Path
+
+def peak():  # of this program alone, page cache left out [KiB]
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+
+def begin():  # from here on
+    Path("/proc/self/clear_refs").write_text("5")
+    return peak()
+
+path, n = Path(sys.argv[1]), int(sys.argv[2])
+"""
+MIB = 1024
+
+
+def grown(script: str, path: Path, n: int = 0) -> int:
+    """What a script prints last, as a rule a peak of memory [KiB]."""
+    done = subprocess.run(
+        [sys.executable, "-c", PRELUDE + script, str(path), str(n)],
+        capture_output=True, text=True, check=False, cwd=TESTS.parent,
+        env={"PYTHONPATH": f"{TESTS.parent}:{TESTS}", "PATH": "", "HOME": str(path.parent)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return int(done.stdout.split()[-1])
+
+
+def many(path: Path, messages: int, chunked: bool, late: bool = False) -> None:
+    """One channel of a double, 40 bytes a message; packed by numpy, as it has to be large."""
+    kind = np.dtype(
+        [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+         ("log", "<u8"), ("publish", "<u8"), ("tag", "u1"), ("value", "<f8")]
+    )  # fmt: skip
+    rows = np.zeros(25_000, kind)
+    rows["op"], rows["length"], rows["channel"], rows["tag"] = 5, 31, 1, 9
+    definitions = record(proto_schema(proto_file([double_message()]), "D"))
+    definitions += record(Channel(1, "/p", "protobuf", {}, 1))
+    with path.open("wb") as file:
+        file.write(MAGIC + record(Header("", "")) + definitions)
+        for first in range(0, messages, len(rows)):
+            count = first + np.arange(len(rows))
+            rows["log"] = START + (count ^ 1 if late else count) * 10**6
+            rows["value"] = np.sin(count)
+            raw = rows.tobytes()
+            if chunked:
+                packed = zstandard.compress(raw, 1)
+                raw = record(Chunk("zstd", packed, 0, 0, zlib.crc32(raw), len(raw)))
+            file.write(raw)
+        file.write(record(DataEnd(0)) + record(Footer(0, 0, 0)) + MAGIC)
+
+
+READ = """
+import zstandard, adhesion_cli.read.protobuf
+from adhesion_cli.read.mcap import open_mcap
+from adhesion_cli.read.source import ReadOptions
+before = begin()
+source = open_mcap(path, ReadOptions())
+(column,) = source.columns(source.fields)
+assert column.valid.all() and len(column.t) == source.rows == n
+print(peak() - before - sum(x.nbytes for x in (column.t, column.value, column.valid)) // 1024)
+"""
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_reading_mcap(tmp_path: Path, chunked: bool) -> None:
+    many(tmp_path / "log.mcap", 2_000_000, chunked)  # 76 MiB, inflated
+    assert grown(READ, tmp_path / "log.mcap", 2_000_000) < (10 if chunked else 19) * MIB
+
+
+RECOVER = """
+import zstandard
+from mcap.writer import Writer
+from adhesion_cli.read.mcap import copy_whole
+from adhesion_cli.read.source import ReadOptions
+before = begin()
+with Path(f"{path}.copy").open("wb") as out:
+    copy_whole(path, out, ReadOptions(max_record=4 << 20))
+print(peak() - before)
+"""
+
+
+def test_recovering(tmp_path: Path) -> None:
+    """Neither the messages nor an attachment beyond the limit are held."""
+    path = tmp_path / "log.mcap"
+    many(path, 50_000, chunked=True)
+    raw = path.read_bytes()
+    name = struct.pack("<QQI1sI", 0, 0, 1, b"a", 0)
+    large = name + struct.pack("<Q", 100 << 20) + bytes(100 << 20) + bytes(4)
+    end = raw.rindex(record(DataEnd(0)))
+    path.write_bytes(raw[:end] + struct.pack("<BQ", 9, len(large)) + large + raw[end:])
+    assert grown(RECOVER, path) < 60 * MIB
+
+
+WRITE_LOG = """
+import numpy as np
+from adhesion_cli.model import Channel, Column, Log
+from adhesion_cli.write import mcap
+mcap.CHUNK = 1 << 18
+t = np.arange(n) * 10**6
+data = Column(t, np.sin(t), np.ones(n, bool))
+log = Log("", "csv", "", True, n, (Channel("a", "", None, None, "N", "", data),), ())
+mcap.write_log(path, Log("", "csv", "", True, 0, (), ()))  # all is loaded
+before = begin()
+mcap.write_log(path, log)
+print(peak() - before)
+"""
+WRITE_RESULT = """
+from results import result
+from adhesion_cli.write import mcap, rrd
+mcap.CHUNK, rrd._ROWS = 1 << 18, 1 << 12
+def write(n):
+    whole = result(axles=1, n=n)
+    before = begin()
+    if path.suffix == ".mcap":
+        mcap.write_result(path, whole, "{}")
+    else:
+        rrd.write_result(path, whole, list(whole.axles[0].estimates))
+    return peak() - before
+write(1000)  # all is loaded
+print(write(n))
+"""
+
+
+def test_writing_a_log(tmp_path: Path) -> None:
+    """11 MiB of columns."""
+    assert grown(WRITE_LOG, tmp_path / "log.mcap", 700_000) < 8 * MIB
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "rrd"])
+def test_writing_a_result(tmp_path: Path, suffix: str) -> None:
+    """12 MiB of columns, and as much again is computed for the file."""
+    most = 4 if suffix == "mcap" else 16  # the SDK has buffers of its own
+    assert grown(WRITE_RESULT, tmp_path / f"log.{suffix}", 100_000) < most * MIB
