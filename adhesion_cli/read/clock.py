@@ -106,7 +106,9 @@ class Clock:
         if pa.types.is_floating(array.type):
             value = array.to_numpy(zero_copy_only=False) * NS_PER_UNIT[self.unit]
             ok = np.isfinite(value)
-            return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
+            if not ok.all():
+                value[~ok] = 0.0
+            return np.rint(value, out=value).astype(np.int64), ok
         t, ok = _decimals(array, _SCALE[self.unit], self.decimal)
         if factor := {"min": 60, "h": 3600}.get(self.unit):
             ok &= np.abs(t) < 2**62 // factor
@@ -117,8 +119,9 @@ class Clock:
         """Whether a block of the clock's column, read as float64, keeps nanoseconds."""
         if self.unit in _SERIALS:
             return True
-        ns = np.abs(array.to_numpy(zero_copy_only=False)) * NS_PER_UNIT[self.unit]
-        return not (ns >= _EXACT).any()
+        value = array.to_numpy(zero_copy_only=False)
+        ends = np.fmin.reduce(value, initial=0.0), np.fmax.reduce(value, initial=0.0)
+        return bool(max(-ends[0], ends[1]) * NS_PER_UNIT[self.unit] < _EXACT)
 
 
 def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:
@@ -517,7 +520,7 @@ def checked_floats(array: Any, decimal: str) -> tuple[Any, Any]:
     """
     if pa.types.is_floating(array.type):
         value = array.to_numpy(zero_copy_only=False)
-        return value, (~np.isfinite(value)).astype(np.int8)
+        return value, (~np.isfinite(value)).view(np.int8)
     text = pc.utf8_trim_whitespace(array)
     missing = _says_nothing(text)
     numeric = pc.fill_null(pc.match_substring_regex(text, _re2(decimal)), False)

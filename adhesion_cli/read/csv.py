@@ -182,7 +182,9 @@ class CsvSource:
                 rows = order[bounds[k] : bounds[k + 1]]
                 value = value[rows]
                 times.setdefault(k, t[rows])
-            out.append(Column(times.get(k, t), value, np.isfinite(value)))
+            whole = not any(scan.cells[i, state] for state in _CELLS)
+            valid = np.ones(len(value), np.bool_) if whole else np.isfinite(value)
+            out.append(Column(times.get(k, t), value, valid))
         return out
 
     def _refuse_time(self, t: Times) -> None:
@@ -352,8 +354,8 @@ class _Scan:
             self.rejects = Rejects(source, self.dialect.names)
         room = self.expected + self.expected // 16
         whole = [_T, _GROUP] if self.keys else [_T]
-        self.columns = {i: np.empty(room, np.int64) for i in whole}
-        self.columns |= {i: np.empty(room) for i in self.indices}
+        self.columns = {i: _empty(room, np.int64) for i in whole}
+        self.columns |= {i: _empty(room, np.float64) for i in self.indices}
         for part in self._parts(source):
             self._count_lines(part)
             keep = self._count_times(part)
@@ -393,7 +395,7 @@ class _Scan:
                     self._grow(at + block.lines)
                 waiting.append(pool.submit(self._parse, block, at))
                 at += block.lines
-                if len(waiting) > workers:
+                if len(waiting) > 2 * workers:  # so many that no worker waits for the file
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
@@ -402,7 +404,7 @@ class _Scan:
         """Makes room for so many rows, and as many again where there was not enough."""
         if need > len(self.columns[_T]):
             for i, column in self.columns.items():
-                self.columns[i] = np.empty(2 * need, column.dtype)
+                self.columns[i] = _empty(2 * need, column.dtype)
                 self.columns[i][: self.used] = column[: self.used]
 
     def _close_up(self, part: _Part, keep: Bools) -> None:
@@ -416,7 +418,7 @@ class _Scan:
     def _parse(self, block: Block, at: int) -> _Part:
         """One block's columns; changes nothing but `types`, and `columns` from `at` on."""
         blank = inside = 0
-        if b'"' in block.data:
+        if block.quotes:
             feeds, ends = block.ends()
             inside = len(feeds) - len(ends)
         while True:
@@ -430,10 +432,11 @@ class _Scan:
                 self._demote(block, str(error), types)
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
+            checked = {i: checked_floats(arrays[i], self.dialect.decimal) for i in self.indices}
             unfit = [
                 i
                 for i, kind in types.items()
-                if pa.types.is_floating(kind) and not self._is_exact(i, arrays[i])
+                if pa.types.is_floating(kind) and not self._is_exact(arrays[i], checked.get(i))
             ]
             if not unfit:
                 break
@@ -451,22 +454,22 @@ class _Scan:
         rows = slice(at, at + table.num_rows)
         t, timed = self.clock.nanoseconds([arrays[i] for i in self.clock.columns])
         self.columns[_T][rows] = t
-        states = {}
-        for i in self.indices:
-            value, states[i] = checked_floats(arrays.pop(i), self.dialect.decimal)
+        for i, (value, _) in checked.items():
             self.columns[i][rows] = value
-        if timed.all():
-            arrays = {i: a for i, a in arrays.items() if i in self.keys}
+        states = {i: state for i, (_, state) in checked.items() if state.any()}
+        again = self.keys if timed.all() else (*self.keys, *self.clock.columns)
+        arrays = {i: arrays[i] for i in again}
         return _Part(block, rows, arrays, timed, states, wrong, blank, inside)
 
-    def _is_exact(self, i: int, array: Any) -> bool:
-        """Whether float64 says what the cells of a column said.
+    def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
+        """Whether float64 says what the cells of a column said; no `checked` for the time's.
 
         1e400 parses as infinity; the strict grammar of text tells it from a spelled "inf".
         """
-        if i in self.clock.columns:
+        if checked is None:
             return self.clock.is_exact(array)
-        return not np.isinf(array.to_numpy(zero_copy_only=False)).any()
+        value, state = checked
+        return not (state.any() and np.isinf(value).any())
 
     def _table(self, block: Block, types: dict[int, Any], multiline: bool, wrong: list[Any]) -> Any:
         def skip(row: Any) -> str:
@@ -585,9 +588,7 @@ class _Scan:
             self._reject(part, part.numbers(np.flatnonzero(which)), kind)
 
     def _count_cells(self, part: _Part, i: int, state: NDArray[np.int8], keep: Bools) -> None:
-        if not state.any():
-            return
-        for k in (1, 2):
+        for k in _CELLS:
             which = (state == k) & keep
             if n := int(which.sum()):
                 self.cells[i, k] += n
@@ -600,6 +601,11 @@ class _Scan:
                     shown = cells[i] if i < len(cells) else ""
                     t = int(self.columns[_T][part.rows][row])
                     self.first_cell[i, k] = line, shown, t
+
+
+def _empty(n: int, dtype: Any) -> NDArray[Any]:
+    """Room for n numbers of 8 bytes in Arrow's memory, where it need not be cleared again."""
+    return np.ndarray(n, dtype, pa.allocate_buffer(8 * n))
 
 
 def _flat(column: Any) -> Any:

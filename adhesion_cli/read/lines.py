@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..errors import UserError
 from .sniff import HEAD_BYTES, Dialect, split
 
-_BLOCK = 4 << 20  # smaller ones make the threads wait for each other, larger ones for the last
+_BLOCK = 2 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 _TAIL = 1 << 16
 _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
@@ -39,6 +39,7 @@ class Block:
     first_line: int
     lines: int
     delimiter: str
+    quotes: bool  # whether there is any
 
     def ends(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Positions of all line feeds, and of those that end a row."""
@@ -88,6 +89,9 @@ class Lines:
             chunk = next(chunks, None)
             done = chunk is None
             data = rest + chunk if chunk is not None else rest
+            holes = b"\0" in data
+            if holes:  # space that was never written can be longer than any line
+                data, self._source = re.sub(rb"\0+", b"\0", data), None
             if skip:
                 if not done and data.count(b"\n") < skip:
                     rest = data
@@ -98,23 +102,24 @@ class Lines:
                 data, line, skip = data[at:], line + skip, 0
             if done and data and not data.endswith(b"\n"):
                 data = self._close(data, line)
-            cut = self._cut(data, line, done, delimiter)
+            quotes = b'"' in data
+            cut = self._cut(data, line, done, quotes)
             rest = data[cut:]
             if cut and self._source and len(rest) <= len(chunk or b""):
                 self._source.seek(-len(rest), os.SEEK_CUR)  # cheaper than joining it to the next
                 rest = b""
             if cut:
                 lines = int(np.count_nonzero(np.frombuffer(data, np.uint8, cut) == 10))
-                if b"\0" in data:
+                if holes:
                     data = _without_holes(data[:cut])
                     cut = len(data)
                 if delimiter == " ":
                     data = _single_blanks(data[:cut])
                     cut = len(data)
-                elif b'"' in data:  # the parser knows a quote only right behind the delimiter
+                elif quotes:  # the parser knows a quote only right behind the delimiter
                     data = data[:cut].replace(delimiter.encode() + b' "', delimiter.encode() + b'"')
                     cut = len(data)
-                yield Block(data, cut, line, lines, delimiter)
+                yield Block(data, cut, line, lines, delimiter, quotes)
                 line += lines
 
     def texts(self, rows: NDArray[np.int64]) -> Iterator[tuple[int, str]]:
@@ -159,11 +164,11 @@ class Lines:
         self.cut_off = line + data.count(b"\n"), data[at:].decode("utf-8", "replace")
         return data[:at]
 
-    def _cut(self, data: bytes, line: int, done: bool, delimiter: str) -> int:
+    def _cut(self, data: bytes, line: int, done: bool, quotes: bool) -> int:
         """Where the last whole row of `data` ends."""
         end = data.rfind(b"\n") + 1
-        if b'"' in data and (done or data.count(b'"', 0, end) % 2):
-            end = self._cut_quoted(data, line, done, delimiter)
+        if quotes and (done or data.count(b'"', 0, end) % 2):
+            end = self._cut_quoted(data, line, done)
         if len(data) - end > _MAX_LINE:
             raise UserError(
                 f"{self.path}: line {line + data.count(10)} is longer than {_MAX_LINE >> 20} MiB",
@@ -171,9 +176,9 @@ class Lines:
             )
         return end
 
-    def _cut_quoted(self, data: bytes, line: int, done: bool, delimiter: str) -> int:
+    def _cut_quoted(self, data: bytes, line: int, done: bool) -> int:
         last = len(data)
-        for m in _quoted(delimiter).finditer(data):
+        for m in _quoted(self.dialect.delimiter).finditer(data):
             size = m.end() - m.start()
             closed = size > 1 and data[m.end() - 1] == 34 and (done or m.end() < len(data))
             lines = data.count(b"\n", *m.span())
@@ -203,8 +208,6 @@ class Lines:
                 held = b"\r" if chunk.endswith(b"\r") else b""
                 chunk = chunk[: len(chunk) - len(held)]
                 chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-            if b"\0" in chunk:  # space that was never written can be longer than any line
-                chunk = re.sub(rb"\0+", b"\0", chunk)
             if chunk is not raw:
                 self._source = None
             yield chunk
