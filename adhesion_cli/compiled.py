@@ -24,7 +24,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -41,6 +41,8 @@ from .model import Floats, Times, Wheelset
 
 _OWN = Path(__file__).resolve().parent
 _KEEP = 8  # cache folders of other versions that stay, the latest used
+
+_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # only compiled code calls it
 
 _WRAPPER = """
 def call({arguments}):
@@ -99,21 +101,21 @@ def batch(
     return F
 
 
-def function(target: Any, **bound: Any) -> Callable[..., Any]:
+def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callable[..., Any]:
     """`target`, a plain function at module level, compiled at its first call and kept on disk.
 
     Args:
         target: the function.
-        bound: plain functions that stand in for those `target`'s module has under these names.
+        stand_ins: plain functions by those they stand in for, wherever one is named.
     """
     assert isinstance(target, FunctionType)
+    stand_ins = stand_ins or {}
     code = target.__code__
     arguments = ", ".join(code.co_varnames[: code.co_argcount])
-    name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *bound.values()))
-    stand_ins = tuple((target.__globals__[key], f) for key, f in bound.items())
+    name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *stand_ins.values()))
     return _compiled(
         name.replace(".", "_"), _WRAPPER.format(arguments=arguments), (("target", target),),
-        inline=False, stand_ins=stand_ins,
+        inline=False, stand_ins=tuple(stand_ins.items()),
     )  # fmt: skip
 
 
@@ -169,7 +171,7 @@ def _lowered(f: FunctionType, done: dict[FunctionType, Any], inline: bool) -> An
             if isinstance(names.get(name), FunctionType):
                 names[name] = _lowered(names[name], done, inline)
         plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        done[f] = njit(error_model="numpy", forceinline=inline)(plain)
+        done[f] = njit(error_model="numpy", forceinline=inline, **_INNER)(plain)
     return done[f]
 
 

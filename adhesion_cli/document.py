@@ -144,7 +144,7 @@ def antiskid_document(
     Args:
         stop: one of the stops: they share estimator and seed.
         scenario: its name.
-        parameters: in force, from `antiskid.parameters`.
+        parameters: in force, from `unit.parameters`.
         dry: stopping distance on dry rail [m].
         controllers: fields of each controller's `Verdict`.
         more: entries of a replayed log.

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
 from .errors import UserError, unknown
@@ -157,3 +157,13 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
             text = f"{path}: Params.{name} lacks its Quantity or its default"
             raise UserError(text, kind.remedy)
     return Method(path.stem, about.title, about.source, P, S, module.init, module.step, path)
+
+
+def bound(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
+    """A plain function with others in place of some that it names; `stand_ins` is by the latter."""
+    assert isinstance(f, FunctionType)
+    names = {
+        name: stand_ins.get(x, x) if isinstance(x, FunctionType) else x
+        for name, x in f.__globals__.items()
+    }
+    return FunctionType(f.__code__, names, f.__name__, f.__defaults__)

@@ -189,6 +189,9 @@ class Wheelset(NamedTuple):
     a: float  # R / I [1/(kg m)]
     phi: float  # pad friction coefficient φ [-]
     rolling: float  # F / (φK) while rolling, 1 / (1 + I/(m R²)) [-]
+    radius: float  # R [m]
+    inertia: float  # I [kg m²]
+    mass: float  # m [kg]
 
 
 @dataclass(frozen=True, slots=True)

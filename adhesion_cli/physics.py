@@ -6,6 +6,7 @@ on arrays and inside a compiled loop.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ _DRIVEN = 3.0  # such a wheel has caught up after this long [s]
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
     R, I, m = vehicle.radius(axle).value, vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
-    return Wheelset(a=R / I, phi=vehicle.friction.value, rolling=1.0 / (1.0 + I / (m * R * R)))
+    return Wheelset(R / I, vehicle.friction.value, 1.0 / (1.0 + I / (m * R * R)), R, I, m)
 
 
 def rolling_deceleration(w: Wheelset) -> float:
@@ -38,19 +39,33 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     The lever ratio i and the friction-radius ratio are not in the printed equation; both are 1 for
     the paper's vehicle. The spring keeps the pads off below its force: never negative.
     """
-    spring = _ratio(vehicle) * vehicle.spring_force.value
-    return np.maximum(force_per_pressure(vehicle) * pressure - spring, 0.0)  # (15)
+    force: Floats = clamping(force_line(vehicle), pressure)
+    return force
 
 
-def force_per_pressure(vehicle: Vehicle) -> float:
-    """Slope dK/dp of (15) above the spring's force [N/Pa]."""
-    return _ratio(vehicle) * math.pi * vehicle.cylinder_diameter.value**2 / 4.0
+class ForceLine(NamedTuple):
+    """(15) as the straight line that it is above the spring's force."""
+
+    per_pascal: float  # dK/dp [N/Pa]
+    at_zero: float  # what the spring takes from K [N]
 
 
-def _ratio(vehicle: Vehicle) -> float:
-    """K over the piston's force less the spring's: n η i and the ratio of radii."""
+def force_line(vehicle: Vehicle) -> ForceLine:
+    """The constants of (15): with n η i and the ratio of radii, K over the force of the piston."""
     v = vehicle
-    return v.discs.value * v.efficiency.value * v.lever_ratio.value * v.radius_ratio.value
+    ratio = v.discs.value * v.efficiency.value * v.lever_ratio.value * v.radius_ratio.value
+    per_pascal = ratio * math.pi * v.cylinder_diameter.value**2 / 4.0
+    return ForceLine(per_pascal, ratio * v.spring_force.value)
+
+
+def clamping(line: ForceLine, p: Any) -> Any:
+    """K [N] at the cylinder pressure p [Pa], a number or an array. Source: (15)."""
+    return np.maximum(line.per_pascal * p - line.at_zero, 0.0)  # (15)
+
+
+def cylinder_pressure(line: ForceLine, K: Any) -> Any:
+    """The inverse of `clamping` for K > 0: p [Pa]. Source: (15)."""
+    return (K + line.at_zero) / line.per_pascal  # (15)
 
 
 def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float) -> Floats:
@@ -60,9 +75,9 @@ def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float
     return np.where(train_speed >= slowest, s, np.nan)
 
 
-def braked(K: Floats, w: Wheelset, radius: float) -> Floats:
+def braked(K: Any, w: Wheelset) -> Any:
     """Deceleration [m/s²] that the clamping force makes of a wheel that rolls. Source: (1)."""
-    return rolling_deceleration(w) * radius * K
+    return rolling_deceleration(w) * w.radius * K
 
 
 def reference_speed(before: float, fastest: float, braking: float, h: float) -> float:

@@ -11,8 +11,7 @@ The equations are stiff: near adhesion the slip settles within 1/(a R ∂F/∂Δ
 method of order 2 (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2), whose
 last stage is the new state: F in the output satisfies (3) at the sample it stands beside.
 
-Everything below `track_of` is plain Python that compiles; loops over it end their steps at every
-jump or kink of the brake demand, of a rail that changes with time, and of the valves.
+Everything below `track_of` is plain Python that compiles; loops over `advance_to` set the valves.
 """
 
 import math
@@ -22,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics
-from .controller import HOLD, VENT
-from .model import Floats, Vehicle
+from .controller import APPLY, HOLD, VENT
+from .model import Floats
+from .physics import ForceLine, clamping
 from .rail import Condition, Patch, condition, creep_force
 from .scenario import INF, Scenario, Wave, Wsp
 
@@ -41,8 +41,7 @@ class Plant(NamedTuple):
     inertia: float
     mass: float  # of the train
     phi: float
-    per_pascal: float  # (15) as a line: K = per_pascal · p − at_zero, never negative
-    at_zero: float
+    brake: ForceLine
     patch: Patch
     positions: Floats
     fill_time: float
@@ -54,6 +53,13 @@ class Plant(NamedTuple):
     hold_slip: float
     vent_slip: float
     valve_slowest: float
+
+
+class Demand(NamedTuple):
+    """Pressure demanded at the cylinders, as straight lines between knots, shape (k,)."""
+
+    t: Floats  # [s], the last one at infinity
+    p: Floats  # [Pa]
 
 
 class Track(NamedTuple):
@@ -70,14 +76,12 @@ def plant_of(s: Scenario) -> Plant:
     """Train, brakes and valves of a scenario."""
     n, m = s.train.axles, s.vehicle.axle_mass.value
     wsp = s.wsp or Wsp()
-    per_pascal, at_zero = force_line(s.vehicle)
     return Plant(
         radius=radii(s),
         inertia=s.vehicle.wheelset_inertia.value,
         mass=n * m,
         phi=s.vehicle.friction.value,
-        per_pascal=per_pascal,
-        at_zero=at_zero,
+        brake=physics.force_line(s.vehicle),
         patch=s.contact.patch(m * physics.G),
         positions=np.array(s.train.positions or [0.0] * n),
         fill_time=s.brake.fill_time,
@@ -97,26 +101,17 @@ def radii(s: Scenario) -> Floats:
     return np.array([s.vehicle.radius(axle).value for axle in range(1, s.train.axles + 1)])
 
 
-def force_line(vehicle: Vehicle) -> tuple[float, float]:
-    """Slope and offset of (15), read off where no spring keeps the pads away."""
-    high = 1e9
-    K = physics.clamping_force(np.array([high, 2.0 * high]), vehicle)
-    per_pascal = float(K[1] - K[0]) / high
-    return per_pascal, per_pascal * high - float(K[0])
-
-
-def demand_of(s: Scenario) -> tuple[Floats, Floats]:
-    """Knots of the pressure demanded at the cylinder: times [s] and pressures [Pa]."""
-    per_pascal, at_zero = force_line(s.vehicle)
+def demand_of(s: Scenario) -> Demand:
+    """What a scenario demands of its brakes."""
     t, p = [-1.0], [0.0]
     for c in s.brake.command:
         goal = c.pressure or 0.0
         if c.clamping_force:
-            goal = (c.clamping_force + at_zero) / per_pascal
+            goal = physics.cylinder_pressure(physics.force_line(s.vehicle), c.clamping_force)
         start = c.at + s.brake.dead_time
         t += [start, start + c.ramp]
         p += [p[-1], goal]
-    return np.array([*t, INF]), np.array([*p, p[-1]])
+    return Demand(np.array([*t, INF]), np.array([*p, p[-1]]))
 
 
 def track_of(s: Scenario) -> Track:
@@ -221,27 +216,92 @@ def _stage(
 
 
 class Scratch(NamedTuple):
-    """Room of `advance`, so that no step allocates; `rails` is where its last stage ended."""
+    """Room of a step, so that none allocates; `rails` is where its last stage ended."""
 
     rails: Floats  # shape (axles, 5)
     friction: Floats
     w_new: Floats
     w_from: Floats
     newton: Floats  # shape (axles, 3)
+    before: Floats  # cylinder pressures
 
 
-def scratch(axles: int) -> Scratch:
-    """Room for a train of that many axles."""
-    return Scratch(
-        np.zeros((axles, 5)), np.zeros(axles), np.zeros(axles), np.zeros(axles),
-        np.zeros((axles, 3)),
-    )  # fmt: skip
+class Train(NamedTuple):
+    """A train in motion. `advance_to` gives the next one and keeps the arrays, shape (axles,)."""
+
+    t: float  # [s]
+    v: float  # NaN: Newton's iteration failed [m/s]
+    x: float  # run by the first axle [m]
+    asked: float  # cylinder pressure there would be without valves [Pa]
+    demand_knot: int  # the last one past
+    track_knot: int  # likewise, of a rail that changes with time
+    w: Floats  # rim speeds ωR [m/s]
+    p: Floats  # cylinder pressures [Pa]
+    air: Floats  # taken in by each cylinder so far, as a rise of pressure [Pa]
+    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
+    knot: NDArray[np.int64]  # of the track, the last one past each axle
+    room: Scratch
 
 
-def advance(
-    plant: Plant, track: Track, valve: NDArray[np.int64], knot: NDArray[np.int64],
-    demand: float, rise: float, t: float, h: float,
-    v: float, x: float, w: Floats, p: Floats, room: Scratch,
+def rolling(v: float, axles: int) -> Train:
+    """A train of that many axles that rolls at v [m/s], brakes released."""
+    one = np.zeros(axles)
+    room = Scratch(
+        np.zeros((axles, 5)), one.copy(), one.copy(), one.copy(), np.zeros((axles, 3)), one.copy()
+    )
+    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
+    return Train(0.0, v, 0.0, 0.0, 0, 0, np.full(axles, v), one, one.copy(), valve, knot, room)
+
+
+def advance_to(plant: Plant, track: Track, demand: Demand, s: Train, end: float) -> Train:
+    """The train at time `end` [s]; a step ends wherever the demand or the rail jumps or kinks."""
+    t, v, x, asked, i, j = s.t, s.v, s.x, s.asked, s.demand_knot, s.track_knot
+    while t < end - SOON:
+        while demand.t[i + 1] <= t + SOON:
+            i += 1
+        stop = min(end, demand.t[i + 1])
+        if track.timed:
+            while track.knots[j + 1] <= t + SOON:
+                j += 1
+            stop = min(stop, track.knots[j + 1])
+        h = stop - t
+        c0, rise = _line(demand, i, t)
+        asked = cylinder(plant, APPLY, asked, c0, c0 + rise * h, h)
+        for k in range(len(s.p)):
+            s.room.before[k] = s.p[k]
+        _jump(plant, s, c0)
+        new = _step(plant, track, s, c0, rise, t, h, v, x)
+        if math.isnan(new):
+            return Train(t, new, x, asked, i, j, s.w, s.p, s.air, s.valve, s.knot, s.room)
+        for k in range(len(s.p)):
+            s.air[k] += max(s.p[k] - s.room.before[k], 0.0)
+        x += 0.5 * h * (v + new)
+        v, t = new, stop
+    return Train(end, v, x, asked, i, j, s.w, s.p, s.air, s.valve, s.knot, s.room)
+
+
+def settle(plant: Plant, demand: Demand, s: Train) -> None:
+    """Takes a jump of the demand at the train's time into cylinders that follow at once."""
+    i = s.demand_knot
+    while demand.t[i + 1] <= s.t + SOON:
+        i += 1
+    _jump(plant, s, _line(demand, i, s.t)[0])
+
+
+def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
+    """Pressure demanded at time t, behind knot i [Pa], and its rise [Pa/s]."""
+    rise = (demand.p[i + 1] - demand.p[i]) / (demand.t[i + 1] - demand.t[i])
+    return demand.p[i] + rise * (t - demand.t[i]), rise
+
+
+def _jump(plant: Plant, s: Train, demanded: float) -> None:
+    for k in range(len(s.p)):
+        s.p[k] = cylinder(plant, s.valve[k], s.p[k], demanded, demanded, 0.0)
+
+
+def _step(
+    plant: Plant, track: Track, s: Train, demand: float, rise: float,
+    t: float, h: float, v: float, x: float,
 ) -> float:  # fmt: skip
     """One step from `t` to `t + h`, within which nothing jumps; w, p and knot are updated.
 
@@ -250,21 +310,21 @@ def advance(
     Returns:
         v at the end, or NaN where Newton's iteration did not converge.
     """
-    axles = len(w)
+    room, axles = s.room, len(s.w)
     w_new, w_from = room.w_new, room.w_from
     v_new, v_from, braked = v, v, False
     for i in range(axles):
-        w_new[i] = w_from[i] = w[i]
+        w_new[i] = w_from[i] = s.w[i]
     for part in (GAMMA, 1.0):
         for i in range(axles):
-            p1 = cylinder(plant, valve[i], p[i], demand, demand + rise * part * h, part * h)
-            K = max(plant.per_pascal * p1 - plant.at_zero, 0.0)  # (15)
+            p1 = cylinder(plant, s.valve[i], s.p[i], demand, demand + rise * part * h, part * h)
+            K = clamping(plant.brake, p1)
             room.friction[i] = plant.phi * K
             braked = braked or K > 0.0
             if part == 1.0:
-                p[i] = p1
+                s.p[i] = p1
             z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-            knot[i] = rail_at(track, i, z, knot[i], room.rails[i])
+            s.knot[i] = rail_at(track, i, z, s.knot[i], room.rails[i])
         if v > 0.0:
             v_new = _stage(
                 plant, room.rails, room.friction, GAMMA * h, v_from, w_from, v_new, w_new,
@@ -275,8 +335,8 @@ def advance(
         if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
             v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
             for i in range(axles):
-                w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
+                w_from[i] = s.w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - s.w[i])
     stands = braked and v_new < STANDSTILL
     for i in range(axles):
-        w[i] = 0.0 if stands else w_new[i]
+        s.w[i] = 0.0 if stands else w_new[i]
     return 0.0 if stands else v_new

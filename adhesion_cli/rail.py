@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple
 from .errors import unknown
 from .model import Quantity
 
-SLOWEST = 0.1  # creepage counts from this speed up [m/s]: (2) has no value at standstill
+CREEP_FROM = 0.1  # creepage counts from this speed up [m/s]: (2) has no value at standstill
 
 
 class Condition(NamedTuple):
@@ -71,7 +71,7 @@ class Contact:
 def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> tuple[float, float]:
     """Longitudinal adhesion force of a wheelset and its slope.
 
-    Creepage counts from `SLOWEST` up, so that force and slope exist at every speed.
+    Creepage counts from `CREEP_FROM` up, so that force and slope exist at every speed.
 
     Args:
         sliding: v − ωR [m/s], positive when braking.
@@ -83,7 +83,7 @@ def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> 
         F [N], odd in `sliding`, and ∂F/∂sliding [N s/m] at constant speed (with lateral creep, at
         constant Kalker coefficient).
     """
-    reference = max(speed, SLOWEST)
+    reference = max(speed, CREEP_FROM)
     s_x, s_y = sliding / reference, patch.creep_y  # (2)
     s, stiffness = max(abs(s_x), 1e-12), patch.stiffness_x
     if s_y != 0.0:

@@ -28,9 +28,10 @@ from .plant import Track
 from .rail import Condition, condition
 from .scenario import INF, Brake, Command, Scenario, Train
 from .slip import Summary
-from .stop import SLOWEST, Stop, Verdict
+from .stop import JUDGED_FROM, Stop, Verdict
 from .sweep import interval, on_all_cores
 from .text import printable
+from .unit import Settings, parameters
 
 _EVERY = 0.1  # between two knots of the demand [s]
 _RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
@@ -94,7 +95,7 @@ def case(result: Result) -> Case:
             "replay a log with slides",
         )
     braking = _braking(result, summaries)
-    if not braking.speed[0] > SLOWEST:
+    if not braking.speed[0] > JUDGED_FROM:
         text = f"{name}: the train does not move when the brake is applied"
         raise UserError(text, "choose a stop with --from and --to")
     begin, end = braking.t[[0, -1]].tolist()
@@ -125,7 +126,7 @@ def case(result: Result) -> Case:
 
 
 def answers(
-    case: Case, algo: str, settings: antiskid.Settings, seed: int, tell: Callable[[str], None]
+    case: Case, algo: str, settings: Settings, seed: int, tell: Callable[[str], None]
 ) -> tuple[float, dict[str, Answer]]:
     """Dry distance [m] and every controller's stop, by name.
 
@@ -168,7 +169,7 @@ def answers(
 def document(
     log: str,
     case: Case,
-    settings: antiskid.Settings,
+    settings: Settings,
     dry: float,
     found: dict[str, Answer],
     findings: Sequence[Finding],
@@ -178,7 +179,7 @@ def document(
     spread = {law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in found.items()}
     stop = next(iter(found.values())).stop
     return antiskid_document(
-        stop, case.scenario.name, antiskid.parameters(found, stop.algo, settings), dry, best,
+        stop, case.scenario.name, parameters(found, stop.algo, settings), dry, best,
         log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
         intervals=verdicts(spread), findings=findings_document(findings),
     )  # fmt: skip

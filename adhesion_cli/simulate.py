@@ -11,7 +11,6 @@ from functools import cached_property
 from hashlib import sha256
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import physics
 from .controller import APPLY, HOLD, VENT
@@ -19,20 +18,21 @@ from .errors import UserError
 from .model import Channel, Column, Floats, Log, Times
 from .plant import (
     SOON,
+    Demand,
     Plant,
     Track,
+    Train,
     adhesion,
-    advance,
-    cylinder,
+    advance_to,
     demand_of,
-    force_line,
     plant_of,
     radii,
     rail_at,
-    scratch,
+    rolling,
+    settle,
     track_of,
 )
-from .rail import SLOWEST
+from .rail import CREEP_FROM
 from .read.units import UNITS
 from .scenario import Scenario, Sensor, Signal, load, scenarios
 
@@ -53,64 +53,46 @@ _NAMES: dict[Signal, str] = {
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _decide(plant: Plant, v: float, w: Floats, before: Floats, valve: NDArray[np.int64]) -> None:
+def _decide(plant: Plant, train: Train, before: Floats) -> None:
     """Sets each axle's valve from its true slip; `before` is the rim speed at the last decision."""
+    v, w = train.v, train.w
     for i in range(len(w)):
         sliding = v - w[i] if v > plant.valve_slowest else 0.0
         if sliding > plant.vent_slip * v and w[i] <= before[i]:
-            valve[i] = VENT
+            train.valve[i] = VENT
         elif sliding > plant.hold_slip * v:
-            valve[i] = HOLD
+            train.valve[i] = HOLD
         else:
-            valve[i] = APPLY
+            train.valve[i] = APPLY
         before[i] = w[i]
 
 
 def _integrate(
-    plant: Plant, track: Track, demand_t: Floats, demand_p: Floats, v: float, dt: float,
+    plant: Plant, track: Track, demand: Demand, v: float, dt: float,
     pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
     n, axles = pressure.shape
-    p, before, w, room = np.zeros(axles), np.zeros(axles), np.zeros(axles), scratch(axles)
-    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
-    for i in range(axles):
-        w[i] = before[i] = v
-    x, segment, timed_knot, decisions = 0.0, 0, 0, 0
+    train, before, decisions, rail = rolling(v, axles), np.full(axles, v), 0, np.zeros(5)
     for k in range(n):
-        t, end, recorded = k * dt, (k + 1) * dt, False
-        while t < end - SOON:
-            while demand_t[segment + 1] <= t + SOON:
-                segment += 1
-            while track.timed and track.knots[timed_knot + 1] <= t + SOON:
-                timed_knot += 1
-            if decisions * plant.valve_period <= t + SOON:
+        end, recorded = (k + 1) * dt, False
+        while train.t < end - SOON:
+            if decisions * plant.valve_period <= train.t + SOON:
                 decisions += 1
-                _decide(plant, v, w, before, valve)
-            stop = min(end, demand_t[segment + 1])
-            if decisions > 0:
-                stop = min(stop, decisions * plant.valve_period)
-            if track.timed:
-                stop = min(stop, track.knots[timed_knot + 1])
-            span = demand_t[segment + 1] - demand_t[segment]
-            rise = (demand_p[segment + 1] - demand_p[segment]) / span
-            c0 = demand_p[segment] + rise * (t - demand_t[segment])
-            for i in range(axles):
-                p[i] = cylinder(plant, valve[i], p[i], c0, c0, 0.0)
+                _decide(plant, train, before)
+            settle(plant, demand, train)
             if not recorded:
                 recorded = True
-                speed[k], distance[k] = v, x
+                speed[k], distance[k] = train.v, train.x
                 for i in range(axles):
-                    z = t if track.timed else x - plant.positions[i]
-                    knot[i] = rail_at(track, i, z, knot[i], room.rails[i])
-                    pressure[k, i], wheel_speed[k, i] = p[i], w[i] / plant.radius[i]
-                    if v > 0.0:
-                        force[k, i] = adhesion(v - w[i], v, room.rails[i], plant.patch)[0]
-            v_new = advance(plant, track, valve, knot, c0, rise, t, stop - t, v, x, w, p, room)
-            if math.isnan(v_new):
-                return t
-            x += 0.5 * (stop - t) * (v + v_new)
-            v, t = v_new, stop
+                    pressure[k, i], wheel_speed[k, i] = train.p[i], train.w[i] / plant.radius[i]
+                    z = train.t if track.timed else train.x - plant.positions[i]
+                    train.knot[i] = rail_at(track, i, z, train.knot[i], rail)
+                    force[k, i] = adhesion(train.v - train.w[i], train.v, rail, plant.patch)[0]
+            until = min(end, decisions * plant.valve_period) if decisions > 0 else end
+            train = advance_to(plant, track, demand, train, until)
+            if math.isnan(train.v):
+                return train.t
     return math.nan
 
 
@@ -139,9 +121,9 @@ class Simulation:
 
     @cached_property
     def slip(self) -> Floats:
-        """Slip s [-], NaN below `rail.SLOWEST`. Source: (2)."""
+        """Slip s [-], NaN below `rail.CREEP_FROM`. Source: (2)."""
         rim = self.wheel_speed * radii(self.scenario)
-        return physics.slip(self.train_speed[:, None], rim, 1.0, SLOWEST)
+        return physics.slip(self.train_speed[:, None], rim, 1.0, CREEP_FROM)
 
     def signal(self, signal: Signal, axle: int | None) -> Floats:
         """One axle's column of that name, axles numbered from 1; SI, shape (n,)."""
@@ -180,11 +162,11 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     seconds = np.arange(n, dtype=np.float64) * np.float64(dt)
     if scenario.rig:
         K = _sweep(scenario, seconds, wheel_speed, force, speed, distance)
-        per_pascal, at_zero = force_line(scenario.vehicle)
-        pressure[:] = np.where(K > 0.0, (K + at_zero) / per_pascal, 0.0)
+        line = physics.force_line(scenario.vehicle)
+        pressure[:] = np.where(K > 0.0, physics.cylinder_pressure(line, K), 0.0)
     else:
         failed = compiled.function(_integrate)(
-            plant_of(scenario), track_of(scenario), *demand_of(scenario),
+            plant_of(scenario), track_of(scenario), demand_of(scenario),
             scenario.train.speed, dt, pressure, wheel_speed, force, speed,
             distance,
         )  # fmt: skip

@@ -138,8 +138,7 @@ def with_reference_speed(
     known = np.isfinite(rim).any(axis=0)
     fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, every[0].axle)
-    radius = vehicle.radius(every[0].axle).value
-    braking = physics.braked(np.nan_to_num(_finite_median(K)), w, radius)
+    braking = physics.braked(np.nan_to_num(_finite_median(K)), w)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, braking, v)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .model import Floats, Times
 
-SLOWEST = 1.0  # slip has this floor under it; slides and use of adhesion count above it [m/s]
+JUDGED_FROM = 1.0  # train speed from which a stop is judged; the law's slip counts on at least it
 _SLIDE = 0.05  # slip from which a wheel slides [-]
 _STANDING = 0.1  # a rim slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
@@ -30,21 +30,22 @@ class Stop:
     force: Floats  # true F
     peak: Floats  # the most the rail can give at this speed
     peak_slip: Floats  # and the slip at which it does
-    slip: Floats  # true slip, NaN where the train is too slow
+    slip: Floats  # true slip, NaN below `JUDGED_FROM`
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
-    told_train_speed: Floats  # what the unit was told by its sensors
-    told_wheel_speed: Floats  # [rad/s]
-    told_pressure: Floats
-    told_clamping_force: Floats  # K of that pressure
+    measured_train_speed: Floats  # what the unit had of its sensors
+    measured_wheel_speed: Floats  # [rad/s]
+    measured_pressure: Floats
+    measured_clamping_force: Floats  # K of that pressure
+    measured_slip: Floats  # that the law judged, `unit.judged_slip`
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable
     confidence: Floats
-    region: NDArray[np.int8]  # index into `slope.REGIONS`, of what the unit was told
+    region: NDArray[np.int8]  # index into `slope.REGIONS`, of what was measured
     air: float  # taken in by all cylinders [normal litres]
 
     def sliding(self) -> NDArray[np.int8]:
         """`ROLLS`, `SLIDES` or `LOCKED`, shape (n, axles); rolls where the train is too slow."""
-        fast = self.train_speed[:, None] >= SLOWEST
+        fast = self.train_speed[:, None] >= JUDGED_FROM
         code = np.where(fast & (self.slip > _SLIDE), SLIDES, ROLLS)
         return np.where(fast & (self.rim_speed < _STANDING), LOCKED, code).astype(np.int8)
 

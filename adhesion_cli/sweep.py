@@ -7,10 +7,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from .antiskid import ESTIMATOR, Settings, dry_distance, run, verdict
+from .antiskid import ESTIMATOR, dry_distance, run, verdict
 from .controller import registry
 from .scenario import Film, Rail, Scenario, Section
 from .stop import Verdict
+from .unit import Settings
 
 RAILS = {
     "dry": Rail((Section(0.0, "dry"),)),

@@ -12,12 +12,12 @@ from typing import Any
 import typer.main
 
 from adhesion_cli import controller, estimator, methods, settings
-from adhesion_cli.antiskid import SLOPE_IN_LOOP
 from adhesion_cli.cli.app import app
 from adhesion_cli.model import Parameter, Quantity, Vehicle
 from adhesion_cli.read import units
 from adhesion_cli.read.source import ReadOptions
 from adhesion_cli.slope import Bands, Params
+from adhesion_cli.unit import SLOPE_IN_LOOP
 
 DOCS = Path(__file__).parent
 _HEAD = "<!-- written by docs/generate.py -->\n"

@@ -25,11 +25,13 @@ from adhesion_cli import (
     slip,
     slope,
     sweep,
+    unit,
 )  # fmt: skip
 from adhesion_cli.cli.app import app
 from adhesion_cli.controller import APPLY, HOLD, VENT, Observed, registry
 from adhesion_cli.controllers import patent, rule
 from adhesion_cli.errors import UserError
+from adhesion_cli.model import Vehicle
 from adhesion_cli.scenario import Limit, Scenario
 from adhesion_cli.stop import Stop, Verdict
 from adhesion_cli.write import mcap, rrd
@@ -108,19 +110,20 @@ def test_watchdog_ends_a_vent_that_does_not_help() -> None:
 
 
 def test_slip_rate_is_the_derivative_of_slip() -> None:
-    """`observed` without noise against the simulated wheel, while it slides off."""
+    """`unit.observed` without noise against the simulated wheel, while it slides off."""
     quiet = replace(short().antiskid, delay=0.0, wheel_noise=0.0, pressure_noise=0.0, train_noise=0)
     s = replace(short(), antiskid=replace(quiet, period=1e-3))
     stop = antiskid.run(s, "none")
-    chain = antiskid.chain_of(s.vehicle)
+    w = physics.wheelset(s.vehicle, 1)
     k = slope.init(slope.Params(), 0.0, 0.0)
     t, v = stop.t * 1e-9, stop.train_speed
     sliding = np.flatnonzero((stop.slip[:, 0] > 0.2) & (stop.slip[:, 0] < 0.9) & (v > 2.0))
     assert len(sliding) > 100
     true = np.gradient(stop.slip[:, 0], t)
     for i in sliding[5:-5:20]:
-        y, K, F = stop.told_wheel_speed[i, 0], stop.told_clamping_force[i, 0], stop.force[i, 0]
-        o = antiskid.observed(chain, v[i], y, K, F, F / chain.mass, k)
+        y, K = stop.measured_wheel_speed[i, 0], stop.measured_clamping_force[i, 0]
+        F = stop.force[i, 0]
+        o = unit.observed(w, v[i], y, K, F, F / w.mass, k)
         assert o.slip_rate == pytest.approx(true[i], rel=0.02, abs=1e-3)
 
 
@@ -159,12 +162,11 @@ def test_a_fourth_controller_is_one_file(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "lazy.py").write_text(LAZY, encoding="utf-8")
     laws = {name: m for name, (m, _) in methods.scan(controller.KIND, tmp_path).items()}
     assert list(laws) == ["lazy", "none", "patent", "rule"]
-    monkeypatch.setattr(antiskid, "controllers", lambda: laws)
-    vehicle, switches = short().vehicle, Switches()
-    samples = [(k * 10**7, 9.0, 9.0 / 0.42, 1e3 * k) for k in range(5)]
-    chosen = antiskid.choose("lazy", "leso", {})
-    wheelset, chain = physics.wheelset(vehicle, 1), antiskid.chain_of(vehicle)
-    assert list(antiskid.online(chosen, wheelset, chain, samples, switches)) == [HOLD] * 5
+    monkeypatch.setattr(unit, "controllers", lambda: laws)
+    switches = Switches()
+    samples = [(k * 10**7, 9.0, [9.0 / 0.42], [1e3 * k]) for k in range(5)]
+    chosen = unit.choose("lazy", "leso", {}, short().vehicle)
+    assert list(unit.online(chosen, samples, [switches])) == [[HOLD]] * 5
     assert switches.seen == [(True, False)] * 5
 
 
@@ -197,19 +199,32 @@ class Switches:
         self.seen.append((hold, vent))
 
 
-@pytest.mark.parametrize("controller", ["patent", "rule"])
-def test_sample_by_sample_is_the_compiled_loop(controller: str) -> None:
-    s, stop, switches = short(), stopped("short", controller), Switches()
+@pytest.mark.parametrize(
+    ("controller", "train_speed"), [("patent", "measured"), ("rule", "measured"), ("rule", "axles")]
+)
+def test_sample_by_sample_is_the_compiled_loop(controller: str, train_speed: str) -> None:
+    s = replace(case("slippery-stop"), train=replace(case("slippery-stop").train, speed=9.0))
+    s = replace(s, antiskid=replace(s.antiskid, train_speed=train_speed))
+    stop, switches = antiskid.run(s, controller), [Switches() for _ in range(4)]
+    speed = [None] * len(stop.t) if train_speed == "axles" else stop.measured_train_speed.tolist()
     samples = zip(
-        stop.t.tolist(), stop.told_train_speed.tolist(), stop.told_wheel_speed[:, 0].tolist(),
-        stop.told_clamping_force[:, 0].tolist(), strict=True,
+        stop.t.tolist(), speed, stop.measured_wheel_speed.tolist(),
+        stop.measured_clamping_force.tolist(), strict=True,
     )  # fmt: skip
-    chosen = antiskid.choose(controller, antiskid.ESTIMATOR, {})
-    wheelset, chain = physics.wheelset(s.vehicle, 1), antiskid.chain_of(s.vehicle)
-    valves = list(antiskid.online(chosen, wheelset, chain, samples, switches))
-    assert valves == stop.valve[:, 0].tolist()
-    assert set(valves) == {APPLY, HOLD, VENT}
-    assert switches.seen == [(x != APPLY, x == VENT) for x in valves]
+    chosen = unit.choose(controller, antiskid.ESTIMATOR, {}, s.vehicle)
+    valves = np.array(list(unit.online(chosen, samples, switches)))
+    np.testing.assert_array_equal(valves, stop.valve)
+    assert np.unique(valves).tolist() == [APPLY, HOLD, VENT]
+    assert (np.ptp(valves, axis=1) > 0).any()  # not every axle alike
+    for seen, valve in zip(switches, valves.T.tolist(), strict=True):
+        assert seen.seen == [(x != APPLY, x == VENT) for x in valve]
+
+
+def test_a_sample_that_lacks_an_axle_is_refused() -> None:
+    chosen = unit.choose("rule", antiskid.ESTIMATOR, {}, Vehicle())
+    samples = [(0, 9.0, [20.0, 20.0], [1e3, 1e3]), (10**7, 9.0, [20.0], [1e3])]
+    with pytest.raises(UserError, match="1 wheel speeds"):
+        list(unit.online(chosen, samples))
 
 
 def test_peak_is_the_most_the_rail_gives() -> None:
@@ -259,9 +274,9 @@ def test_a_unit_without_a_radar_goes_by_its_axles() -> None:
     s = case("low-adhesion")  # two of its axles roll
     s = replace(s, antiskid=replace(s.antiskid, train_speed="axles"))
     stop = antiskid.run(s, "patent")
-    fastest = (stop.told_wheel_speed * s.vehicle.radius(1).value).max(axis=1)
-    assert (stop.told_train_speed >= fastest - 1e-9).all()
-    assert np.abs(stop.told_train_speed - stop.train_speed).max() < 0.1
+    fastest = (stop.measured_wheel_speed * s.vehicle.radius(1).value).max(axis=1)
+    assert (stop.measured_train_speed >= fastest - 1e-9).all()
+    assert np.abs(stop.measured_train_speed - stop.train_speed).max() < 0.1
     verdict = antiskid.verdict(stop, s, antiskid.dry_distance(s))
     assert verdict.utilisation == pytest.approx(
         judged("low-adhesion", "patent").utilisation, abs=0.01
@@ -272,10 +287,10 @@ def test_axles_that_all_slide_lose_the_train() -> None:
     s = replace(short(), antiskid=replace(short().antiskid, train_speed="axles"))
     stop = antiskid.run(s, "none")
     moves = stop.train_speed > 2.0
-    assert (stop.told_train_speed[moves] < stop.train_speed[moves] - 1.0).any()
-    h, told = 1e-2, stop.told_train_speed
-    braking = physics.braked(stop.told_clamping_force[:, 0], physics.wheelset(s.vehicle, 1), 0.42)
-    fall = -np.diff(told) / h
+    assert (stop.measured_train_speed[moves] < stop.train_speed[moves] - 1.0).any()
+    w = physics.wheelset(s.vehicle, 1)
+    braking = physics.braked(stop.measured_clamping_force[:, 0], w)
+    fall = -np.diff(stop.measured_train_speed) / 1e-2
     assert (fall <= physics.HARDER * braking[1:] + physics.GRADIENT + 1e-9).all()
 
 
@@ -321,6 +336,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
         ({}, "patent", "kalman", {"patnet": {}}, "patnet"),
         ({}, "patent", "kalman", {"slope": {"delta": -1.0}}, "out of range"),
         ({"dt": 0.015}, "none", "kalman", {}, "dt"),
+        ({}, "none", "leso", {"leso": {"euler": 1.0}}, "longest stable"),
         ({"brake": scenario.Brake()}, "none", "kalman", {}, "no train that brakes"),
     ],
 )  # fmt: skip
@@ -365,10 +381,10 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     assert result.vehicle == vehicle
     (axle,) = result.axles
     np.testing.assert_array_equal(axle.record.t, stop.t)
-    np.testing.assert_array_equal(axle.record.wheel_speed, stop.told_wheel_speed[:, 0])
-    np.testing.assert_array_equal(axle.record.train_speed, stop.told_train_speed)
+    np.testing.assert_array_equal(axle.record.wheel_speed, stop.measured_wheel_speed[:, 0])
+    np.testing.assert_array_equal(axle.record.train_speed, stop.measured_train_speed)
     np.testing.assert_allclose(
-        axle.record.clamping_force, stop.told_clamping_force[:, 0], rtol=1e-9
+        axle.record.clamping_force, stop.measured_clamping_force[:, 0], rtol=1e-9
     )
     np.testing.assert_array_equal(axle.record.truth, stop.force[:, 0])
     moves = stop.train_speed > 2.0
@@ -438,7 +454,7 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     doc = json.loads(capsys.readouterr().out)
     used = doc["parameters"]
     assert [used["patent"][k] for k in ("slip_low", "slip_high", "patience")] == [0.01, 0.04, 0.2]
-    assert (used["slope"]["rho"], used["slope"]["delta"]) == (0.7, antiskid.SLOPE_IN_LOOP["delta"])
+    assert (used["slope"]["rho"], used["slope"]["delta"]) == (0.7, unit.SLOPE_IN_LOOP["delta"])
     assert (doc["estimator"], used["neso"]["beta1"]) == ("neso", 90.0)
     stated = {name: used[name] for name in ("patent", "slope", "neso")}
     best = scenario.load("short.toml")

@@ -25,6 +25,7 @@ LAYERS = [
     {"scenario"},
     {"plant"},
     {"simulate"},
+    {"unit"},
     {"antiskid"},
     {"sweep"},
     {"settings"},

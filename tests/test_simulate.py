@@ -190,7 +190,7 @@ def test_compiled_equals_plain_python() -> None:
     n = len(fast.t)
     columns = [np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4)), np.zeros(n), np.zeros(n)]
     plant, track = plant_of(s), track_of(s)
-    failed = simulate._integrate(plant, track, *demand_of(s), s.train.speed, s.dt, *columns)
+    failed = simulate._integrate(plant, track, demand_of(s), s.train.speed, s.dt, *columns)
     assert math.isnan(failed)
     for plain, compiled in zip(
         columns,

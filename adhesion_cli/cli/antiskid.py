@@ -12,11 +12,11 @@ from . import results
 from .options import Shared, completes, estimators, loader, scenarios, shared
 
 if TYPE_CHECKING:
-    from ..antiskid import Settings as Stated
     from ..plant import Track
     from ..scenario import Limit, Scenario
     from ..stop import Stop, Verdict
     from ..sweep import Row
+    from ..unit import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
 _OF_LOGS = {name: "--" + name.strip("_") for name in ("axle", "from_", "to", "strict", "reference")}
@@ -76,6 +76,7 @@ def command(
     from ..document import antiskid_document, dumps, sweep_document
     from ..errors import UserError
     from ..scenario import load
+    from ..unit import parameters
     from ..write import files
     from . import show
 
@@ -95,8 +96,8 @@ def command(
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
-    case, tell = _told(load(scenario), train_speed), show.progress(shared.quiet)
-    made_with = antiskid.parameters(registry(), algo, settings)
+    case, tell = _with_train_speed(load(scenario), train_speed), show.progress(shared.quiet)
+    made_with = parameters(registry(), algo, settings)
     if rails:
         from ..sweep import sweep
 
@@ -152,8 +153,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     tell(f"{log.name}: rail under each axle")
     replayed = case(result)
     replayed = replayed._replace(
-        scenario=_told(replayed.scenario, train_speed),
-        draws=[(_told(s, train_speed), track) for s, track in replayed.draws],
+        scenario=_with_train_speed(replayed.scenario, train_speed),
+        draws=[(_with_train_speed(s, train_speed), track) for s, track in replayed.draws],
     )
     settings = loader(shared)().overrides
     dry, found = answers(replayed, algo, settings, seed, tell)
@@ -176,7 +177,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     return 3 if show.lossy(findings) else 0
 
 
-def _told(case: "Scenario", train_speed: TrainSpeed | None) -> "Scenario":
+def _with_train_speed(case: "Scenario", train_speed: TrainSpeed | None) -> "Scenario":
     """The scenario with another source of the unit's train speed."""
     return (
         replace(case, antiskid=replace(case.antiskid, train_speed=train_speed))
@@ -199,9 +200,9 @@ def _write(
     document: dict[str, Any], text: str,
 ) -> None:  # fmt: skip
     """Writes the files, each stop with what it was made from, and says what came out."""
-    from ..antiskid import bands
     from ..document import dumps
     from ..physics import G
+    from ..unit import bands
     from ..write import files, mcap, rrd
     from . import show
 
@@ -232,8 +233,8 @@ def _carried(
         track: the fitted rail, where that is not the scenario's.
         more: on the log it was fitted to.
     """
-    from ..antiskid import bands, parameters
     from ..settings import Settings, tree
+    from ..unit import bands, parameters
 
     unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
     loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}

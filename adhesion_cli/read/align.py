@@ -20,7 +20,7 @@ from ..model import (
     Times,
     Vehicle,
 )  # fmt: skip
-from ..physics import clamping_force, force_per_pressure
+from ..physics import clamping_force, force_line
 from . import checks, held, plausible, timeaxis
 from .grid import Axle
 
@@ -237,7 +237,7 @@ def _record(
         at.held[kept] if is_pressure else None,
         at.train[kept] if train else None,
         at.truth[kept] if truth else None,
-        brake.step * (force_per_pressure(vehicle) if is_pressure else 1.0),
+        brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
     ), findings  # fmt: skip
 

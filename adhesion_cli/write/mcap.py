@@ -40,7 +40,7 @@ from .. import __version__, physics
 from ..errors import UserError
 from ..model import AxleResult, Column, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
-from ..stop import SLOWEST, Stop
+from ..stop import Stop
 from ..text import printable
 from . import descriptors, names
 
@@ -160,7 +160,7 @@ def write_log(path: Path, log: Log) -> None:
 def write_stop(
     path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str
 ) -> None:
-    """Write one stop in closed loop as a result: a log of what the unit was told, with the truth.
+    """Write one stop in closed loop as a result: a log of what the unit measured, with the truth.
 
     Args:
         path: file to write; its old content is lost.
@@ -320,20 +320,20 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
 
 
 def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
-    """One axle of a stop, counted from 0: what it was told, what was true, what it did."""
+    """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
     topic, slip = f"/axle/{i + 1}", descriptors.message("Slip")
 
     def stream(name: str, message: str, **columns: tuple[str, Floats]) -> _Stream:
         filled = {f: (unit, _known(v)) for f, (unit, v) in columns.items()}
         return _Stream(f"{topic}/{name}", message, stop.t, filled)
 
-    radius, F = vehicle.radius(1).value, stop.estimate[:, i]  # the unit knows one radius
+    F = stop.estimate[:, i]
     yield stream(
         "input", "AxleInput",
-        brake_cylinder_pressure=("Pa", stop.told_pressure[:, i]),
-        clamping_force=("N", stop.told_clamping_force[:, i]),
-        wheel_speed=("rad/s", stop.told_wheel_speed[:, i]),
-        train_speed=("m/s", stop.told_train_speed),
+        brake_cylinder_pressure=("Pa", stop.measured_pressure[:, i]),
+        clamping_force=("N", stop.measured_clamping_force[:, i]),
+        wheel_speed=("rad/s", stop.measured_wheel_speed[:, i]),
+        train_speed=("m/s", stop.measured_train_speed),
     )  # fmt: skip
     yield stream(
         f"estimate/{stop.algo}", "Estimate",
@@ -341,11 +341,11 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
         error=("N", F - stop.force[:, i]),
     )  # fmt: skip
     yield stream("truth", "Truth", force=("N", stop.force[:, i]), slip=("-", stop.slip[:, i]))
-    told = physics.slip(stop.told_train_speed, stop.told_wheel_speed[:, i], radius, SLOWEST)
     yield replace(
         stream(
             "slip", "Slip",
-            slip=("-", told), coefficient=("-", physics.coefficient(F, vehicle)),
+            slip=("-", stop.measured_slip[:, i]),
+            coefficient=("-", physics.coefficient(F, vehicle)),
             slope=("-", stop.slope[:, i]), slope_confidence=("-", stop.confidence[:, i]),
         ),
         tails=tuple(slip(region=name).SerializeToString() for name in REGIONS),
