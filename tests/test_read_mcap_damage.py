@@ -481,33 +481,3 @@ def test_hostile_files_are_told_of(tmp_path: Path, name: str) -> None:
     assert str(path) in text
     # generous: the point is that no size inside the file decides how long it takes
     assert time.process_time() - begin < 10
-
-
-def test_hostile_files_need_little_memory(tmp_path: Path) -> None:
-    """All of them, one after the other, in one process."""
-    for i, make in enumerate(HOSTILE.values()):
-        (tmp_path / f"{i}.mcap").write_bytes(make())
-    script = """
-import sys
-from pathlib import Path
-from adhesion_cli.errors import UserError
-from adhesion_cli.read import json_rows, mcap, protobuf, ros2
-from adhesion_cli.read.source import ReadOptions
-import lz4.frame, zstandard
-def peak():  # of this program alone, in KiB
-    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
-
-before = peak()
-for path in sorted(Path(sys.argv[1]).glob("*.mcap")):
-    try:
-        source = mcap.open_mcap(path, ReadOptions())
-        source.columns(source.fields)
-    except UserError:
-        pass
-print(peak() - before)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path)],
-        capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1],
-    )  # fmt: skip
-    assert int(done.stdout) < 200 << 10  # KiB
