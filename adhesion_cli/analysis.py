@@ -25,6 +25,10 @@ from .read import align
 from .read.log import open_source, read
 from .settings import Settings
 
+_HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
+_BRAKED = 0.05  # of the highest K: less is no braking
+_SLIGHT = 0.02  # of the highest φK: as little is an error of what the model leaves out
+
 
 def chosen(algos: Sequence[str]) -> list[Estimator]:
     """The estimators of these names, every one if none is named.
@@ -136,7 +140,7 @@ def _axle(
     if record.train_speed is None:
         return result, findings
     result, told = slip.observed(
-        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
+        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands, start_ns
     )
     return result, findings + told
 
@@ -208,7 +212,25 @@ def _told(
         f"their first {metrics.START_UP:g} s are not scored"
     )
     tell("started-braked", "info", text, begins)
-    mu = np.abs(np.nan_to_num(physics.coefficient(ref.force, vehicle)))
-    text = f"adhesion coefficient up to {mu.max():.1f}: units or vehicle parameters are wrong"
-    tell("implausible", "warning", text, mu > 1.0)
+    force, surely = np.nan_to_num(np.abs(ref.force)), np.nan_to_num(np.abs(ref.force) - ref.half)
+    highest = float(physics.coefficient(force, vehicle).max(initial=0.0))
+    text = f"adhesion coefficient up to {highest:.1f}: units or vehicle parameters are wrong"
+    high = (physics.coefficient(force, vehicle) > 1.0) | (
+        physics.coefficient(surely, vehicle) > _HIGHEST
+    )
+    tell("implausible", "warning", text, high)
+
+    # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
+    K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
+    most = float(K.max(initial=0.0))
+    driving = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
+    driving &= (_BRAKED * most < K) & ~high
+    slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
+    locks = slowing > physics.LOCKING
+    for where, sensor in (
+        (driving & locks, "the wheel-speed sensor drops out"),
+        (driving & ~locks, "the pressure sensor reads too little or too late, or another brake"),
+    ):
+        text = f"the wheel slows harder than its brake makes it even without adhesion: {sensor}"
+        tell("implausible", "warning", text, where)
     return findings

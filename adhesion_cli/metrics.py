@@ -49,7 +49,7 @@ def applications(record: AxleRecord) -> tuple[slice, ...]:
     low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
     base = low if low < 0.1 * top else 0.0
     # What bends from one sample to the next is noise, but on a slow log it is the brake itself.
-    bend = math.sqrt(white_noise([record.clamping_force[s] for s in runs]))
+    bend = math.sqrt(white_noise((record.t[s], record.clamping_force[s]) for s in runs))
     noise = min(bend, 0.025 * (top - base))
     on = base + max(0.05 * (top - base), 8.0 * noise, _SLIGHT)
     off = base + max(0.02 * (top - base), 4.0 * noise, _LEAST)

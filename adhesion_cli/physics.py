@@ -6,14 +6,16 @@ on arrays and inside a compiled loop.
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .model import AxleRecord, Bools, Floats, Vehicle, Wheelset
+from .model import AxleRecord, Bools, Floats, Times, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
 HARDER, GRADIENT = 1.2, 0.4  # error of what brakes are said to do; 4 % of slope [m/s²]
+LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder [m/s²]
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
@@ -157,14 +159,19 @@ def true_runs(mask: Bools) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def white_noise(columns: list[Floats]) -> float:
-    """Variance of the white noise on smooth signals, each of shape (n,); 0 where too short.
+def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
+    """Variance of the white noise on smooth signals; 0 where too short.
 
-    Mean square bend over three neighbours, in blocks of 50; the median block, so that edges in
-    less than half of them do not count.
+    Mean square departure from the straight line through both neighbours, in blocks of 50; the
+    median block, so that edges in less than half of them do not count.
+
+    Args:
+        runs: times, rising strictly, and values of each run, shape (n,).
     """
     blocks = []
-    for x in columns:
-        square = np.diff(x, 2) ** 2 / 6.0
+    for t, x in runs:
+        share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])  # of the later neighbour
+        off = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
+        square = off**2 / (1.0 + share**2 + (1.0 - share) ** 2)
         blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
     return float(np.median(blocks)) if blocks else 0.0

@@ -17,6 +17,7 @@ from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
 from .physics import driven, moving, rolling_deceleration, true_runs, wheelset, white_noise
 
+_SHORTEST = 8  # samples of a run: fewer do not tell their own noise
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 _PULSES = 24.0  # of a counter that tell a speed to a few percent
@@ -47,7 +48,6 @@ class Method:
 
     text: str
     source: str
-    shortest: int  # samples that a run must have
     # Takes the runs, what run-out adds to the wheel speed of each, and the wheelset's constants.
     parts: Callable[[list[AxleRecord], list[Floats], Wheelset], list[Parts]]
 
@@ -55,9 +55,9 @@ class Method:
 def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> Reference:
     """Reference adhesion force over all segments, each on its own.
 
-    Force, sigma and band are NaN where there is none: in a segment shorter than the method's
-    `shortest`, where the wheel stands, and where a motor drives it. What a tone ring's run-out adds
-    to the wheel speed is taken out first.
+    Force, sigma and band are NaN where there is none: in a segment of too few samples, where the
+    wheel stands, and where a motor drives it. What a tone ring's run-out adds to the wheel speed is
+    taken out first.
 
     Args:
         record: one axle's record; takes K interpolated, the steps as they are.
@@ -70,7 +70,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     if method not in METHODS:
         raise unknown("reference", method, list(METHODS))
     w = wheelset(vehicle, record.axle)
-    slices = [s for s in moving(record) if s.stop - s.start >= METHODS[method].shortest]
+    slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
     runs = [record.cut(s) for s in slices]
     ripples = [runout.found(_seconds(r), r.wheel_speed) for r in runs]
     force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
@@ -135,7 +135,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     wheel = [_rolling(r, x, k, w, together) for r, x, k in every]
     telling = [_telling(run) for run in wheel]
     rounding = _rounding(runs[0].wheel_speed_step, together)
-    white = white_noise([r.y for r in (telling if together > 1 else wheel)])
+    white = white_noise((r.t, r.y) for r in (telling if together > 1 else wheel))
     white = max(white - rounding, 1e-3 * rounding)
     rolling = smoother.Noise(white, 1e-3, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
@@ -177,10 +177,12 @@ def _counted(run: AxleRecord) -> int:
     if step == 0.0 or len(y) < 100:
         return 1
     sums = np.convolve(y, np.ones(4), "valid")
-    one, four = white_noise([y]), np.median([white_noise([sums[i::4]]) for i in range(4)])
+    t = _seconds(run)
+    one = white_noise([(t, y)])
+    four = np.median([white_noise([(t[: len(sums)][i::4], sums[i::4])]) for i in range(4)])
     if one < step**2 / 24.0 or four > 2.0 * one:
         return 1
-    interval = float(np.median(np.diff(_seconds(run))))
+    interval = float(np.median(np.diff(t)))
     m = min(_PULSES * step / max(float(np.median(y)), step), _BRIEF / interval)
     return max(2 * math.ceil((m - 1.0) / 2.0) + 1, 1)
 
@@ -301,7 +303,7 @@ def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     step = _step(every)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
     rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
-    guess = smoother.Noise(max(white_noise([r.y for r in every]), floor), 0.0, rough)
+    guess = smoother.Noise(max(white_noise((r.t, r.y) for r in every), floor), 0.0, rough)
     regimes = smoother.Regimes(np.zeros(3), _LEAVE, _START, 3.0 * scale)
     noise, _ = smoother.fit(_sample(every), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
     found = []
@@ -396,15 +398,16 @@ def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
 
 
 def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
-    """Zero-phase Butterworth low pass on ω, differentiated; φK unfiltered.
+    """Zero-phase Butterworth low pass on ω, differentiated; K as the smoother has it.
 
     Each run is resampled to its median interval, filtered forwards and backwards, and put back to
-    its own times. Sigma is what the filter lets through of the noise it removed, taken as white.
+    its own times. Sigma is what the filter lets through of the noise it removed, taken as white,
+    and K's own.
     """
     from scipy.signal import butter, sosfiltfilt
 
     found = []
-    for run, ripple in zip(runs, ripples, strict=True):
+    for run, ripple, k in zip(runs, ripples, _clamping(runs), strict=True):
         t, y = _seconds(run), run.wheel_speed - ripple
         n = len(t)
         even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
@@ -420,13 +423,11 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
         removed = float(np.std(y - np.interp(t, even, smooth)))
         noise = max(removed, run.wheel_speed_step / math.sqrt(12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
-        own = [_piece(run, s).y for s in _pressed(run)]
-        pressed_sigma = math.sqrt(white_noise(own))
         found.append(
             Parts(
-                run.clamping_force_smooth,
+                k.level,
                 np.interp(t, even, np.gradient(smooth, 1.0 / rate)),
-                np.full(n, math.hypot(speed_sigma / w.a, w.phi * pressed_sigma)),
+                np.hypot(speed_sigma / w.a, w.phi * k.level_sigma),
             )
         )
     return found
@@ -436,13 +437,11 @@ METHODS: dict[str, Method] = {
     "smoother": Method(
         "Rauch-Tung-Striebel smoother with rolling, sliding and changing regimes",
         "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
-        3,
         _smoother,
     ),
     "butterworth": Method(
         "zero-phase Butterworth low pass on the wheel speed, differentiated",
         "Wu, Peng, Li, section 4",
-        8,
         _butterworth,
     ),
 }

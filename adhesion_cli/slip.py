@@ -255,7 +255,7 @@ def delayed(record: AxleRecord, slip: Floats) -> list[tuple[slice, float]]:
 
 
 def observed(
-    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands
+    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands, start_ns: int = 0
 ) -> tuple[AxleResult, list[Finding]]:
     """The result of an axle with a train speed, with its slip, slope, regions and their events.
 
@@ -267,6 +267,7 @@ def observed(
         slowest: no slip below this train speed [m/s].
         p: of the slope.
         bands: of the AND-test.
+        start_ns: the log's start, for the findings.
     """
     record = axle.record
     assert record.train_speed is not None
@@ -281,7 +282,8 @@ def observed(
         for where, _ in late:
             slip[where] = np.nan
         count = sum(where.stop - where.start for where, _ in late)
-        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", count))
+        first = (int(record.t[late[0][0].start]) - start_ns) / 1e9
+        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", count, first))
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     with np.errstate(divide="ignore", invalid="ignore"):
         slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)

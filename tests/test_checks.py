@@ -303,11 +303,11 @@ def test_the_unit_that_was_meant_is_named(
     )
 
 
-def test_another_vehicle_is_only_a_hint(tmp_path: Path) -> None:
+def test_another_vehicle_is_told(tmp_path: Path) -> None:
     stated = settings.load(None, ["vehicle.lever_ratio=2.4"])
     log = simulated.recordings("service-brake", vehicle=stated.vehicle)
     (told,) = found(log, tmp_path)
-    assert (told.code, told.severity) == ("vehicle-suspect", "info")
+    assert (told.code, told.severity) == ("vehicle-suspect", "warning")
     assert "lever_ratio" in told.message
     assert not found(log, tmp_path, stated)
 
@@ -330,7 +330,9 @@ def test_the_friction_that_would_fit_is_told(
     path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
     one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
     told = [f for f in align.records(one, stated.vehicle)[1] if f.code in CODES]
-    assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "info")] * (friction != 0.3)
+    assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
+        friction != 0.3
+    )
     assert all(f"friction = {friction:.2g}" in f.message for f in told)
 
 
@@ -340,6 +342,14 @@ def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:
 
     log = simulated.changed(clean("service-brake", 1, "as it is"), "pressure", off)
     assert codes(log, tmp_path) == {"brake-unknown"}
+
+
+def test_a_brake_that_pushes_is_told_with_the_sensor(tmp_path: Path) -> None:
+    log = simulated.scaled(clean("low-adhesion", 1, "as it is"), "pressure", 0, 0.3)
+    told = [f for f in analysed(log, tmp_path).findings if f.code == "implausible"]
+    assert {f.channel for f in told} == {f"axle {i}" for i in (1, 2, 3, 4)}
+    assert all("pressure sensor reads too little" in f.message for f in told)
+    assert all(f.severity == "warning" and f.first_s > 3.0 for f in told)
 
 
 def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
@@ -428,6 +438,19 @@ def finding_codes() -> set[str]:
                 case ast.Assign(targets=[ast.Name(id="code")], value=ast.Constant(c)):
                     texts.append(c)
     return {str(t) for t in texts if isinstance(t, str) and kebab.fullmatch(t)} - {"utf-8"}
+
+
+def test_every_finding_that_counts_samples_says_when_first() -> None:
+    of_no_samples = {"time-others", "interleaved", "long-layout", "mcap-damaged"}
+    without = set()
+    for path in (ROOT / "adhesion_cli").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Finding":
+                given = {k.arg for k in node.keywords}
+                counts = len(node.args) > 4 or "count" in given
+                if counts and len(node.args) < 6 and "first_s" not in given:
+                    without.add(ast.literal_eval(node.args[0]))
+    assert without == of_no_samples
 
 
 def test_every_finding_is_documented() -> None:

@@ -140,7 +140,7 @@ def test_settings_change_the_result_and_a_result_keeps_them(run: Run, tmp_path: 
         (axle,) = json.loads(done.stdout)["results"][0]["axles"]
         return float(axle["estimators"][0]["rmse_n"])
 
-    stated = ("--set", "neso.beta1=100", "--set", "vehicle.phi=0.2")
+    stated = ("--set", "neso.beta1=100", "--set", "vehicle.phi=0.28")
     assert run("analyze", "a.csv", *stated).returncode == 0
     changed = rmse("a.csv", *stated)
     assert changed != pytest.approx(rmse("a.csv"), rel=0.1)
@@ -401,7 +401,7 @@ def test_mappings_of_raw_logs_do_not_concern_results(run: Run, tmp_path: Path) -
     (tmp_path / "raw.csv").write_text(text)
     (tmp_path / "map.toml").write_text(
         '[channels]\npressure = {channel = "x", unit = "bar"}\nspeed."axle 1" = '
-        '{channel = "y", unit = "km/h"}\n[vehicle]\nfriction = 0.2\n'
+        '{channel = "y", unit = "km/h"}\n[vehicle]\nfriction = 0.28\n'
     )
     chosen = ("-c", "map.toml", "--algo", "td", "--json")
     first = run("analyze", "raw.csv", *chosen, "--from", "1", "--axle", "1")
@@ -422,7 +422,7 @@ def test_mappings_of_raw_logs_do_not_concern_results(run: Run, tmp_path: Path) -
     assert carried["selection"] == {"from": 1.0, "axles": [1], "strict": False}
     again = settings.load(base=carried, folder=False)
     assert again.mappings == ()
-    assert again.vehicle.friction.value == 0.2
+    assert again.vehicle.friction.value == 0.28
     metrics = json.loads(metadata["adhesion.metrics"]["json"])
     assert metrics["results"][0]["channels"] == result["channels"]
 
@@ -464,7 +464,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
 
 def test_view_makes_a_recording_anew_and_keeps_the_set_whole(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(rows())
-    assert run("analyze", "a.csv", "--algo", "td", "--set", "vehicle.phi=0.2").returncode == 0
+    assert run("analyze", "a.csv", "--algo", "td", "--set", "vehicle.phi=0.28").returncode == 0
     recording, manifest = tmp_path / "a.adhesion.rrd", tmp_path / "a.adhesion.sha256"
     record = tmp_path / "a.adhesion.mcap"
     (tmp_path / "adhesion.toml").write_text("friction = 0.25\n")  # came later than the result

@@ -371,13 +371,42 @@ def test_constant_signals_without_noise_give_finite_numbers(rate: float, K: floa
     assert np.isfinite(F.sigma).all()
 
 
-@pytest.mark.parametrize("n", [3, 4, 5, 9])
+@pytest.mark.parametrize("n", [7, 8, 12])
 def test_the_shortest_segments_give_finite_numbers(n: int) -> None:
     t = (np.arange(n) * 10_000_000).astype(np.int64)
     K = np.linspace(0.0, 5000.0, n)
     record = AxleRecord(1, t, K, K, 50.0 - 0.01 * np.arange(n), (slice(0, n),))
     F = reference.compute(record, VEHICLE)
-    assert np.isfinite([F.force, F.sigma, F.lower, F.upper]).all()
+    assert (np.isfinite([F.force, F.sigma, F.lower, F.upper]) == (n >= 8)).all()
+
+
+@pytest.mark.parametrize("n", [8, 12, 24])
+@pytest.mark.parametrize("rate", [10.0, 100.0])
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+def test_a_short_log_knows_its_error(name: str, rate: float, n: int) -> None:
+    record, _ = logged(name, rate, pressure_noise=500.0)
+    shares = []
+    for first in np.linspace(0.1, 0.8, 20) * len(record):
+        part = record.cut(slice(int(first), int(first) + n))
+        F = reference.compute(part, VEHICLE)
+        shares.append(share_inside(F, part.truth, np.isfinite(F.force)))
+    assert np.nanmean(shares) >= 0.8
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2, 0.49])
+def test_white_noise_is_the_same_on_uneven_stamps(jitter: float) -> None:
+    random = np.random.default_rng(1)
+    t = (np.arange(5000) + random.uniform(-jitter, jitter, 5000)) * 0.01
+    y = 90.0 - 2.6 * t + random.normal(0.0, 1e-3, len(t))
+    assert math.sqrt(physics.white_noise([(t, y)])) == pytest.approx(1e-3, rel=0.1)
+
+
+def test_butterworth_knows_a_slow_pressure() -> None:
+    record, _ = logged("service-brake", 100.0, pressure_noise=300.0, pressure_rate=2.0)
+    F = reference.compute(record, VEHICLE, "butterworth")
+    error = F.force - record.truth
+    assert share_inside(F, record.truth, np.isfinite(error)) >= 0.8
+    assert np.median(F.sigma) < 30.0
 
 
 def test_unknown_method() -> None:

@@ -27,6 +27,6 @@ def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
     for i in range(n):
         t = i / rate
         pressure = 3.5 * min(max(t - 1.0, 0.0), 1.0)
-        speed = 72.0 - 2.0 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
+        speed = 72.0 - 1.25 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
         lines.append(f"{start + t:.3f},{pressure:.3f},{speed:.4f}")
     return "\n".join(lines) + "\n"

@@ -192,7 +192,8 @@ def _alone(c: Channel) -> tuple[Bools, Floats]:
 
 def _noise(c: Channel) -> float:
     """More than two samples differ by from noise alone."""
-    return 8.0 * math.sqrt(white_noise([c.data.value])) + 6.0 * c.step
+    runs = ((c.data.t[s], c.data.value[s]) for s in timeaxis.pieces(c.starts, len(c.data.t)))
+    return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.step
 
 
 def locked(speed: Channel, others: Sequence[Channel]) -> Bools:

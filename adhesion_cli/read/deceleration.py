@@ -11,13 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Finding, Floats, Severity, Vehicle
-from ..physics import G, clamping_force, true_runs
+from ..physics import LOCKING, G, clamping_force, true_runs
 from .grid import FREE, LEAST, Grid, Scene, far, largest
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
 _HIGHEST = 12e5  # no brake cylinder has more [Pa]
-_LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
 _HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
 _STARTING = 1.5  # nor does a train start harder [m/s²]
 _GRADIENT = 0.4  # deceleration that a gradient of 4 % explains [m/s²]
@@ -65,13 +64,13 @@ def too_hard(s: Scene) -> Iterator[Finding]:
     """Wheels that stop harder than any brake does."""
     slowing = -s.grid.slope(s.grid.rim)
     moving = np.isfinite(slowing) & (s.grid.rim > 0.1 * np.nanmax(s.grid.rim, initial=0.0))
-    hard = slowing > _LOCKING
+    hard = slowing > LOCKING
     if moving.any() and hard[moving].mean() > 0.25:
         text = (
             f"the wheels slow by {np.median(slowing[moving & hard]):.0f} m/s² at the rim, more "
             "than any brake does: state the units of time and speed in [channels]"
         )
-        yield s.told("unit-suspect", "warning", text, s.axles[0].speed, largest(slowing) > _LOCKING)
+        yield s.told("unit-suspect", "warning", text, s.axles[0].speed, largest(slowing) > LOCKING)
 
 
 # Another brake, another clock, another unit or vehicle
@@ -161,7 +160,7 @@ def another_factor(s: Scene) -> Iterator[Finding]:
         text += f": it would fit with {' or '.join(units)}; state the unit in [channels]"
         text += f", or check {suspects}"
     elif 1.0 / _ANY_VEHICLE < factor < _ANY_VEHICLE:
-        code, severity = "vehicle-suspect", "info"
+        code = "vehicle-suspect"
         phi, mass = s.vehicle.friction.value, s.vehicle.axle_mass.value
         text += (
             f", the stated tolerances allow {100.0 * allowed:.0f} %: it would fit with "

@@ -245,7 +245,7 @@ def _channel(
             counted = unit.dimension == "count"
             turn = 2.0 * math.pi / max(m.teeth, 1) if counted else unit.factor
             step = (1.0 if counted else step) * turn / max(axis.interval_ns / 1e9, 1e-9)
-            data, starts, found = _rate(data, starts, gap_ns, turn, m.wrap, unit, told)
+            data, starts, found = _rate(data, starts, gap_ns, turn, m.wrap, unit, told, start)
             findings += found
         else:
             data = replace(data, value=factor * data.value + unit.offset)
@@ -284,6 +284,7 @@ def _rate(
     wrap: float,
     unit: units.Unit,
     channel: str,
+    start_ns: int,
 ) -> tuple[Column, tuple[int, ...], list[Finding]]:
     """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
 
@@ -307,7 +308,8 @@ def _rate(
         ("counter-reset", "warning", "counter falls back and not by a wrap: no speed there", reset),
     ):
         if count := int(where.sum()):
-            findings.append(Finding(code, severity, text, channel, count))  # type: ignore[arg-type]
+            first = (int(data.t[1:][np.argmax(where)]) - start_ns) / 1e9
+            findings.append(Finding(code, severity, text, channel, count, first))  # type: ignore[arg-type]
     kept = inside & ~reset
     middle = data.t[:-1] + dt // 2
     speed = step * turn / (np.maximum(dt, 1) / 1e9)
