@@ -260,6 +260,7 @@ class Reference:
     sigma: Floats  # 1 sigma of the noise part
     tolerance: Floats  # 1 sigma by the vehicle's tolerances
     runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
+    late: float = 0.0  # by which the pressure is behind the wheel speed [s]; sigma holds it
 
     @property
     def half(self) -> Floats:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from . import runout, smoother
+from . import delay, runout, smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
 from .physics import driven, moving, rolling_deceleration, true_runs, wheelset, white_noise
@@ -57,7 +57,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
 
     Force, sigma and band are NaN where there is none: in a segment of too few samples, where the
     wheel stands, and where a motor drives it. What a tone ring's run-out adds to the wheel speed is
-    taken out first.
+    taken out first. Where the pressure is late, sigma holds what K is off by.
 
     Args:
         record: one axle's record; takes K interpolated, the steps as they are.
@@ -73,17 +73,21 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
     runs = [record.cut(s) for s in slices]
     ripples = [runout.found(_seconds(r), r.wheel_speed) for r in runs]
+    late = delay.found(runs, w)
     force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
     found = METHODS[method].parts(runs, [part for part, _ in ripples], w)
     for s, parts in zip(slices, found, strict=True):
         force[s] = w.phi * parts.clamping_force + parts.acceleration / w.a  # (1)
         sigma[s] = parts.sigma
         tolerance[s] = _tolerance(record, vehicle, parts)
+        if late:
+            missed = delay.missed(record.t[s], parts.clamping_force, late)
+            sigma[s] = np.hypot(sigma[s], w.phi * missed)
     unknown_torque = driven(record, vehicle.radius(record.axle).value)
     for column in (force, sigma, tolerance):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
-    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest)
+    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest, late)
 
 
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:

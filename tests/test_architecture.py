@@ -19,7 +19,7 @@ LAYERS = [
     {"physics", "methods", "stop"},
     {"estimator", "controller"},
     {"estimators", "compiled", "rail", "slope"},
-    {"runout", "smoother", "controllers", "railfit"},
+    {"delay", "runout", "smoother", "controllers", "railfit"},
     {"reference"},
     {"metrics", "read", "write"},
     {"scenario"},
