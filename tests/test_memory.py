@@ -82,6 +82,32 @@ def test_reading_mcap(tmp_path: Path, chunked: bool) -> None:
     assert grown(READ, tmp_path / "log.mcap", 2_000_000) < (10 if chunked else 19) * MIB
 
 
+READ_CSV = """
+import os, concurrent.futures.thread, pyarrow.csv
+from adhesion_cli.read.csv import open_csv
+from adhesion_cli.read.source import ReadOptions
+os.cpu_count = lambda: 2  # each processor has its blocks
+before = begin()
+source = open_csv(path, ReadOptions())
+columns = source.columns(source.fields)
+assert source.rows == n and all(c.valid.all() for c in columns)
+held = columns[0].t.nbytes + sum(c.value.nbytes + c.valid.nbytes for c in columns)
+print(peak() - before - held // 1024)
+"""
+
+
+@pytest.mark.parametrize("megabytes", [20, 80])
+def test_reading_csv(tmp_path: Path, megabytes: int) -> None:
+    """The text would not fit under the limit, nor a second copy of the larger log's columns."""
+    rows = megabytes * 1_000_000 // 40
+    tail = ",110.368,124.649,109.913,60.905"
+    with (tmp_path / "log.csv").open("w") as file:
+        file.write("time [s],p1 [bar],p2 [bar],axle_1 [km/h],axle_2 [km/h]\n")
+        for first in range(0, rows, 50_000):
+            file.writelines(f"{k / 100:08.2f}{tail}\n" for k in range(first, first + 50_000))
+    assert grown(READ_CSV, tmp_path / "log.csv", rows) < 64 * MIB
+
+
 RECOVER = """
 import zstandard
 from mcap.writer import Writer

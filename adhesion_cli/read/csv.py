@@ -354,8 +354,8 @@ class _Scan:
             self.rejects = Rejects(source, self.dialect.names)
         room = self.expected + self.expected // 16
         whole = [_T, _GROUP] if self.keys else [_T]
-        self.columns = {i: _empty(room, np.int64) for i in whole}
-        self.columns |= {i: _empty(room, np.float64) for i in self.indices}
+        self.columns = {i: np.empty(room, np.int64) for i in whole}
+        self.columns |= {i: np.empty(room) for i in self.indices}
         for part in self._parts(source):
             self._count_lines(part)
             keep = self._count_times(part)
@@ -383,7 +383,7 @@ class _Scan:
 
         Each writes its times and values where they belong if no line before it is left out.
         """
-        workers = min(os.cpu_count() or 1, 4)
+        workers = min(os.cpu_count() or 1, 4) + 1  # one waits for the interpreter now and then
         at = 0
         with ThreadPoolExecutor(workers) as pool:
             waiting: deque[Future[_Part]] = deque()
@@ -404,7 +404,7 @@ class _Scan:
         """Makes room for so many rows, and as many again where there was not enough."""
         if need > len(self.columns[_T]):
             for i, column in self.columns.items():
-                self.columns[i] = _empty(2 * need, column.dtype)
+                self.columns[i] = np.empty(2 * need, column.dtype)
                 self.columns[i][: self.used] = column[: self.used]
 
     def _close_up(self, part: _Part, keep: Bools) -> None:
@@ -601,11 +601,6 @@ class _Scan:
                     shown = cells[i] if i < len(cells) else ""
                     t = int(self.columns[_T][part.rows][row])
                     self.first_cell[i, k] = line, shown, t
-
-
-def _empty(n: int, dtype: Any) -> NDArray[Any]:
-    """Room for n numbers of 8 bytes in Arrow's memory, where it need not be cleared again."""
-    return np.ndarray(n, dtype, pa.allocate_buffer(8 * n))
 
 
 def _flat(column: Any) -> Any:

@@ -164,11 +164,13 @@ def _log(
     channel: Callable[[Meant, Column, int], tuple[Channel, list[Finding]]],
 ) -> Log:
     columns = source.columns([m.field for m in chosen])
-    times = {id(c.t): timeaxis.unwrapped(c.t)[0] for c in columns if len(c.t)}
-    start = min((int(t.min()) for t in times.values()), default=0)
+    times = {id(c.t): c.t for c in columns if len(c.t)}
+    start = min((int(timeaxis.unwrapped(t)[0].min()) for t in times.values()), default=0)
+    times.clear()
     channels = []
-    for m, column in zip(chosen, columns, strict=True):
-        made, found = channel(m, column, start)
+    columns.reverse()
+    for m in chosen:  # what was read is let go with each channel made of it
+        made, found = channel(m, columns.pop(), start)
         channels.append(made)
         findings += found
     return Log(
@@ -226,7 +228,7 @@ def _channel(
     ours = m.field.message_type.startswith("adhesion.")
     if ours:  # our own files say NaN where there is none
         column = replace(column, valid=column.valid & np.isfinite(column.value))
-    step = _step(column.value[column.valid])
+    step = _step(column.value if column.valid.all() else column.value[column.valid])
     axis = timeaxis.clean(told, column, start, max_gap)
     if ours:  # such a stretch is no gap in the log
         n = len(column.t)
