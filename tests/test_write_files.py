@@ -189,7 +189,7 @@ def test_folder_that_takes_no_files(tmp_path: Path) -> None:
     target = Path("/proc/a.csv")  # refuses even root
     with pytest.raises(UserError, match=r"^/proc: ") as caught:
         write([target], "new")
-    assert "--out" in caught.value.hint
+    assert "another folder" in caught.value.hint
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o555)
     if os.geteuid():

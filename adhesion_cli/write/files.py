@@ -47,19 +47,19 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
     check_distinct(paths)
     for path in paths:
         if not path.parent.is_dir():
-            raise UserError(f"{_shown(path.parent)}: no such folder", "create it or choose --out")
+            raise UserError(
+                f"{_shown(path.parent)}: no such folder", "create it, or write elsewhere"
+            )
         if not os.access(path.parent, os.W_OK | os.X_OK):
             raise UserError(
                 f"{_shown(path.parent)}: the folder cannot be written to",
-                "choose another with --out",
+                "write to another folder",
             )
         if path.is_dir():
-            raise UserError(f"{_shown(path)}: is a folder", "choose another place with --out")
+            raise UserError(f"{_shown(path)}: is a folder", "write elsewhere")
         for source in inputs:
             if path.exists() and source.exists() and path.samefile(source):
-                raise UserError(
-                    f"{_shown(path)}: is the input itself", "choose another folder with --out"
-                )
+                raise UserError(f"{_shown(path)}: is the input itself", "write to another folder")
     if not force:
         _refuse_existing(paths)
 
@@ -133,7 +133,7 @@ def outputs(
     except OSError as error:
         raise UserError(
             f"{_shown(folder)}: cannot write the results ({error.strerror or error})",
-            "free space there or choose another folder with --out",
+            "free space there, or write to another folder",
         ) from error
 
 
