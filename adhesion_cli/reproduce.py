@@ -18,6 +18,7 @@ import numpy as np
 from . import compiled, metrics, simulate
 from .analysis import analyze
 from .document import tagged
+from .errors import UserError
 from .estimator import registry
 from .estimators import PAPER
 from .model import AxleResult, Floats, Result, Vehicle
@@ -312,7 +313,13 @@ def _varying(
 
 def _analysed(path: Path, scenario: Scenario, settings: Settings) -> Result:
     """What `analyze` makes of the scenario's log; the log is named, not kept."""
-    writer(path)(path, simulate.as_log(simulate.run(scenario)))
+    try:
+        writer(path)(path, simulate.as_log(simulate.run(scenario)))
+    except OSError as error:
+        raise UserError(
+            f"{path.parent}: cannot write a simulated log ({error.strerror})",
+            "free space there, or name another folder in TMPDIR",
+        ) from error
     result = analyze(path, lambda base=None: settings)
     return replace(result, log=replace(result.log, path=path.name))
 
