@@ -231,7 +231,8 @@ def run(
     h = every * dt
     chosen = choose(controller, algo, settings, scenario.vehicle)
     check_step(chosen.estimator, chosen.constants.estimator, h)
-    plant, track = plant_of(scenario), track or track_of(scenario)
+    plant, demand, track = plant_of(scenario), demand_of(scenario), track or track_of(scenario)
+    _stops(scenario, plant, demand)
     plant = plant._replace(
         valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
     )
@@ -253,17 +254,15 @@ def run(
     air = np.zeros(axles)
     march = compiled.function(_march, chosen.stand_ins())
     done, failed = march(
-        plant, track, demand_of(scenario), scenario.train.speed, dt,
+        plant, track, demand, scenario.train.speed, dt,
         _Unit(every, delay, dead, known.train_speed == "measured", bands(settings)),
         chosen.constants, noise, trace, air,
     )  # fmt: skip
     if not math.isnan(failed):
         raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
     if done == ticks:
-        raise UserError(
-            f"{scenario.name}: the train does not stand after {LONGEST:g} s",
-            "antiskid needs a brake that is not released before the train stands",
-        )
+        text = f"{scenario.name}: the train does not stand after {LONGEST:g} s"
+        raise UserError(text, "a stronger brake, or a better rail")
     trace = _Trace._make(column[:done].copy() for column in trace)
     v, rim = trace.train_speed, trace.rim_speed
     force, peak, peak_slip = (np.empty(rim.shape) for _ in range(3))
@@ -274,6 +273,23 @@ def run(
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
         air=float(air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
+
+
+def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:
+    """Refuses a brake that is released before any rail can have stopped the train.
+
+    With (1) from v0 to standstill, (m + I/R²) v0 = ∫φK dt while the wheel turns, on any rail. K
+    follows the demand, and at its release lasts no longer than the cylinder needs to vent.
+    """
+    w = physics.wheelset(s.vehicle, 1)
+    K, t = clamping(plant.brake, demand.p[:-1]), demand.t[:-1]
+    venting = plant.vent_time + demand.p.max() / plant.vent_rate
+    impulse = float(np.sum(np.diff(t) * (K[1:] + K[:-1]) / 2.0) + K.max() * venting)
+    if K[-1] == 0.0 and w.rolling * w.phi * impulse < w.mass * s.train.speed:
+        raise UserError(
+            f"{s.name}: the brake is released at {t[-1]:g} s, while the train still moves",
+            "antiskid needs a brake that stays applied until the train stands",
+        )
 
 
 def dry_distance(scenario: Scenario) -> float:

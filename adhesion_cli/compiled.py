@@ -39,6 +39,13 @@ from numpy.typing import NDArray
 from .estimator import Estimator, check_step
 from .model import Floats, Times, Wheelset
 
+
+def _nobody(text: str) -> None:
+    """Hears it."""
+
+
+tell: Callable[[str], None] = _nobody  # of what takes seconds; for a program to set
+
 _OWN = Path(__file__).resolve().parent
 _KEEP = 8  # cache folders of other versions that stay, the latest used
 
@@ -144,6 +151,8 @@ def _compiled(
 
     code = [x for _, x in (*reached, *stand_ins)]
     folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
+    if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
+        tell("compiling, for the first run with these methods ...")
     path = folder / f"{name}.py"
     if not path.exists():
         _write(path, text)

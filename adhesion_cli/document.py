@@ -11,7 +11,7 @@ import numpy as np
 
 from .model import Channel, Finding, Floats, Log, Result
 from .slip import Summary
-from .stop import Stop, Verdict
+from .stop import Stop
 from .text import utf8
 
 if TYPE_CHECKING:
@@ -157,7 +157,11 @@ def antiskid_document(
 
 def verdicts(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """What the document tells of each controller's verdict."""
-    return {law: {k: values[k] for k in Verdict._fields[:7]} for law, values in of.items()}
+    keys = (
+        "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
+        "mean_slip_error",
+    )  # fmt: skip
+    return {law: {k: values[k] for k in keys} for law, values in of.items()}
 
 
 def sweep_document(

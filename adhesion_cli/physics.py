@@ -17,6 +17,7 @@ G = 9.80665  # standard gravity [m/s²]
 HARDER, GRADIENT = 1.2, 0.4  # error of what brakes are said to do; 4 % of slope [m/s²]
 LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder [m/s²]
+_GONE = 0.2  # share of the largest clamping force: from there down, a brake lets go
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _GRADIENT = 0.4  # no slope makes a train faster than this [m/s²]
@@ -101,6 +102,17 @@ def reference_speed(before: float, fastest: float, braking: float, h: float) -> 
 def coefficient(force: Floats, vehicle: Vehicle) -> Floats:
     """Adhesion coefficient μ = F/(m g) [-], shape (n,). Source: [S1]."""
     return force / (vehicle.axle_mass.value * G)
+
+
+def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
+    """The samples of an application until its pressure is gone, and whether that is in the log.
+
+    An application ends where the wheel stands, as (1) says nothing of it; its pressure does not.
+    """
+    K, last = record.clamping_force, application.stop - 1
+    past = next(s.stop for s in record.segments if s.start <= last < s.stop)
+    gone = np.flatnonzero(K[last:past] <= _GONE * np.nanmax(K[application]))
+    return slice(application.start, last + int(gone[0]) + 1 if len(gone) else past), len(gone) > 0
 
 
 def standing(record: AxleRecord) -> Bools:

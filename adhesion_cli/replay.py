@@ -55,7 +55,10 @@ class Case(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """One controller: its stop on the best fit, and each value with its 95 % interval."""
+    """One controller: its stop on the best fit; of each value the draws' median and 95 % interval.
+
+    The best fit's own value would not do: one stop's largest slip lies below most draws'.
+    """
 
     stop: Stop
     values: Values
@@ -157,11 +160,7 @@ def answers(
     found = {}
     for n, (law, stop) in enumerate(stops.items()):
         drawn = zip(*verdicts[n * len(dries) : (n + 1) * len(dries)], strict=True)
-        best = antiskid.verdict(stop, case.scenario, dry)
-        values: Values = {}
-        for key, value, of in zip(Verdict._fields, best, drawn, strict=True):
-            spread = interval(of)
-            values[key] = None if value is None or not spread else (value, *spread[1:])
+        values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
         found[law] = Answer(stop, values)
     return dry, found
 
@@ -174,12 +173,12 @@ def document(
     found: dict[str, Answer],
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
-    """The `adhesion.antiskid/1` document; values on the best fit, their 95 % intervals beside."""
-    best = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in found.items()}
+    """The `adhesion.antiskid/1` document; medians of the draws, their 95 % intervals beside."""
+    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in found.items()}
     spread = {law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in found.items()}
     stop = next(iter(found.values())).stop
     return antiskid_document(
-        stop, case.scenario.name, parameters(found, stop.algo, settings), dry, best,
+        stop, case.scenario.name, parameters(found, stop.algo, settings), dry, median,
         log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
         intervals=verdicts(spread), findings=findings_document(findings),
     )  # fmt: skip

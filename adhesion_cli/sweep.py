@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -116,10 +116,12 @@ def _scaled(rail: Rail, factor: float) -> Rail:
     return replace(rail, section=sections, film=film)
 
 
-def interval(values: Sequence[float | None]) -> tuple[float, float, float] | None:
-    """Mean, 2.5 % and 97.5 % quantile of what there is; None where nothing is."""
+def interval(
+    values: Sequence[float | None], middle: Callable[[list[float]], Any] = np.mean
+) -> tuple[float, float, float] | None:
+    """Mean (or `middle`), 2.5 % and 97.5 % quantile of what there is; None where nothing is."""
     known = [x for x in values if x is not None]
     if not known:
         return None
     low, high = np.quantile(known, [0.025, 0.975])
-    return float(np.mean(known)), float(low), float(high)
+    return float(middle(known)), float(low), float(high)

@@ -16,6 +16,7 @@ from rerun.chunk import RrdReader
 from adhesion_cli import (
     analysis,
     antiskid,
+    compiled,
     controller,
     methods,
     physics,
@@ -348,11 +349,18 @@ def test_bad_requests_are_refused(change, controller, algo, settings, says) -> N
 
 
 def test_a_brake_that_is_released_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(antiskid, "LONGEST", 20.0)
-    commands = (scenario.Command(1.0, 5e5), scenario.Command(2.0, 0.0))
-    released = replace(short(), brake=replace(short().brake, command=commands))
-    with pytest.raises(UserError, match="does not stand"):
-        antiskid.run(released, "none")
+    monkeypatch.setattr(compiled, "function", None)  # said before anything is simulated
+    for name in ("service-brake", "four-axles"):
+        with pytest.raises(UserError, match=r"is released at .* still moves"):
+            antiskid.run(case(name), "none")
+
+
+def test_a_brake_may_be_released_when_the_train_stands() -> None:
+    stop, s = stopped("short", "patent"), short()
+    stands = float(stop.t[-1]) * 1e-9 + 1.0
+    commands = (*s.brake.command, scenario.Command(stands, 0.0))
+    again = antiskid.run(replace(s, brake=replace(s.brake, command=commands)), "patent")
+    assert again.distance[-1] == stop.distance[-1]
 
 
 # --- files and command --------------------------------------------------------------------------
@@ -451,7 +459,9 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     arguments = ["antiskid", "short.toml", "--json", "-a", "neso", "-c", "given.toml"]
     arguments += ["--set", "patent.slip_high=0.04"]
     assert app(arguments, standalone_mode=False) == 0
-    doc = json.loads(capsys.readouterr().out)
+    out, err = capsys.readouterr()
+    assert "[vehicle] is that of logs" in err
+    doc = json.loads(out)
     used = doc["parameters"]
     assert [used["patent"][k] for k in ("slip_low", "slip_high", "patience")] == [0.01, 0.04, 0.2]
     assert (used["slope"]["rho"], used["slope"]["delta"]) == (0.7, unit.SLOPE_IN_LOOP["delta"])

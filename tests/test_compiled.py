@@ -84,6 +84,18 @@ def ratio(a, b):
 number = st.floats(-1e6, 1e6)
 
 
+def test_compiling_is_told_once_for_a_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(compiled, "_roots", lambda: [tmp_path / "cache"])
+    monkeypatch.setattr(compiled, "tell", told.append)
+    for _ in range(2):
+        compiled._compiled.cache_clear()
+        assert compiled.function(ratio)(1.0, 4.0) == 0.25
+        assert len(told) == 1
+
+
 @given(a=number, b=number, x=number)
 def test_function_is_the_plain_function(a, b, x):
     assert compiled.function(swapped)(Pair(a, b), x) == swapped(Pair(a, b), x)

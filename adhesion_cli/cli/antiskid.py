@@ -1,5 +1,6 @@
 """`adhesion antiskid`: stops in closed loop, every controller on the same rail."""
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -75,6 +76,7 @@ def command(
     from ..controller import registry
     from ..document import antiskid_document, dumps, sweep_document
     from ..errors import UserError
+    from ..model import Vehicle
     from ..scenario import load
     from ..unit import parameters
     from ..write import files
@@ -92,16 +94,23 @@ def command(
             raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
         return _replay(from_log, shared, algo, seed or 0, train_speed)
     assert scenario is not None
-    settings = loader(shared)().overrides
+    stated = loader(shared)()
+    settings = stated.overrides
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
     case, tell = _with_train_speed(load(scenario), train_speed), show.progress(shared.quiet)
     made_with = parameters(registry(), algo, settings)
+    if stated.vehicle != Vehicle():
+        text = "note: [vehicle] is that of logs; a scenario's TOML states the vehicle of its train"
+        show.message(text, shared.quiet)
+    _tells_of_compiling(shared)
     if rails:
-        from ..sweep import sweep
+        from ..sweep import RAILS, sweep
 
         seeds = seeds or 10
+        count = len(RAILS) * len(registry()) * seeds
+        show.message(f"{count} stops to simulate, on all cores", shared.quiet)
         rows = sweep(case, seeds, algo, settings, tell)
         document = sweep_document(case.name, seeds, algo, made_with, rows)
         print(dumps(document) if shared.json else _rails(rows))
@@ -144,10 +153,12 @@ def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
+    from ..controller import registry
     from ..replay import answers, case, document
     from ..text import printable
     from . import show
 
+    _tells_of_compiling(shared)
     paths, tell = _paths(shared, results.stem(log)), show.progress(shared.quiet)
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
@@ -157,6 +168,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
         draws=[(_with_train_speed(s, train_speed), track) for s, track in replayed.draws],
     )
     settings = loader(shared)().overrides
+    count = len(registry()) * (1 + len(replayed.draws))
+    show.message(f"{printable(log.name)}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, found = answers(replayed, algo, settings, seed, tell)
     findings = [*result.findings, *replayed.findings]
     answer = document(str(log), replayed, settings, dry, found, findings)
@@ -164,7 +177,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     head = f"{printable(str(log))}: {dry:.1f} m on dry rail, " + (
         f"{logged:.1f} m in the log, " if logged else "not stopped in the log, "
     )
-    head += f"estimator {algo}; in brackets 95 % of {len(replayed.draws)} draws of the fitted rail"
+    drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
+    head += f"estimator {algo}; {drawn}"
     verdict = "\n".join([head, _verdicts({law: a.values for law, a in found.items()})])
     origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
     made = [
@@ -175,6 +189,14 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     if not shared.json:
         show.message(show.findings(findings), shared.quiet or not findings)
     return 3 if show.lossy(findings) else 0
+
+
+def _tells_of_compiling(shared: Shared) -> None:
+    """One line on stderr when machine code is to be made, which may take longer than the stops."""
+    from .. import compiled
+    from . import show
+
+    compiled.tell = functools.cache(lambda text: show.message(text, shared.quiet))
 
 
 def _with_train_speed(case: "Scenario", train_speed: TrainSpeed | None) -> "Scenario":

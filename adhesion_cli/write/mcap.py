@@ -371,7 +371,8 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
     for axle in result.axles:
         N = axle.record.axle
         for s in axle.applications:
-            for i, what in ((s.start, "applied"), (s.stop - 1, "released")):
+            on, gone = physics.pressed(axle.record, s)
+            for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                 text = f"axle {N}: brake {what}"
                 told = event(code=f"brake-{what}", severity="info", axle=N, message=text)
                 events.append((int(axle.record.t[i]), told))

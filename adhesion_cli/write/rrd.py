@@ -278,7 +278,7 @@ class _Page:
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
-            braked[s] = 1
+            braked[physics.pressed(axle.record, s)[0]] = 1
         for e in axle.events:
             if e.until is not None:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
@@ -298,7 +298,8 @@ class _Page:
         ]
         for axle in self.result.axles:
             for s in axle.applications:
-                for i, what in ((s.start, "applied"), (s.stop - 1, "released")):
+                on, gone = physics.pressed(axle.record, s)
+                for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                     text = f"axle {axle.record.axle}: brake {what}"
                     events.append((int(axle.record.t[i]), "INFO", text))
             events += [(x.t, "INFO", x.message) for x in axle.events]
