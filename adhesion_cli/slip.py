@@ -407,7 +407,8 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     else:
         text = "the slides do not show both sides of the peak. "
     if missing:
-        text += f"cannot be told apart or from the wheel's diameter: {', '.join(missing)}"
+        names = ", ".join(missing)
+        text += f"{names}: not to be told from the other constants or from the wheel's diameter"
     return told(rail, used, text)
 
 
