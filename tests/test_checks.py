@@ -336,6 +336,16 @@ def test_the_friction_that_would_fit_is_told(
     assert all(f"friction = {friction:.2g}" in f.message for f in told)
 
 
+def test_a_single_axle_that_slows_too_hard_may_slide(tmp_path: Path) -> None:
+    log = simulated.recordings("slippery-stop", train=False)
+    alone = [r for r in log if r.axle in (None, 4)]
+    told = found(alone, tmp_path)
+    assert told
+    assert all("unless this axle slides" in f.message for f in told)
+    every = found(log, tmp_path)
+    assert not [f for f in every if "unless this axle slides" in f.message]
+
+
 def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:
     def off(r: simulate.Recording) -> simulate.Recording:
         return replace(r, value=0.0 * r.value)

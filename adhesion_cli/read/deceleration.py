@@ -69,6 +69,7 @@ def too_hard(s: Scene) -> Iterator[Finding]:
         text = (
             f"the wheels slow by {np.median(slowing[moving & hard]):.0f} m/s² at the rim, more "
             "than any brake does: state the units of time and speed in [channels]"
+            f"{s.unless_sliding}"
         )
         yield s.told("unit-suspect", "warning", text, s.axles[0].speed, largest(slowing) > LOCKING)
 
@@ -129,8 +130,9 @@ def late_pressure(s: Scene) -> Iterator[Finding]:
     if clear and abs(late) > max(_LATE, 0.5 * g.step):
         way = "behind" if late > 0.0 else "ahead of"
         text = (
-            f"the train slows as the pressure says {abs(late):.1f} s {way} it: the force is wrong "
-            "by that wherever the pressure changes; correct the time stamps of one of them"
+            f"the pressure is {abs(late):.1f} s {way} what it does to the wheels: the force is "
+            "wrong by that wherever the pressure changes; correct the time stamps of one of them"
+            f"{s.unless_sliding}"
         )
         yield s.told("pressure-clock-offset", "warning", text, s.axles[0].brake)
 
@@ -171,6 +173,8 @@ def another_factor(s: Scene) -> Iterator[Finding]:
         )
     else:
         text += f": check the units in [channels], and {suspects}"
+    if factor > 1.0:
+        text += s.unless_sliding
     yield s.told(code, severity, text, s.axles[0].brake)
 
 

@@ -123,6 +123,13 @@ class Scene(NamedTuple):
         w = wheelset(self.vehicle, axle)
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
+    @property
+    def unless_sliding(self) -> str:
+        """What to add where only one wheel says how the train slows."""
+        if self.grid.train is not None or len(self.axles) > 1:
+            return ""
+        return ", unless this axle slides, which a train speed or another axle would show"
+
     def told(
         self, code: str, severity: Severity, text: str, channel: Channel,
         where: Bools | None = None, axle: int = 0,
