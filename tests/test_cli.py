@@ -547,4 +547,8 @@ def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
     assert run("analyze", "log.csv", "--strict", "--rejects", "left-out.csv").returncode == 1
     assert run("convert", "log.csv", "a.csv", "--rejects", "a.csv").returncode == 1
     assert run("inspect", "log.csv", "--force", "--rejects", "log.csv").returncode == 1
-    assert [p.name for p in tmp_path.iterdir()] == ["log.csv"]
+    Path(tmp_path, "my.toml").write_text("# mine\n")
+    mine = ["-c", "my.toml", "--force", "--rejects", "my.toml"]
+    assert run("inspect", "log.csv", *mine).returncode == 1
+    assert Path(tmp_path, "my.toml").read_text() == "# mine\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "my.toml"]

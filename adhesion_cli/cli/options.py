@@ -173,7 +173,8 @@ def rejects(shared: Shared, logs: "Iterable[Log]", inputs: Sequence[Path]) -> It
     from ..write.csv import write_rejects
     from . import show
 
-    with files.outputs([shared.rejects], shared.force, inputs=inputs) as (place,):
+    stated = [shared.config] if shared.config else []
+    with files.outputs([shared.rejects], shared.force, inputs=[*inputs, *stated]) as (place,):
         count = write_rejects(place, logs)
         yield
     show.message(f"wrote {shared.rejects}: {count} rows and cells left out", shared.quiet)
