@@ -140,7 +140,7 @@ def _axle(
     if record.train_speed is None:
         return result, findings
     result, told = slip.observed(
-        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands, start_ns
+        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
     )
     return result, findings + told
 

@@ -138,6 +138,13 @@ class Log:
         return min((int(c.data.t.min()) for c in of if len(c.data.t)), default=0)
 
 
+class Parameter(NamedTuple):
+    """A vehicle parameter: value and 1-sigma tolerance, both SI."""
+
+    value: float
+    tolerance: float
+
+
 @dataclass(frozen=True, slots=True)
 class AxleRecord:
     """One axle on one time axis, the wheel speed's; columns of shape (n,), SI.
@@ -158,6 +165,8 @@ class AxleRecord:
     truth: Floats | None = None  # true adhesion force [N], NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
+    train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
+    train_speed_creep: float = 0.0  # 1 sigma of its scale: made of wheels, it creeps as they do
 
     def __len__(self) -> int:
         return len(self.t)
@@ -173,14 +182,9 @@ class AxleRecord:
             self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **some,
             clamping_force_step=self.clamping_force_step,
             train_speed_interval=self.train_speed_interval,
+            train_speed_late=self.train_speed_late,
+            train_speed_creep=self.train_speed_creep,
         )  # fmt: skip
-
-
-class Parameter(NamedTuple):
-    """A vehicle parameter: value and 1-sigma tolerance, both SI."""
-
-    value: float
-    tolerance: float
 
 
 class Wheelset(NamedTuple):

@@ -4,8 +4,9 @@ The curve (3) with the patent's friction law is fitted to the s–μ points of t
 squares in the logarithms (A: in the logit) of f0, A, B, kA and kS.
 
 Intervals are from a bootstrap. The points follow one another in time and their errors with them, so
-stretches of `_BLOCK` seconds are drawn anew, not points; and each draw takes another wheel radius
-and another scale of μ, as uncertain as they are, because an error of either is in every point. A
+stretches of `_BLOCK` seconds are drawn anew, not points; and each draw takes another wheel radius,
+another delay of the train speed and another scale of μ, as uncertain as they are, because an error
+of one of them is in every point. A
 constant that the points do not decide must not stay where the search began: a weak anchor holds it,
 and each draw has another, far around. A constant whose interval is wider than a factor of `_TOLD`
 is not told: that is where another value of another constant does the same to the curve. The peak is
@@ -77,6 +78,7 @@ class Points(NamedTuple):
     speed: Floats  # v [m/s]
     slip: Floats
     mu: Floats
+    clock: Floats  # 1 sigma of slip by the train speed's delay, one error for all
 
 
 def _curve(rail: Condition, patch: Patch, speed: Floats, slip: Floats, mu: Floats) -> None:
@@ -93,7 +95,7 @@ def fit(
     Args:
         points: of slides, without NaN.
         vehicle: for the load; the contact is `rail.Contact`'s.
-        radius_error: 1 sigma of the wheel radius over the radius.
+        radius_error: 1 sigma of wheel radius over train speed, as a share of it.
         mu_error: 1 sigma of μ's scale over μ.
         seed: of the bootstrap.
     """
@@ -115,12 +117,13 @@ def fit(
     draws = []
     for scale in scales:
         taken = np.concatenate([blocks[i] for i in random.integers(0, len(blocks), len(blocks))])
-        turn = radius_error * random.standard_normal()
+        turn, late = radius_error * random.standard_normal(), random.standard_normal()
         drawn = Points(
             points.t[taken],
             points.speed[taken],
-            1.0 - (1.0 - points.slip[taken]) * (1.0 + turn),
+            1.0 - (1.0 - points.slip[taken]) * (1.0 + turn) + late * points.clock[taken],
             points.mu[taken] * scale,
+            points.clock[taken],
         )
         anchor = best + _WIDE * random.standard_normal(len(best))
         draws.append(_solve(drawn, every, patch, best, anchor)[0])
@@ -128,18 +131,14 @@ def fit(
     speed = float(np.median(points.speed))
     told = {}
     for name in Condition._fields:
-        spread = Interval(
-            getattr(_decoded(best), name), *_centre([getattr(rail, name) for rail in rails])
-        )
+        spread = _interval(getattr(_decoded(best), name), [getattr(rail, name) for rail in rails])
         if spread.high < _TOLD * spread.low:
             told[name] = spread
     peaks = [_peak(rail, patch, speed, points.slip) for rail in (_decoded(best), *rails)]
     seen = [p for p in peaks if p is not None]
     peak_slip = peak_mu = None
     if peaks[0] and len(seen) >= 0.95 * len(peaks):
-        peak_slip, peak_mu = (
-            Interval(seen[0][i], *_centre([p[i] for p in seen[1:]])) for i in (0, 1)
-        )
+        peak_slip, peak_mu = (_interval(seen[0][i], [p[i] for p in seen[1:]]) for i in (0, 1))
     return RailFit(
         _decoded(best), tuple(rails), tuple(scales.tolist()), told, peak_slip, peak_mu, speed
     )
@@ -180,9 +179,9 @@ def _decoded(x: Floats) -> Condition:
     return Condition(e(k_a), e(k_s), e(f0), 1.0 / (1.0 + e(-A)), e(B))
 
 
-def _centre(values: Sequence[float]) -> tuple[float, float]:
-    low, high = np.percentile(values, _CENTRE)
-    return float(low), float(high)
+def _interval(value: float, draws: Sequence[float]) -> Interval:
+    low, high = np.percentile(draws, _CENTRE)
+    return Interval(value, float(low), float(high))
 
 
 def _peak(rail: Condition, patch: Patch, speed: float, slip: Floats) -> tuple[float, float] | None:

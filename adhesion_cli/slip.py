@@ -30,6 +30,7 @@ _FREE = 60.0  # clamping force that brakes nothing [N]
 _EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
 _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
+_CREEP = 0.003  # slip of a braked wheel that rolls [-]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
@@ -39,7 +40,6 @@ _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the tr
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
 _CLEARLY = 2.0  # sigma that are more than noise
 _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
-_LONG = 2.0  # shorter, a train speed that is late cannot be told from a slide [s]
 
 
 class Slide(NamedTuple):
@@ -155,7 +155,14 @@ def with_reference_speed(
                 (int(t[np.argmax(behind)]) - start_ns) / 1e9,
             )
         )  # fmt: skip
-    return [replace(r, train_speed=np.interp(r.t, t, v)) for r in records], findings
+    made = [
+        replace(
+            r, train_speed=np.interp(r.t, t, v), train_speed_late=Parameter(0.0, 0.0),
+            train_speed_creep=_CREEP,
+        )
+        for r in records
+    ]  # fmt: skip
+    return made, findings
 
 
 def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
@@ -220,6 +227,25 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
     return np.hypot(np.fmax(train, between), np.nan_to_num(wheel))
 
 
+def slowing(record: AxleRecord) -> Floats:
+    """Deceleration of the train over about a second [m/s²], never negative, shape (n,)."""
+    assert record.train_speed is not None
+    found = np.zeros(len(record))
+    for s in record.segments:
+        t, v = (record.t[s] - record.t[s.start]) * 1e-9, np.nan_to_num(record.train_speed[s])
+        before, after = np.maximum(t - 0.5, t[0]), np.minimum(t + 0.5, t[-1])
+        found[s] = (np.interp(before, t, v) - np.interp(after, t, v)) / (after - before)
+    return np.maximum(found, 0.0)
+
+
+def _clock_error(record: AxleRecord) -> Floats:
+    """1 sigma of slip by what is not known of the train speed's delay, shape (n,): σ_τ (−v̇)/v."""
+    if record.train_speed_late is None or record.train_speed is None:
+        return np.zeros(len(record))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return record.train_speed_late.tolerance * slowing(record) / record.train_speed
+
+
 def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
     """By what x bends about m samples before and behind, as 1 sigma of noise; shape (n,)."""
     found = np.full(len(x), np.nan)
@@ -230,32 +256,8 @@ def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
     return found
 
 
-def delayed(record: AxleRecord, slip: Floats) -> list[tuple[slice, float]]:
-    """What looks like a slide and is a train speed that is late by τ [s]: where, and τ.
-
-    There v − ωR = τ |dv/dt|, in each quarter of it: as the train slows, slip grows as 1/v. A wheel
-    that slides is caught, or slides deeper.
-    """
-    assert record.train_speed is not None
-    found = []
-    for first, past in physics.true_runs(np.nan_to_num(slip) > _CAUGHT):
-        t, v = (record.t[first:past] - record.t[first]) * 1e-9, record.train_speed[first:past]
-        s = slip[first:past]
-        if len(t) < 12 or t[-1] < _LONG or s.max() < _SLIDE or v.max() < 1.5 * v.min():
-            continue
-        quarters = np.array_split(np.arange(len(t)), 4)
-        slowing = np.array([-np.polyfit(t[q], v[q], 1)[0] for q in quarters])
-        apart = np.array([np.mean(v[q] * s[q]) for q in quarters])
-        steady = all(np.std(v[q] * s[q]) < 0.4 * np.mean(v[q] * s[q]) for q in quarters)
-        if steady and (slowing > _EVEN / 2.0).all():
-            tau = apart / slowing
-            if np.ptp(tau) < 0.4 * np.mean(tau):
-                found.append((slice(first, past), float(np.mean(tau))))
-    return found
-
-
 def observed(
-    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands, start_ns: int = 0
+    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands
 ) -> tuple[AxleResult, list[Finding]]:
     """The result of an axle with a train speed, with its slip, slope, regions and their events.
 
@@ -267,26 +269,17 @@ def observed(
         slowest: no slip below this train speed [m/s].
         p: of the slope.
         bands: of the AND-test.
-        start_ns: the log's start, for the findings.
     """
     record = axle.record
     assert record.train_speed is not None
     radius, findings = calibrated(record, vehicle)
     slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
-    if late := delayed(record, slip):
-        text = (
-            "slip grows as the train slows, just as with a train speed that is "
-            f"{np.mean([tau for _, tau in late]):.2f} s late: no slip there; "
-            "correct its time stamps"
-        )
-        for where, _ in late:
-            slip[where] = np.nan
-        count = sum(where.stop - where.start for where, _ in late)
-        first = (int(record.t[late[0][0].start]) - start_ns) / 1e9
-        findings.append(Finding("train-late", "warning", text, f"axle {record.axle}", count, first))
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     with np.errstate(divide="ignore", invalid="ignore"):
         slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
+        clock = _clock_error(record)
+        # Of an error that moves as −v̇/v does, the slope's filter leaves the change within 1/δ.
+        slip_noise = np.hypot(slip_noise, clock * slowing(record) / record.train_speed / p.delta)
     mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
     n = len(record)
     slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
@@ -295,6 +288,14 @@ def observed(
         noise = slip_noise[s], mu_noise[s]
         march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], sure[s], code[s])
     done = replace(axle, slip=slip, slope=slope, slope_confidence=sure, region=code)
+    if record.train_speed_late is None and any(
+        np.median(slowing(record)[x.where]) > _EVEN for x in slides(done)
+    ):
+        text = (
+            "no wheel rolls long enough while braked to tell whether the train speed is late: slip "
+            "in slides trusts its time stamps"
+        )
+        findings.append(Finding("train-clock-unknown", "info", text, f"axle {record.axle}"))
     return replace(done, events=_events(done)), findings
 
 
@@ -327,16 +328,20 @@ def _events(axle: AxleResult) -> tuple[Event, ...]:
 
 
 def slides(axle: AxleResult) -> list[Slide]:
-    """Slides of an axle, in the order of time; none reaches across segments."""
+    """Slides of an axle, in the order of time; none reaches across segments.
+
+    What a train speed's delay may make of slip, as the train all but stands, is no slide.
+    """
     record, s, F = axle.record, axle.slip, axle.reference.force
     if s is None or record.train_speed is None:
         return []
+    clear = s - 2.0 * _clock_error(record)
     found = []
     for segment in record.segments:
-        for first, past in physics.true_runs(s[segment] > _CAUGHT):
+        for first, past in physics.true_runs(clear[segment] > _CAUGHT):
             where = slice(segment.start + first, segment.start + past)
             t, v = (record.t[where] - record.t[where.start]) * 1e-9, record.train_speed[where]
-            deep: Bools = s[where] > _SLIDE
+            deep: Bools = clear[where] > _SLIDE
             if float(np.diff(t, prepend=t[0])[deep].sum()) < _SHORT:
                 continue
             heat = F[where] * s[where] * v  # v − ωR = s v
@@ -395,7 +400,8 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
         return told(None, None, "no slide: neither peak nor rail can be told")
     points, mu_error = _points(axle, vehicle, found)
     radius = calibrated(axle.record, vehicle)[0]
-    rail = railfit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
+    scale = math.hypot(radius.tolerance / radius.value, axle.record.train_speed_creep)
+    rail = railfit.fit(points, vehicle, scale, mu_error)
     if rail is None:
         return told(None, None, "slides too short, or on a rail that changed: no curve fits them")
     missing = [n for n in rail.best._fields if n not in rail.told]
@@ -426,4 +432,5 @@ def _points(
     mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
     t = (record.t[at] - record.t[0]) * 1e-9
-    return railfit.Points(t, record.train_speed[at], axle.slip[at], mu), error
+    clock = _clock_error(record)[at]
+    return railfit.Points(t, record.train_speed[at], axle.slip[at], mu, clock), error

@@ -48,6 +48,7 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 
 # --- good logs ----------------------------------------------------------------------------------
 
+TRUE = {"leaf-film": {"train-clock-offset"}}  # its train speed is 0.1 s late
 GOOD: dict[str, dict[str, float]] = {
     "as it is": {},
     "1 Hz": {"rate": 1.0},
@@ -68,7 +69,7 @@ MORE: dict[str, dict[str, float]] = {
 @pytest.mark.parametrize("case", GOOD)
 @pytest.mark.parametrize("name", sorted(simulate.scenarios()))
 def test_a_good_log_is_not_accused(name: str, case: str, tmp_path: Path) -> None:
-    assert not found(simulated.recordings(name, **GOOD[case]), tmp_path)
+    assert codes(simulated.recordings(name, **GOOD[case]), tmp_path) <= TRUE.get(name, set())
 
 
 @pytest.mark.slow
@@ -85,7 +86,7 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
         if name == "roller-rig" and sensors.get("train") is False:
             # A wheel that hardly slows is a rig or a gradient: without a train speed only a hint.
             told = [f for f in told if f.severity != "info"]
-        assert not told, (seed, told)
+        assert {f.code for f in told} <= TRUE.get(name, set()), (seed, told)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
@@ -259,16 +260,20 @@ def test_no_fault_ever_is(name: str, seed: int, tmp_path: Path) -> None:
 def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path: Path) -> None:
     (told,) = found(simulated.late(clean(name, 1, "as it is"), "train_speed", seconds), tmp_path)
     assert (told.code, told.severity) == ("train-clock-offset", "warning")
-    stated = re.search(r"is ([\d.]+) s (behind|ahead)", told.message)
+    stated = re.search(r"is ([\d.]+) s \(± ([\d.]+)\) (behind|ahead)", told.message)
     assert stated
-    measured = float(stated[1]) * (1.0 if stated[2] == "behind" else -1.0)
-    assert measured == pytest.approx(seconds, abs=0.35)  # four-axles' pulses count 50 ms late
+    measured = float(stated[1]) * (1.0 if stated[3] == "behind" else -1.0)
+    own = {
+        "leaf-film": 0.1,
+        "four-axles": -0.025,
+    }  # late in the scenario; pulses of a past interval
+    assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + float(stated[2]))
 
 
 @pytest.mark.parametrize("scale", [0.9, 0.96, 1.04, 1.1])
 def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
     log = simulated.worn(clean("leaf-film", 1, "as it is"), 1, scale)  # in rpm
-    (told,) = found(log, tmp_path)
+    (told,) = [f for f in found(log, tmp_path) if f.code not in TRUE["leaf-film"]]
     assert told.code == "wheel-diameter"
     stated = re.search(r"diameter is ([\d.]+) m", told.message)
     assert stated

@@ -4,16 +4,15 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from simulated import recordings, simulation, write
+from simulated import late, recordings, simulation, write
 
-from adhesion_cli import analysis, physics, rail, railfit, settings, slip, slope
+from adhesion_cli import analysis, rail, railfit, settings, slip, slope
 from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
 
@@ -144,7 +143,7 @@ def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
     patch, wet = rail.Contact().patch(load), rail.condition("wet")
     mu = np.array([rail.creep_force(s * 15.0, 15.0, wet, patch)[0] / load for s in creep])
     mu += np.random.default_rng(1).normal(0.0, 1e-3, len(mu))
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t)
     found = railfit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
@@ -155,7 +154,7 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t)
     assert railfit.fit(points, Vehicle(), 0.0, 0.0) is None
 
 
@@ -246,39 +245,58 @@ def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> Non
     assert (told > steep / 2.0).all()
 
 
-def test_a_late_train_speed_is_told() -> None:
-    late = [
-        replace(r, t=r.t + 1_500_000_000) if r.signal == "train_speed" else r
-        for r in recordings("low-adhesion")
-    ]
+@cache
+def late_by(name: str, seconds: float, axle: int) -> tuple[Result, slip.Summary]:
+    """The log with another clock for the train speed, analysed, and one axle's summary."""
     with TemporaryDirectory() as folder:
-        log = write(Path(folder) / "late.csv", late)
+        log = write(Path(folder) / "late.csv", late(recordings(name), "train_speed", seconds))
         result = analysis.analyze(log, settings.load, ["leso"])
-    (found,) = [f for f in result.findings if f.code == "train-clock-offset"]
-    assert "1.5 s behind" in found.message
+    return result, slip.summary(result.axles[axle - 1], result.vehicle)[0]
 
 
-@pytest.mark.parametrize("late", [0.0, 0.1, 0.2, 0.3])
-def test_a_late_train_speed_makes_no_slide(late: float) -> None:
-    t = np.arange(0.0, 25.0, 0.02)
-    noise = np.random.default_rng(1).normal(0.0, 0.02, len(t))
-    v = np.maximum(25.0 - 1.05 * np.maximum(t - 2.0, 0.0), 0.0)
-    wheel = v * (1.0 - 0.0036 * (t > 2.0)) / 0.46
-    train = np.interp(t - late, t, v) + noise
-    nothing = np.zeros(len(t))
-    record = AxleRecord(
-        1, np.round(t * 1e9).astype(np.int64), nothing, nothing, wheel, (slice(0, len(t)),),
-        train_speed=train,
-    )  # fmt: skip
-    apparent = physics.slip(train, wheel, 0.46, 1.0)
-    found = slip.delayed(record, apparent)
-    assert bool(found) == (np.nanmax(apparent) > 0.06)
-    assert all(tau == pytest.approx(late, rel=0.5) for _, tau in found)
+@pytest.mark.parametrize("seconds", [-0.5, 0.1, 0.3, 1.0, 2.0])
+def test_a_late_train_speed_is_shifted(seconds: float) -> None:
+    result, found = late_by("low-adhesion", seconds, 1)
+    (told,) = [f for f in result.findings if f.code == "train-clock-offset"]
+    assert told.severity == "warning"
+    assert told.channel.startswith("train_speed")
+    removed = result.axles[0].record.train_speed_late
+    assert removed is not None
+    assert removed.value == pytest.approx(seconds, abs=3.0 * removed.tolerance)
+    assert removed.tolerance < 0.05
+    true = slip.slides(analysed("low-adhesion").axles[0])
+    for mine, its in zip(found.slides, true, strict=True):
+        assert mine.start == pytest.approx(its.start, abs=2e8)
+        assert mine.duration == pytest.approx(its.duration, abs=0.5)
+        assert mine.max_slip == pytest.approx(its.max_slip, abs=0.03)
+    assert not slip.slides(result.axles[2])
+    assert found.rail is not None
+    assert found.rail.peak_slip is not None
+    peak, _ = true_curve("low", 1.0, found.rail.speed)
+    assert found.rail.peak_slip.low < peak < found.rail.peak_slip.high
 
 
-def test_slides_are_no_late_train_speed() -> None:
-    for name in ("low-adhesion", "leaf-film"):
-        assert "train-late" not in codes(analysed(name))
+def test_a_train_speed_on_time_is_left_alone() -> None:
+    for name in ("low-adhesion", "four-axles"):
+        result = analysed(name)
+        assert "train-clock-offset" not in codes(result)
+        known = result.axles[0].record.train_speed_late
+        assert known is not None
+        assert known.value == 0.0
+        assert 0.0 < known.tolerance < 0.1
+
+
+def test_a_delay_that_no_rolling_wheel_tells_is_said_so() -> None:
+    with TemporaryDirectory() as folder:
+        log = write(Path(folder) / "slide.csv", recordings("low-adhesion"))
+        result = analysis.analyze(log, settings.load, ["leso"], axles=[1])
+    assert result.axles[0].record.train_speed_late is not None  # the other axles tell
+    alone = [r for r in recordings("low-adhesion") if r.axle in (None, 1)]
+    with TemporaryDirectory() as folder:
+        log = write(Path(folder) / "alone.csv", alone)
+        result = analysis.analyze(log, settings.load, ["leso"])
+    assert result.axles[0].record.train_speed_late is None
+    assert "train-clock-unknown" in codes(result)
 
 
 def test_a_spike_does_not_become_the_train() -> None:

@@ -1,5 +1,6 @@
 """Channels of different rates to one record per axle, on the wheel speed's own time."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -8,6 +9,7 @@ import numpy as np
 
 from ..errors import UserError
 from ..model import (
+    Z95,
     AxleRecord,
     Bools,
     Channel,
@@ -16,17 +18,20 @@ from ..model import (
     Floats,
     Log,
     Meaning,
+    Parameter,
     Severity,
     Times,
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force, force_line
-from . import checks, held, plausible, timeaxis
-from .grid import Axle
+from . import checks, held, plausible, timeaxis, trainclock
+from .grid import Axle, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
 _REVERSE = 1.0  # wheel speed that no noise around standstill reaches [rad/s]
+_TOLD = 3.0  # sigma from zero is a train speed that is late
+_COUNTED = 0.75  # of an interval, a wheel speed by counted pulses is late itself
 SHORTEST = 3  # samples: fewer give no derivative with an error
 
 
@@ -93,13 +98,56 @@ def records(
         findings += [*told, *more] if axle in asked else []
         if record:
             found.append(Axle(record, speed, brake, train))
-    chosen = [a for a in found if a.record.axle in asked]
-    if not chosen:
+    if not any(a.record.axle in asked for a in found):
         raise _nothing(log, speeds, pressures or forces, window)
+    found, told = _on_one_clock(found, vehicle, log.start_ns())
+    findings += told
+    chosen = [a for a in found if a.record.axle in asked]
     theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}
     together = plausible.findings(found, vehicle, log.start_ns())
     findings += [f for f in together if f.channel in theirs]
     return [a.record for a in chosen], findings
+
+
+def _on_one_clock(
+    axles: Sequence[Axle], vehicle: Vehicle, start_ns: int
+) -> tuple[list[Axle], list[Finding]]:
+    """The axles with a train speed shifted by what it is late, where that is told from zero."""
+    train = axles[0].train
+    if train is None or any((np.diff(a.record.t) <= 0).any() for a in axles):
+        return list(axles), []
+    g = grid(axles, vehicle)
+    late = trainclock.delay(g, axles[0].record.train_speed_interval) if g else None
+    if late is None:
+        return list(axles), []
+    findings = []
+    interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
+    if abs(late.value) > max(_TOLD * late.tolerance, _COUNTED * interval):
+        way = "behind" if late.value > 0.0 else "ahead of"
+        text = (
+            f"the train speed is {abs(late.value):.2f} s (± {Z95 * late.tolerance:.2f}) {way} the "
+            "wheel speeds: its time stamps are shifted by that"
+        )
+        first = (int(train.data.t[0]) - start_ns) / 1e9
+        told = Finding("train-clock-offset", "warning", text, train.title, train.rows, first)
+        findings.append(told)
+    else:  # none, as far as that is known
+        late = Parameter(0.0, math.hypot(*late))
+    return [_shifted(a, late) if a.train is train else a for a in axles], findings
+
+
+def _shifted(axle: Axle, late: Parameter) -> Axle:
+    """An axle whose train speed is that much earlier."""
+    record, train, logged = axle.record, axle.train, axle.record.train_speed
+    assert train is not None
+    assert logged is not None
+    record = replace(record, train_speed_late=late)
+    if late.value:
+        data = replace(train.data, t=train.data.t - round(late.value * 1e9))
+        v = timeaxis.interpolated(timeaxis.Over(record.t, 0, 1), replace(train, data=data))
+        backwards = not np.any(logged < 0.0)  # taken without their sign
+        record = replace(record, train_speed=np.abs(v) if backwards else v)
+    return axle._replace(record=record)
 
 
 def _inside(since: Floats, window: Window) -> Bools:

@@ -1,4 +1,4 @@
-"""Wheel speeds against the train's, or each other: units, clocks, diameters, swapped axles."""
+"""Wheel speeds against the train's, or each other: units, diameters, swapped axles."""
 
 import math
 from collections.abc import Iterator
@@ -7,35 +7,30 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Channel, Finding, Floats, Vehicle
-from .grid import LEAST, Grid, Scene, far, largest
+from .grid import LEAST, Grid, Scene, far
 from .units import UNITS, listed, others
 
 _CRAWL = 1.0  # slower, speeds say little about each other [m/s]
 _FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
 _SIGMAS = 2.0  # of the wheel radius are tolerated
 _SWAP = 12  # samples of a slide that show whose pressure it follows
-_LATE = 0.4  # a clock offset that matters [s]
-_REACH = 5.0  # and the largest looked for [s]
 
 
 class _Match(NamedTuple):
-    """How one speed follows another: reference(t) ≈ scale · speed(t − late)."""
+    """How one speed follows another: reference ≈ scale · speed."""
 
     scale: float
-    late: float  # [s]
     left: float  # median of what differs [m/s]
 
 
-def _match(reference: Floats, x: Floats, step: float, late: float, scaled: bool = True) -> _Match:
-    """The scale, 1 unless `scaled`, at which a speed that much later fits best."""
-    n = np.arange(len(x)) * step
-    y = np.interp(n - late, n, x, left=np.nan, right=np.nan)
+def _match(reference: Floats, y: Floats) -> _Match:
+    """The scale at which a speed fits best."""
     fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), _CRAWL)
     used = fast & np.isfinite(y) & (y > _CRAWL)
     if used.sum() < LEAST:
-        return _Match(1.0, late, math.inf)
-    scale = float(np.median(reference[used] / y[used])) if scaled else 1.0
-    return _Match(scale, late, float(np.median(np.abs(reference[used] - scale * y[used]))))
+        return _Match(1.0, math.inf)
+    scale = float(np.median(reference[used] / y[used]))
+    return _Match(scale, float(np.median(np.abs(reference[used] - scale * y[used]))))
 
 
 def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
@@ -45,43 +40,12 @@ def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
     return rim * min(1.0, interval / step) / 2.0
 
 
-def _late(g: Grid, floor: float) -> float:
-    """By how much the train speed is behind the fastest wheel [s], 0 where that is not clear.
-
-    A wheel that is too large leads as a clock does that is behind: whichever explains more.
-    """
-    assert g.train is not None
-    x = largest(g.rim)
-    lates = np.arange(-_REACH, _REACH + 0.01, 0.1)
-
-    def best(scaled: bool) -> _Match:
-        every = (_match(g.train, x, g.step, late, scaled) for late in lates)  # type: ignore[arg-type]
-        return min(every, key=lambda m: m.left)
-
-    if _match(g.train, x, g.step, 0.0, scaled=False).left < floor:
-        return 0.0
-    either = min(_match(g.train, x, g.step, 0.0), best(scaled=False), key=lambda m: m.left)
-    both = best(scaled=True)
-    m = either if either.left < max(1.5 * both.left, floor) else both
-    return m.late if m.left < 2.0 * floor and abs(m.late) < _REACH - 0.2 else 0.0
-
-
 def speeds(s: Scene) -> Iterator[Finding]:
     """Units, clocks and wheel diameters that do not go with the train's speed or each other."""
     axles, g, vehicle = s.axles, s.grid, s.vehicle
     floor = _FLOOR + max(_rounding(a.speed, g.step, vehicle) for a in axles)
-    late = 0.0
-    train = axles[0].train
-    if g.train is not None and train is not None:
-        floor += train.step / 3.0
-        late = _late(g, floor)
-        if abs(late) > max(_LATE, 0.75 * g.step):
-            way = "behind" if late > 0.0 else "ahead of"
-            text = (
-                f"the train speed is {abs(late):.1f} s {way} the wheel speeds: slip is wrong "
-                "by that; correct its time stamps, or leave it out"
-            )
-            yield s.told("train-clock-offset", "warning", text, train)
+    if axles[0].train is not None:
+        floor += axles[0].train.step / 3.0
     for i, a in enumerate(axles):
         if g.train is not None:
             reference = g.train
@@ -94,7 +58,7 @@ def speeds(s: Scene) -> Iterator[Finding]:
         if not 0.8 < (kept := _kept_share(g, i)) < 1.25:
             yield _odd_wheel(s, i, 1.0 / kept)
             continue
-        m = _match(reference, g.rim[i], g.step, late)
+        m = _match(reference, g.rim[i])
         R = vehicle.radius(a.record.axle)
         allowed = _SIGMAS * R.tolerance / R.value
         differs = abs(m.scale - 1.0)

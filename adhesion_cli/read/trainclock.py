@@ -1,0 +1,188 @@
+"""How late the train speed is beside the wheels: one number per log, with its error.
+
+A receiver tells what was, T(t) = v(t − τ); GNSS is one to two seconds late. Of a wheel i that rolls
+
+    T(t + τ) − ωR = c_i ωR + q (−v̇) ωR,
+
+with c_i by what its radius is off and q (−v̇) its creep, which on the rising flank of (3) goes with
+the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
+fall late. A wheel that slides is slower than that, and left out: τ is where most samples of all
+axles fit. Its error is that of the least squares, the train speed's noise being the same in every
+axle and slow.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Bools, Floats, Parameter
+from ..physics import white_noise
+from .grid import LEAST, Grid
+
+_REACH = 5.0  # the largest offset looked for [s]
+_SCAN = 0.1  # from one that is tried to the next [s]
+_CRAWL = 1.0  # slower, speeds say little about each other [m/s]
+_FLOOR = 0.03  # 1 sigma by which a rolling wheel may differ, whatever the noise [m/s]
+_CUT = 4.0  # sigma that are no noise
+_WORN = 0.02  # 1 sigma of c [-]
+_CREEP = 0.002, 0.004  # q and its 1 sigma: creep of 0.2 % at 1 m/s² [s²/m]
+_SLOWING = 0.2  # a train that does is braked [m/s²]
+_LEAST = 3.0  # so long must a wheel roll while braked [s]
+_SHARE = 0.3  # and for this share of the braking
+_ALIKE = 0.85  # and an axle that counts, for this share of the time that the best one rolls
+_BLOCK = 3.0  # within it errors are alike [s]
+_SLOW = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
+_SYSTEMATIC = 0.015  # 1 sigma of τ by creep that does not go with the force [s]
+_SUREST = 0.2  # a larger 1 sigma of τ tells nothing [s]
+_APART, _AS_GOOD = 0.5, 1.1  # nearest other τ [s], and its loss over the best one's
+_MOST = 4000  # samples of the fit
+
+
+class _Samples(NamedTuple):
+    """What is fitted: shape (n,), and (axles, n)."""
+
+    t: Floats  # [s]
+    rim: Floats  # [m/s]
+    slowing: Floats  # of the rim [m/s²]
+    noise: float  # 1 sigma of the train speed on the grid [m/s]
+
+
+class _Fit(NamedTuple):
+    """At one τ."""
+
+    x: Floats  # c of each axle, q
+    left: Floats  # (axles, n) [m/s]
+    used: Bools  # (axles, n): no slide
+    loss: float  # mean square of what is left, cut off
+
+
+def delay(g: Grid, interval: float) -> Parameter | None:
+    """τ [s] with its 1 sigma, above 0 where the train speed is behind; None where it is not clear.
+
+    Args:
+        g: all axles.
+        interval: between the train speed's own samples [s].
+    """
+    if g.train is None:
+        return None
+    t: Floats = g.step * np.arange(len(g.train), dtype=np.float64)
+    known = np.isfinite(g.train)
+    if known.sum() < 2 * LEAST:
+        return None
+    falling, every = -g.slope(g.train), max(1, len(t) // _MOST)
+    apart = (1, max(1, round(0.5 / g.step)))  # neighbours may be interpolated
+    runs = ((t[known][::j], g.train[known][::j]) for j in apart)
+    noise = max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs))
+    s = _Samples(t[::every], g.rim[:, ::every], -g.slope(g.rim)[:, ::every], noise)
+
+    def at(tau: float, column: Floats) -> Floats:
+        return np.interp(s.t + tau, t[known], column[known], left=np.nan, right=np.nan)
+
+    taus, first = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN), _start(g, g.train)
+    fits = [_fit(s, at(tau, g.train), first) for tau in taus]
+    losses = np.array([f.loss for f in fits])
+    best = int(np.argmin(losses))
+    if not math.isfinite(losses[best]) or best in (0, len(taus) - 1):
+        return None
+    tau, f = float(taus[best]), fits[best]
+    slows = np.nan_to_num(at(tau, falling)) > _SLOWING
+    rolls = (f.used & slows).sum(axis=1)
+    counts = rolls > _ALIKE * rolls.max()  # what little is left of a slide is no noise
+    s = s._replace(rim=s.rim[counts], slowing=s.slowing[counts])
+    x, sigma = f.x[np.append(counts, True)], math.inf
+    alike = max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every))
+    for _ in range(5):
+        f = _fit(s, at(tau, g.train), x)
+        change, sigma = _step(s, f, at(tau, falling), alike)
+        tau, x = tau + change, f.x
+        if not abs(tau - taus[best]) <= 2.0 * _SCAN:
+            return None
+    long = rolls.max() * g.step * every
+    if long < _LEAST or rolls.max() < _SHARE * slows.sum() or sigma > _SUREST:
+        return None
+    if losses[np.abs(taus - tau) > _APART].min() < _AS_GOOD * losses[best]:
+        return None
+    return Parameter(tau, sigma)
+
+
+def _start(g: Grid, train: Floats) -> Floats:
+    """First c and q: a wheel coasts without slip, and one that rolls is the faster one."""
+    c = np.append(np.zeros(len(g.rim)), _CREEP[0])
+    even = np.abs(g.slope(train)) < _SLOWING
+    for i, rim in enumerate(g.rim):
+        fast = (rim > 0.3 * np.nanmax(rim)) & (train > _CRAWL)
+        free = fast & even & (g.clamping[i] <= 0.0)
+        if free.sum() >= LEAST:
+            c[i] = np.median(train[free] / rim[free]) - 1.0
+        elif fast.any():
+            c[i] = np.quantile(train[fast] / rim[fast], 0.3) - 1.0
+    inside: Floats = np.clip(c, -3.0 * _WORN, 3.0 * _WORN)
+    return inside
+
+
+def _prior(s: _Samples) -> tuple[Floats, Floats]:
+    """Weights of what c and q are expected to be, as of so many samples, and what that is."""
+    k = len(s.rim)
+    weights = (s.noise / np.array([*([_WORN] * k), _CREEP[1]])) ** 2
+    return weights, np.append(np.zeros(k), _CREEP[0])
+
+
+def _columns(s: _Samples, used: Bools) -> Floats:
+    """What c of each axle and q are multiplied with, shape (axles + 1, axles, n)."""
+    k = len(s.rim)
+    X = np.zeros((k + 1, *s.rim.shape))
+    X[np.arange(k), np.arange(k)] = np.where(used, s.rim, 0.0)
+    X[k] = np.where(used, s.rim * np.maximum(s.slowing, 0.0), 0.0)
+    return X
+
+
+def _fit(s: _Samples, v: Floats, start: Floats) -> _Fit:
+    """Least squares of c and q over what is no slide; v is shifted already, shape (n,)."""
+    usable = np.isfinite(v) & np.isfinite(s.slowing) & (s.rim > _CRAWL) & (v > _CRAWL)
+    X, d = _columns(s, usable), np.where(usable, v - s.rim, 0.0)
+    weights, expected = _prior(s)
+    x, left, used, cut = start, d, usable, _CUT * s.noise
+    for _ in range(8):
+        left = d - np.einsum("ian,i->an", X, x)
+        used = usable & (np.abs(left) < cut)
+        own = X * used
+        A = np.einsum("ian,jan->ij", own, X) + np.diag(weights)
+        x = np.linalg.solve(A, np.einsum("ian,an->i", own, d) + weights * expected)
+    some = left[usable]
+    loss = float(np.mean(np.minimum(some**2, cut**2))) if len(some) >= LEAST else math.inf
+    return _Fit(x, left, used, loss)
+
+
+def _step(s: _Samples, f: _Fit, falling: Floats, alike: float) -> tuple[float, float]:
+    """By how much another τ fits better [s], and the 1 sigma of τ [s].
+
+    Args:
+        s: the samples.
+        f: their fit at the τ so far.
+        falling: of the train speed at this τ, (n,) [m/s²].
+        alike: samples in a row whose noise is alike.
+    """
+    used = f.used & np.isfinite(falling)
+    late = np.where(used, np.nan_to_num(falling), 0.0)
+    X = np.concatenate([_columns(s, used), late[None]])
+    left = np.where(used, f.left, 0.0)
+    weights, expected = (np.append(x, 0.0) for x in _prior(s))
+    A = np.einsum("ian,jan->ij", X, X) + np.diag(weights)
+    b = np.einsum("ian,an->i", X, left) - weights * (np.append(f.x, 0.0) - expected)
+    if np.linalg.cond(A) > 1e14:
+        return math.nan, math.inf
+    x = np.linalg.solve(A, b)
+    rest = left - np.einsum("ian,i->an", X, x)
+    _, block = np.unique(s.t // _BLOCK, return_inverse=True)
+    scores = np.zeros((len(X), int(block.max()) + 1))
+    np.add.at(scores.T, block, (X * rest).sum(axis=1).T)
+    free = max(scores.shape[1] - len(X), 1)
+    of_blocks = scores @ scores.T * scores.shape[1] / free
+    together = X.sum(axis=1)  # the train speed's noise is in every axle
+    of_noise = float(np.mean(rest[used] ** 2)) * alike * together @ together.T
+    inverse, expected_error = np.linalg.inv(A), np.diag(weights) * s.noise**2
+    variance = max(
+        float((inverse @ (m + expected_error) @ inverse)[-1, -1]) for m in (of_blocks, of_noise)
+    )
+    return float(x[-1]), math.hypot(math.sqrt(variance), _SYSTEMATIC)
