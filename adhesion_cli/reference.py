@@ -149,8 +149,9 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         x = smoother.smooth(run, regimes, fitted)
         rate, sigma = x.rate, x.rate_sigma
         if len(run.t) < len(whole.t):
+            missed = _missed(whole.t, run.t, rate)
             rate = whole.u + np.interp(whole.t, run.t, rate)
-            sigma = np.interp(whole.t, run.t, sigma)
+            sigma = np.hypot(np.interp(whole.t, run.t, sigma), missed)
         found.append(Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma)))
     return found
 
@@ -355,15 +356,20 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
 
 def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:
     """Found at the times `known`, at the times t: straight lines, sigma with what they may miss."""
-    after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
-    part = (t - known[after - 1]) / (known[after] - known[after - 1])
-    missed = _bend(found.level)[after] * part * (1.0 - part)
     return smoother.Smooth(
         np.interp(t, known, found.level),
-        np.hypot(np.interp(t, known, found.level_sigma), missed),
+        np.hypot(np.interp(t, known, found.level_sigma), _missed(t, known, found.level)),
         np.interp(t, known, found.rate),
         np.interp(t, known, found.rate_sigma),
     )
+
+
+def _missed(t: Floats, known: Floats, x: Floats) -> Floats:
+    """What straight lines between x at the times `known` may miss at the times t, shape (n,)."""
+    after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
+    part = (t - known[after - 1]) / (known[after] - known[after - 1])
+    missed: Floats = _bend(x)[after] * part * (1.0 - part)
+    return missed
 
 
 def _seconds(run: AxleRecord) -> Floats:

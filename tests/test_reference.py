@@ -206,6 +206,16 @@ def test_sigma_is_right_where_a_counter_has_few_teeth(rate: float) -> None:
     assert rms((F.force - record.truth)[used]) < 800.0
 
 
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_sigma_knows_what_few_pulses_miss_of_a_long_slide(rate: float) -> None:
+    record, _ = logged("low-adhesion", rate, teeth=60, pressure_noise=500.0)
+    F = reference.compute(record, VEHICLE)
+    used = np.isfinite(F.force)
+    error = rms((F.force - record.truth)[used])
+    assert share_inside(F, record.truth, used) >= 0.78
+    assert 0.75 * error < rms(F.sigma[used]) < 1.5 * error
+
+
 @pytest.mark.parametrize(
     ("sensor", "counts"),
     [
