@@ -541,6 +541,17 @@ def test_what_was_left_out_is_written_where_asked_for(run: Run, tmp_path: Path, 
     assert not (tmp_path / "other.mcap").exists()
 
 
+def test_each_row_of_a_table_of_signals_counts_once(run: Run, tmp_path: Path) -> None:
+    signals = "".join(
+        f"{k / 20},{name},{value}\n"
+        for k in range(200)
+        for name, value in (("bc_pressure_1 [bar]", 2 + k % 2), ("wheel_speed_1 [km/h]", 90 - k / 4))
+    )
+    (tmp_path / "log.csv").write_text("time [s],signal,value\n" + signals)
+    (result,) = json.loads(run("analyze", "log.csv", "--json").stdout)["results"]
+    assert result["log"]["rows_used"] == result["log"]["rows_read"] == 400
+
+
 def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(rows() + "x\n")
     assert run("analyze", "log.csv", "--rejects", "missing/left-out.csv").returncode == 1

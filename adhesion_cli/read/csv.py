@@ -118,7 +118,10 @@ class CsvSource:
                 unit, source = dialect.units[i] if dialect.units else "", "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
-                one = Field(channel, "", "", series.group, unit, source if unit else "")
+                source = source if unit else ""
+                one = Field(
+                    channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
+                )
                 self._places[one] = k, i
         self.fields: list[Field] = list(self._places)
         self.stated: dict[str, Any] = dict(dialect.why)

@@ -259,7 +259,7 @@ def _channel(
             )
             findings.append(Finding("pressure-absolute", "warning", text, told))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
-    row_of = (m.field.channel if m.field.encoding else "", m.field.group)
+    row_of = (m.field.channel if m.field.encoding else m.field.signal, m.field.group)
     return Channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,

@@ -22,6 +22,7 @@ class Field:
     unit_from: str = ""  # where that stood
     message_type: str = ""  # MCAP schema name, "" in a CSV
     encoding: str = ""  # MCAP message encoding, "" in a CSV
+    signal: str = ""  # long layouts: what a row's only number is
 
 
 @dataclass(frozen=True, slots=True)
