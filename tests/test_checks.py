@@ -432,6 +432,85 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
     assert not checks.stuck_pressure(pressure(dead, 10.0, 1000.0)).any()
 
 
+# --- sensors that are dead all along ------------------------------------------------------------
+
+MANY = ["four-axles", "low-adhesion", "slippery-stop"]
+ALWAYS = simulated.during(0.0, math.inf)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
+@pytest.mark.parametrize("name", MANY)
+def test_a_speed_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    log = simulated.recordings(name, train=train)
+    top = float(log[simulated.which(log, "wheel_speed", 2)[0]].value.max())
+    dead = simulated.put(log, "wheel_speed", 2, ALWAYS, share * top)
+    told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
+    assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
+        ("speed-frozen", "warning", True)
+    ]
+    without = [r for r in log if r.axle != 2]
+    one, other = (
+        analysis.analyze(simulated.write(tmp_path / "x.csv", x), lambda **_: DEFAULT, ["td"],
+                         train_speed=True)
+        for x in (dead, without)
+    )  # fmt: skip
+    assert [a.record.axle for a in one.axles] == [a.record.axle for a in other.axles]
+    for a, b in zip(one.axles, other.axles, strict=True):  # nothing of the sound axles changes
+        np.testing.assert_array_equal(a.record.train_speed, b.record.train_speed)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_a_pressure_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    log = simulated.recordings(name, train=train)
+    top = float(log[simulated.which(log, "pressure", 2)[0]].value.max())
+    dead = simulated.put(log, "pressure", 2, ALWAYS, share * top)
+    assert ("pressure-frozen", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
+    assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
+
+
+def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
+    log = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
+    path = simulated.write(tmp_path / "log.csv", log)
+    with pytest.raises(UserError, match=r"wheel_speed_2.*repeats one value") as told:
+        analysis.analyze(path, lambda **_: DEFAULT, ["td"], axles=[2])
+    assert "check the sensor" in told.value.hint
+
+
+def test_a_gap_hides_no_dead_sensor(tmp_path: Path) -> None:
+    dead = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
+    holed = simulated.put(dead, "wheel_speed", 0, simulated.during(12.0, 4.0), math.nan)
+    assert "speed-frozen" in codes(holed, tmp_path)
+
+
+@pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
+@pytest.mark.parametrize("kmh", [0.0, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_slow_and_coarse_speeds_in_a_fast_table_are_not_dead(
+    name: str, kmh: float, held: float, tmp_path: Path
+) -> None:
+    def slow(r: simulate.Recording) -> simulate.Recording:
+        last = np.searchsorted(r.t, np.floor(r.t / (held * 1e9)) * held * 1e9)
+        return replace(r, value=r.value[np.minimum(last, len(r.t) - 1)])
+
+    log = simulated.changed(simulated.recordings(name, kmh=kmh), "wheel_speed", slow)
+    assert "speed-frozen" not in codes(log, tmp_path)
+
+
+def test_a_train_that_stands_or_runs_evenly_has_no_dead_sensors(tmp_path: Path) -> None:
+    for speed in (0.0, 60.0):
+        log = clean("low-adhesion", 1, "as it is")
+        even = simulated.put(log, "wheel_speed", 0, ALWAYS, speed)
+        even = simulated.put(even, "train_speed", 0, ALWAYS, speed)
+        assert "speed-frozen" not in codes(even, tmp_path)
+
+
 # --- the page that lists them all ---------------------------------------------------------------
 
 

@@ -90,16 +90,18 @@ def records(
             *_told(speed, of_speed, log.start_ns(), window),
             *_told(brake, of_brake, log.start_ns(), window),
         ]
-        record, more = _record(
-            log, vehicle, axle, window,
-            _without(speed, of_speed), _without(brake, of_brake), train, log.find("truth", axle),
-            moving,
-        )  # fmt: skip
+        sound, pressing = _without(speed, of_speed), _without(brake, of_brake)
+        record: AxleRecord | None = None
+        more: list[Finding] = []
+        if len(sound.data.t) and len(pressing.data.t):
+            record, more = _record(
+                log, vehicle, axle, window, sound, pressing, train, log.find("truth", axle), moving
+            )
         findings += [*told, *more] if axle in asked else []
         if record:
             found.append(Axle(record, speed, brake, train))
     if not any(a.record.axle in asked for a in found):
-        raise _nothing(log, speeds, pressures or forces, window)
+        raise _nothing(log, speeds, pressures or forces, window, findings)
     found, told = _on_one_clock(found, vehicle, log.start_ns())
     findings += told
     chosen = [a for a in found if a.record.axle in asked]
@@ -255,8 +257,8 @@ def _record(
     )  # fmt: skip
     tell(
         "speed-frozen", "warning",
-        "the speed repeats one value while the train or the brake says it must change: left out; "
-        "check the sensor, or name another channel in [channels]",
+        "the speed repeats one value, or zero without brake, while the train or the brake says it "
+        "must change: left out; check the sensor, or name another channel in [channels]",
         frozen & inside & at.fresh,
     )  # fmt: skip
     tell(
@@ -322,7 +324,7 @@ def _missing(log: Log, what: str, example: str) -> UserError:
 
 def _nothing(
     log: Log, speeds: dict[int | None, Channel], brakes: dict[int | None, Channel],
-    window: Window,
+    window: Window, findings: Sequence[Finding],
 ) -> UserError:  # fmt: skip
     def span(channels: dict[int | None, Channel]) -> str:
         first = min(int(c.data.t.min()) for c in channels.values())
@@ -341,6 +343,9 @@ def _nothing(
             "seconds after the log's start",
             code=2,
         )
+    if dead := next((f for f in findings if f.code in ("speed-frozen", "pressure-frozen")), None):
+        text, _, remedy = dead.message.rpartition("; ")
+        return UserError(f"{log.path}: nothing to analyse: {dead.channel}: {text}", remedy)
     return UserError(
         f"{log.path}: no overlap in time of wheel speed ({span(speeds)}) "
         f"and pressure ({span(brakes)})",

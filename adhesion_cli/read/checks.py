@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from ..model import Bools, Channel, Floats
 from ..physics import true_runs, white_noise
 from . import excursions, held, timeaxis
+from .grid import FREE
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
+_ZERO = 0.1  # and one below this stands, as far as any sensor tells [rad/s]
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
@@ -114,7 +116,8 @@ def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()
     log has none, as this speed usually does with the brake applied. More than six quantisation
     steps (four where there are others) and 2 % of it, that is; for much longer than the speed's
     usual steps last; and then the speed leaps by a good part of it, or never changes again. A wheel
-    that turns from sliding to recovering stands at one value too, but leaves it gently.
+    that turns from sliding to recovering stands at one value too, but leaves it gently. One that
+    stands without brake while the others turn is no wheel either.
 
     Args:
         speed: wheel speed [rad/s].
@@ -122,28 +125,74 @@ def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()
         others: speeds of other axles and the train, in any unit.
     """
     t, y = speed.data.t, speed.data.value
-    runs = _runs(speed)
+    runs, dead = _runs(speed), _dead(speed, clamping, others)
     value = y[runs.first]
+    long = (
+        (runs.length >= np.maximum(3.0, 2.5 * _usual(y)))
+        & ((t[runs.last] - t[runs.first]) / 1e9 > _BRIEF)
+        & (value > _SLOW)
+    )
+    if not long.any():
+        return dead
     expected = _expected(speed, clamping, runs)
     steps = np.full(len(value), 6.0)
     if others:
-        moved = np.full((len(others), len(value)), np.nan)
-        for row, other in zip(moved, others, strict=True):
-            before, after = (timeaxis.interpolated(timeaxis.Over(t[i], 0, 1), other) for i in runs)
-            fast = before > 0.1 * np.max(other.data.value)
-            np.divide(np.abs(after - before) * value, before, out=row, where=fast)
+        moved = np.array([_moved(speed, runs, other) for other in others]) * value
         # Where all of them stand still to the last digit, it is the logger that does.
         known = np.isfinite(moved).any(axis=0) & (np.nan_to_num(moved).max(axis=0) > 0.0)
         expected[known] = np.nanmedian(moved[:, known], axis=0)
         steps[known] = 4.0
+    constant = not np.ptp(y)
+    least = 0.1 if constant else 0.02  # one value alone does not show its step
     stuck = (
-        (runs.length >= np.maximum(3.0, 2.5 * np.median(runs.length)))
-        & ((t[runs.last] - t[runs.first]) / 1e9 > _BRIEF)
-        & (value > _SLOW)
-        & (expected > np.maximum(steps * speed.step, 0.02 * value))
+        long
+        & (expected > np.maximum(steps * speed.step, least * value))
         & (_leap(y, runs) > 0.3 * expected)
     )
-    return _repeats(len(y), runs, stuck)
+    if constant and stuck.any():
+        return np.ones(len(y), dtype=np.bool_)
+    return _repeats(len(y), runs, stuck) | dead
+
+
+def _usual(x: Floats) -> float:
+    """Usual number of samples with one value; of the longest, on trial, only if it is not alone."""
+    stands = np.diff(np.flatnonzero(np.diff(x, prepend=np.nan)), append=len(x))
+    return float(np.median(np.sort(stands)[:-1])) if len(stands) > 1 else 1.0
+
+
+def _moved(speed: Channel, runs: _Runs, other: Channel) -> Floats:
+    """By which share of itself another speed changed within each run; shape (k,).
+
+    From end to end, or in between by more than its noise; NaN where it hardly moves at all.
+    """
+    x = timeaxis.interpolated(timeaxis.Over(speed.data.t, 0, 1), other)
+    low, high = (of.reduceat(x, runs.first) for of in (np.fmin, np.fmax))
+    ends = np.abs(x[runs.last] - x[runs.first])
+    fast = 0.1 * np.max(other.data.value)
+    share = np.full(len(ends), np.nan)
+    np.divide(ends, x[runs.first], out=share, where=x[runs.first] > fast)
+    between = np.full(len(ends), np.nan)
+    np.divide(high - low - _noise(other), high, out=between, where=high > fast)
+    moved: Floats = np.fmax(share, np.fmax(between, 0.0))
+    return moved
+
+
+def _dead(speed: Channel, clamping: Floats, others: Sequence[Channel]) -> Bools:
+    """Stretches in which the wheel stands and for a while only a dead sensor explains it; (n,).
+
+    A wheel that no brake holds turns with the train, and at once when a brake lets it go. One that
+    does not turn in the whole log while the others do shows nothing of a wheel.
+    """
+    stands = locked(speed, others, excursions.WHEEL.start)
+    still = np.abs(speed.data.value) <= max(_ZERO, speed.step / 2.0)
+    if still.all() and stands.any():
+        return still
+    free = stands & (clamping <= FREE * np.nanmax(clamping, initial=0.0))
+    found = np.zeros(len(stands), dtype=np.bool_)
+    for a, b in true_runs(still):
+        t = speed.data.t[a:b] / 1e9
+        found[a:b] = any(t[j - 1] - t[i] >= _LASTS for i, j in true_runs(free[a:b]))
+    return found
 
 
 def speed_spikes(speed: Channel) -> Bools:
@@ -196,20 +245,21 @@ def _noise(c: Channel) -> float:
     return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.step
 
 
-def locked(speed: Channel, others: Sequence[Channel]) -> Bools:
+def locked(speed: Channel, others: Sequence[Channel], faster: float = 2.0 * _SLOW) -> Bools:
     """Samples at which the wheel stands while most of the rest of the train moves, shape (n,).
 
     Args:
         speed: wheel speed [rad/s].
         others: speeds of other axles [rad/s] and the train [m/s].
+        faster: than this, they move.
     """
     if not others or not len(speed.data.t):
         return np.zeros(len(speed.data.t), dtype=np.bool_)
     rest = np.array([timeaxis.interpolated(timeaxis.Over(speed.data.t, 0, 1), c) for c in others])
     known = np.isfinite(rest).any(axis=0)
     moves = np.zeros(len(speed.data.t), dtype=np.bool_)
-    moves[known] = np.nanmedian(rest[:, known], axis=0) > 2.0 * _SLOW
-    return moves & (np.abs(speed.data.value) <= max(0.1 * _SLOW, speed.step / 2.0))
+    moves[known] = np.nanmedian(rest[:, known], axis=0) > faster
+    return moves & (np.abs(speed.data.value) <= max(_ZERO, speed.step / 2.0))
 
 
 def _expected(speed: Channel, clamping: Floats, runs: _Runs) -> Floats:
@@ -245,10 +295,13 @@ def stuck_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Bools:
     x = pressure.data.value
     runs = _runs(pressure)
     value = x[runs.first]
+    alone = _left_alone(pressure, runs, others)
+    if alone.any() and not np.ptp(x):
+        return np.ones(len(x), dtype=np.bool_)
     silent = _silent(pressure, runs) & ~_flat_top(pressure, runs)
     if _cut_off(pressure, runs):
         silent &= value > x.min()
-    return _repeats(len(x), runs, silent | _left_alone(pressure, runs, others))
+    return _repeats(len(x), runs, silent | alone)
 
 
 def saturated(pressure: Channel) -> Bools:
@@ -315,8 +368,12 @@ def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bo
     if not others:
         return found
     top = max(float(c.data.value.max()) for c in others)
-    long = (runs.length >= 5) & ((t[runs.last] - t[runs.first]) / 1e9 >= _LASTS)
-    long &= (x[runs.first] > 0.05 * top) | (len(found) == 1)  # let go while others brake, or dead
+    whole = not np.ptp(x)  # all log long: no valve, if all others are applied or released
+    lasts = _BRIEF if whole else _LASTS
+    if whole and any(np.ptp(c.data.value) <= 0.3 * top for c in others):
+        return found
+    long = (runs.length >= 5) & ((t[runs.last] - t[runs.first]) / 1e9 >= lasts)
+    long &= (x[runs.first] > 0.05 * top) | whole  # let go while others brake, or dead
     long &= _leap(x, runs) > 0.2 * top
     for i in np.flatnonzero(long):
         run = slice(runs.first[i], runs.last[i] + 1)
@@ -327,8 +384,8 @@ def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bo
         )
         beside = np.array([timeaxis.interpolated(at, c) for c in others])
         above, below = beside > value + 0.3 * top, beside < value - 0.3 * top
-        if len(others) == 1:
-            below = beside < 0.05 * top
+        if len(others) == 1 or whole:
+            below = (beside < 0.05 * top) & (value > 0.1 * top)
         for apart in (above.all(axis=0), below.all(axis=0)):
-            found[i] |= any(seconds[b - 1] - seconds[a] >= _LASTS for a, b in true_runs(apart))
+            found[i] |= any(seconds[b - 1] - seconds[a] >= lasts for a, b in true_runs(apart))
     return found
