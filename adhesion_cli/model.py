@@ -96,7 +96,7 @@ class Channel:
     gaps: int = 0
     duplicates: int = 0
     backward: int = 0
-    row_of: tuple[str, str] = ("", "")  # topic or signal, and device: channels of one row share them
+    row_of: tuple[str, str] = ("", "")  # topic or signal, and device; one for channels of one row
 
     @property
     def title(self) -> str:

@@ -545,7 +545,7 @@ def test_each_row_of_a_table_of_signals_counts_once(run: Run, tmp_path: Path) ->
     signals = "".join(
         f"{k / 20},{name},{value}\n"
         for k in range(200)
-        for name, value in (("bc_pressure_1 [bar]", 2 + k % 2), ("wheel_speed_1 [km/h]", 90 - k / 4))
+        for name, value in (("bcp_1 [bar]", 2 + k % 2), ("wheel_speed_1 [km/h]", 90 - k / 4))
     )
     (tmp_path / "log.csv").write_text("time [s],signal,value\n" + signals)
     (result,) = json.loads(run("analyze", "log.csv", "--json").stdout)["results"]
