@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -81,7 +82,7 @@ def slip_document(
     logs: Sequence[Log],
     summaries: Sequence[Sequence[Summary]],
     findings: Sequence[Sequence[Finding]],
-    outputs: Sequence[Mapping[str, str]],
+    outputs: Sequence[Mapping[str, str]] = (),
 ) -> dict[str, Any]:
     """The `adhesion.slip/1` document.
 
@@ -89,17 +90,19 @@ def slip_document(
         logs: the analysed logs.
         summaries: of each log's axles.
         findings: of each log.
-        outputs: the files written of each log, by format; the document names them by log.
+        outputs: the files written of each log, by format, which the document names by log; without
+            them it is the one that a result carries, with the log's name wherever it lies.
     """
     axles = [
-        _slip_axle(log.path, log.start_ns(), s)
+        _slip_axle(log.path if outputs else Path(log.path).name, log.start_ns(), s)
         for log, of in zip(logs, summaries, strict=True)
         for s in of
     ]
-    return tagged(
-        "slip", outputs={log.path: of for log, of in zip(logs, outputs, strict=True)},
-        axles=axles, findings=findings_document([f for of in findings for f in of]),
-    )  # fmt: skip
+    told = findings_document([f for of in findings for f in of])
+    if not outputs:
+        return tagged("slip", axles=axles, findings=told)
+    files = {log.path: of for log, of in zip(logs, outputs, strict=True)}
+    return tagged("slip", outputs=files, axles=axles, findings=told)
 
 
 def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
@@ -115,6 +118,7 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         "peak_slip": peak and peak.value,
         "peak_slip_ci": peak and [peak.low, peak.high],
         "peak_mu": mu and mu.value,
+        "peak_speed_mps": rail.speed if rail and peak else None,
         "regions": summary.regions,
         "utilisation": summary.utilisation,
         "slides": [

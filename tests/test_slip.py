@@ -15,6 +15,8 @@ from simulated import late, recordings, simulation, write
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
 from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
+from adhesion_cli.read.log import open_source
+from adhesion_cli.read.source import ReadOptions
 
 
 @cache
@@ -338,6 +340,10 @@ def test_the_command(tmp_path: Path) -> None:
     first, third = document["axles"]
     assert first["axle"] == 1
     assert first["peak_slip_ci"][0] < first["peak_slip"] < first["peak_slip_ci"][1]
+    assert 5.0 < first["peak_speed_mps"] < 25.0
+    assert third["peak_speed_mps"] is None
+    metadata = open_source(tmp_path / outputs["mcap"], ReadOptions()).metadata
+    assert json.loads(metadata["adhesion.slip"]["json"])["axles"] == document["axles"]
     assert sum(first["regions"].values()) == pytest.approx(1.0)
     assert set(first["regions"]) == set(slope.REGIONS)
     assert first["fit"]["f0"]["ci"][0] < 0.06 < first["fit"]["f0"]["ci"][1]

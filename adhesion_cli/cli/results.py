@@ -56,7 +56,7 @@ def analysed(
 
 def write(
     shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair],
-    notes: Sequence[Sequence[str]] = (),
+    slips: "Sequence[tuple[str, Sequence[str]]]" = (),
 ) -> None:  # fmt: skip
     """Writes both files of each result; none gets its name before all are written.
 
@@ -64,7 +64,7 @@ def write(
         shared: whether existing ones are replaced, and where to what was left out goes.
         results: of the logs.
         pairs: the files of each.
-        notes: on the slip of each axle of each log.
+        slips: the document on each log's slip, and a note on that of each axle.
     """
     from .. import estimator
     from ..write import files, mcap, rrd
@@ -74,9 +74,9 @@ def write(
         stack.enter_context(rejects(shared, (r.log for r in results), inputs))
         for i, (result, of) in enumerate(zip(results, pairs, strict=True)):
             record, picture = stack.enter_context(files.outputs(of, shared.force, inputs=inputs))
-            mcap.write_result(record, result, embedded([result]))
-            known = list(estimator.registry())
-            rrd.write_result(picture, result, known, notes[i] if notes else ())
+            slip, notes = slips[i] if slips else (None, ())
+            mcap.write_result(record, result, embedded([result]), slip)
+            rrd.write_result(picture, result, list(estimator.registry()), notes)
 
 
 def embedded(results: "Sequence[Result]") -> str:

@@ -27,15 +27,16 @@ def command(logs: Logs, shared: Shared) -> int:
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     tell = show.progress(shared.quiet)
-    summaries, findings, notes = [], [], []
+    summaries, findings, slips = [], [], []
     for result in analysed:
         tell(f"{result.log.path}: rail under each axle")
         of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
         summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
         start = result.log.start_ns()
-        notes.append([f"```\n{table([s], start, shares=False)}\n```" for s in of])
-    results.write(shared, analysed, pairs, notes)
+        notes = [f"```\n{table([s], start, shares=False)}\n```" for s in of]
+        slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
+    results.write(shared, analysed, pairs, slips)
     if shared.json:
         outputs = [results.named(pair) for pair in pairs]
         print(dumps(slip_document([r.log for r in analysed], summaries, findings, outputs)))
@@ -59,12 +60,14 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         return f"{value} ({low} to {high})"
 
     regions = REGIONS if shares else ()
-    head = ["axle", "peak slip [%]", "peak µ", "utilisation", "slides"]
+    head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
     head += [f"{r} [%]" for r in regions]
     rows = [
         [
             str(s.axle), spread(s.rail.peak_slip if s.rail else None, 2, 100.0),
-            spread(s.rail.peak_mu if s.rail else None, 3), show.number(s.utilisation, 3),
+            spread(s.rail.peak_mu if s.rail else None, 3),
+            show.number(s.rail.speed if s.rail and s.rail.peak_slip else None, 1),
+            show.number(s.utilisation, 3),
             str(len(s.slides)),
             *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
         ]

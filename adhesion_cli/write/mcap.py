@@ -79,29 +79,30 @@ class _Stream:
         return {f"unit.{name}": unit for name, (unit, _) in self.columns.items()}
 
 
-def write_result(path: Path, result: Result, metrics_json: str | bytes) -> None:
+def write_result(
+    path: Path, result: Result, metrics_json: str | bytes, slip_json: str | None = None
+) -> None:
     """Write one analysed log, read it back and check it.
 
     Args:
         path: file to write; its old content is lost.
         result: the analysed log.
         metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+        slip_json: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
 
     Raises:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
     shift = _shift([result.log])
-    _write(
-        path,
-        _result_streams(result, ""),
-        {
-            names.SETTINGS: names.flat(result.settings),
-            "adhesion.provenance": _provenance(result, shift),
-            "adhesion.metrics": {"json": _text(metrics_json)},
-        },
-        shift,
-    )
+    metadata = {
+        names.SETTINGS: names.flat(result.settings),
+        "adhesion.provenance": _provenance(result, shift),
+        "adhesion.metrics": {"json": _text(metrics_json)},
+    }
+    if slip_json is not None:
+        metadata["adhesion.slip"] = {"json": _text(slip_json)}
+    _write(path, _result_streams(result, ""), metadata, shift)
 
 
 def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | bytes) -> None:
