@@ -147,7 +147,7 @@ def test_events(small: Path) -> None:
 
 def test_messages_are_the_bytes_protobuf_would_write(small: Path) -> None:
     messages = [pair for topic in decoded(small).values() for pair in topic]
-    assert len(messages) == 2 * 9 * 300 + 2 + 4
+    assert len(messages) == 2 * 9 * 300 + 2 + 2  # brakes applied, gap and unit
     for record, message in messages:
         assert record.data == message.SerializeToString(deterministic=True)
 
