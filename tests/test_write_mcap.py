@@ -129,8 +129,13 @@ def test_a_brake_is_released_when_its_pressure_is_gone(tmp_path: Path) -> None:
     assert K[last] <= 0.2 * K[application].max() < K[last - 1]
 
 
-def test_events(small: Path) -> None:
+def test_events(small: Path, tmp_path: Path) -> None:
     analysed = result(2, 300)
+    coarse = Finding("time-coarse", "info", "stamps stand for several samples", "time")
+    whole = replace(analysed, findings=(*analysed.findings, coarse))
+    mcap.write_result(tmp_path / "a.mcap", whole, "{}")
+    (of_all,) = (m for _, m in decoded(tmp_path / "a.mcap")["/events"] if m.code == "time-coarse")
+    assert not of_all.HasField("axle")
     events = decoded(small)["/events"]
     assert [r.log_time for r, _ in events] == sorted(r.log_time for r, _ in events)
     told = {(r.log_time - EPOCH, m.code, m.severity, m.axle) for r, m in events}
@@ -138,10 +143,9 @@ def test_events(small: Path) -> None:
     applied = analysed.axles[0].applications[0]
     assert (int(record.t[applied.start]) - EPOCH, "brake-applied", "info", 1) in told
     assert "brake-released" not in {code for _, code, _, _ in told}  # it ends with the brake on
-    assert (1_650_000_000, "gap", "warning", 0) in told
-    assert (0, "unit-guessed", "info", 0) in told
+    assert (1_650_000_000, "gap", "warning", 2) in told
+    assert (0, "unit-guessed", "info", 1) in told
     gap = next(m for _, m in events if m.code == "gap")
-    assert not gap.HasField("axle")
     assert gap.message == "speed 2: no samples for 1.8 s"
 
 

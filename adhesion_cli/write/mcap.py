@@ -364,11 +364,14 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
     """Findings, brake applications, slides and regions on one topic, in the order of their time."""
     event, start = descriptors.message("Event"), result.log.start_ns()
     events = []
+    of = {c.title: c.axle for c in result.log.channels}
+    of |= {f"axle {a.record.axle}": a.record.axle for a in result.axles}
     for f in result.findings:
         where = f"{printable(f.channel)}: " if f.channel else ""
         text = f"{where}{printable(f.message)}"
         t = start + round((f.first_s or 0.0) * _SECOND)
-        events.append((t, event(code=f.code, severity=f.severity, message=text)))
+        told = event(code=f.code, severity=f.severity, axle=of.get(f.channel), message=text)
+        events.append((t, told))
     for axle in result.axles:
         N = axle.record.axle
         for s in axle.applications:
