@@ -30,6 +30,9 @@ _SIGMAS = 2.5  # of the stated tolerances are no finding
 _NEAR = 1.12  # as near as this to a unit's factor, the unit is the likely cause
 _ABSURD = 30.0  # no slide explains that either
 _ANY_VEHICLE = 6.0  # no vehicle is that far from another
+_PADS = 0.05, 0.6  # cast iron at high speed has less friction than any other, no pad more; ours
+_AXLES = 2e3, 45e3  # per axle, from an empty tram to a loaded ore wagon [kg]
+_STOPS = 0.5  # of its speed: what rollers hold, or a gradient, loses less
 _BESIDE = 5.0  # before and after a brake, the train coasts on the same gradient [s]
 _LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
 _REACH = 5.0  # and the largest looked for [s]
@@ -152,8 +155,9 @@ def another_factor(s: Scene) -> Iterator[Finding]:
     allowed = _SIGMAS * _tolerance(s.vehicle)
     if abs(math.log(factor)) < math.log1p(allowed):
         return
-    # Braked all the time and slow to slow down: a rig or a gradient does that too.
-    severity: Severity = "warning" if fit.varied or factor > 1.0 else "info"
+    # Braked all the time and hardly slower for it: a rig or a gradient does that too.
+    held = not fit.varied and factor < 1.0 and not fit.slows
+    severity: Severity = "info" if held else "warning"
     suspects = "axle_mass, lever_ratio, friction and the cylinder in [vehicle]"
     units = _that_explain(s, factor)
     code = "unit-suspect"
@@ -163,10 +167,12 @@ def another_factor(s: Scene) -> Iterator[Finding]:
         text += f", or check {suspects}"
     elif 1.0 / _ANY_VEHICLE < factor < _ANY_VEHICLE:
         code = "vehicle-suspect"
-        phi, mass = s.vehicle.friction.value, s.vehicle.axle_mass.value
+        phi, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
+        fits = [f"friction = {phi:.2g}"] * (_PADS[0] < phi < _PADS[1])
+        fits += [f"axle_mass = {mass:.0f}"] * (_AXLES[0] < mass < _AXLES[1])
         text += (
             f", the stated tolerances allow {100.0 * allowed:.0f} %: it would fit with "
-            f"friction = {factor * phi:.2g} or axle_mass = {mass / factor:.0f}; "
+            f"{' or '.join(fits) or 'no friction and no axle_mass that exist'}; "
             f"check {suspects}, the pressure at rest, and whether "
             f"{'an electric brake' if factor > 1.0 else 'traction'} or a gradient comes and goes "
             "with the brake"
@@ -262,6 +268,7 @@ class _Fit(NamedTuple):
     explained: float  # share of the deceleration's square
     top: float  # highest mean K [N]
     varied: bool  # K did, so that the slope is the brake's alone
+    slows: bool  # by much of its speed, as no rig does
 
 
 def _fit(g: Grid) -> _Fit | None:
@@ -283,7 +290,9 @@ def _fit(g: Grid) -> _Fit | None:
         slope, level = _fitted(x, y)
         whole = float(np.sum((y - y.mean()) ** 2))
     left = float(np.sum((y - slope * x - level) ** 2))
-    return _Fit(slope, 1.0 - left / whole if whole else 0.0, float(x.max()), varied)
+    speed = g.fastest[used]
+    slows = bool(np.nanmin(speed) < _STOPS * np.nanmax(speed))
+    return _Fit(slope, 1.0 - left / whole if whole else 0.0, float(x.max()), varied, slows)
 
 
 def _alike(x: Floats, y: Floats) -> bool:
@@ -309,10 +318,13 @@ def _that_explain(s: Scene, factor: float) -> list[str]:
         p = times * g.pressure[np.isfinite(g.pressure)]
         return one(factor * K / max(float(np.mean(clamping_force(p, vehicle))), 1e-9))
 
-    speed = others(a.speed, vehicle, lambda x: one(factor * x))
+    # The train's deceleration is the train speed's, where there is one.
+    by_train = a.train if g.train is not None else None
+    speed = others(by_train or a.speed, vehicle, lambda x: one(factor * x))
+    what = "train speed (and the wheels' by the same factor)" if by_train else "wheel speed"
     by_pressure = a.brake.meaning == "pressure"
     brake = others(a.brake, vehicle, pressed if by_pressure else lambda x: one(factor / x))
-    found = [f"wheel speed in {u}" for u in speed]
+    found = [f"{what} in {u}" for u in speed]
     found += [f"{'pressure' if by_pressure else 'clamping force'} in {u}" for u in brake]
     for times, what in ((1e-3, "ms for s, or us for ms"), (1e3, "s for ms, or ms for us")):
         if one(factor / times):
