@@ -26,23 +26,53 @@ carry S and C and not P and k: the equations are then linear and decay, so the s
 signals that are straight lines between samples, stable for every interval, and S → 0 where
 Δs = 0, which is P → ∞ in the other form.
 
+Where the curve bends. k is constant over the memory only as long as the point stays where the curve
+is straight; one memory over both flanks of the peak draws a chord through them, and a wheel that is
+caught would keep the slope of its slide. So the memory is also one of distance in slip. The curve's
+scale is slip itself (the peak lies at some slip, friction falls with the sliding), so it counts as
+straight over
+
+    L² = max(λ²s², least² + (g σ_s)²),
+
+λ `straight`, the rest noise as below, and both corners grow with how far the point has come, in
+multiples of it:
+
+    δ' = δ (1 + (Δs/L)²),  ρ' = ρ (1 + 2 (Δs/L)²).
+
+Δμ = k Δs holds as before, for any corner that is the same on both sides, at rest it is the patent's
+filter, and in a fast sweep Δs stays near L. The 2: what the filter remembers of elsewhere fades as
+Δs does, and the sums, which hold its square, as fast only with twice the rate. What is left is
+judged by where it was seen: Δs spans s − Δs to s, with its middle u and, about the present slip,
+
+    B² = ∫ w Δs² ((u − s)² + Δs²/12) dτ / S.
+
+λ large turns both off. Slides of 1 to 3 s of another simulator, at 100 and 20 Hz (slip to 11 %,
+σ of the train speed 0.02 m/s): above 3 % slip a slope was told in 48 to 62 % of the time without
+this and is in 59 to 82 % with it; of what was told below 1 % slip (up to 32 % of that time) all was
+wrong, and none is told now. What it costs: in long slides less is told, as one that swung wide
+before counts less (`low-adhesion`: 94 to 58 %). λ = 0.2 tells 91 % there, but draws chords on rails
+whose peak is broad: in steps of 0.15 s on `wet` half of what it told above 3 % slip was wrong.
+
 How sure. M = ∫ w Δμ² dτ leaves Q = M − kC unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what S
 is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
 1/v. g > 1 because a memory of 1/ρ holds few independent values, and few are often larger than their
 rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/S is a
 slope squared, the error's scale, and
 
-    confidence = (1 − Z/S) (k² + k0²)/(k² + k0² + (Q + Y)/S):
+    confidence = (1 − Z/S) (k² + k0²)/(k² + k0² + (Q + Y)/S) / (1 + (B/(2.5 λ s))²):
 
 no more than noise in the slip gives 0, else, but for k0, the squared correlation of Δμ and Δs;
 k0 keeps it up at the peak, where μ does not move and no correlation can be. Noise in the slip
-draws k towards 0, by at most the share Z/(g² S). Below `surest`, the slope is not observable.
+draws k towards 0, by at most the share Z/(g² S). B = 2.5 λ s halves the confidence. Below `surest`,
+the slope is not observable.
 """
 
 import math
 from typing import Annotated, NamedTuple
 
 from .model import Quantity
+
+_FAR = 2.5  # times λs from the present slip, what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
 
@@ -56,6 +86,9 @@ class Params(NamedTuple):
     guard: Annotated[
         float, Quantity("-", "rms slip change over its noise that shows nothing", 1.0, 100.0)
     ] = 3.0
+    straight: Annotated[
+        float, Quantity("-", "share λ of slip over which the curve is straight", 1e-3, 1e9)
+    ] = 0.1
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
     surest: Annotated[float, Quantity("-", "least confidence of a slope", 0.0, 1.0)] = 0.5
 
@@ -77,6 +110,8 @@ class State(NamedTuple):
     dslip: float  # Δs
     dmu: float  # Δμ
     S: float  # ∫ w Δs² [s]
+    U: float  # ∫ w Δs² u [s]
+    V: float  # ∫ w Δs² (u² + Δs²/12) [s]
     C: float  # ∫ w Δs Δμ [s]
     M: float  # ∫ w Δμ² [s]
     Z: float  # ∫ w (least² + (guard σ_s)²) [s]
@@ -87,7 +122,7 @@ class State(NamedTuple):
 
 def init(p: Params, slip: float, mu: float) -> State:
     """State at the first sample: nothing is known of the slope."""
-    return State(slip, mu, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+    return State(slip, mu, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
 
 
 def step(
@@ -106,27 +141,36 @@ def step(
     """
     if not (math.isfinite(slip) and math.isfinite(mu) and math.isfinite(s.slip)):
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
-    decay = math.exp(-p.delta * h)
-    ramp = -math.expm1(-p.delta * h) / (p.delta * h) if h > 0.0 else 1.0
+    least = p.least * p.least + p.guard * p.guard * slip_noise * slip_noise
+    come = s.dslip * s.dslip / max((p.straight * slip) ** 2, least)  # (Δs/L)²
+    delta, rho = p.delta * (1.0 + come), p.rho * (1.0 + 2.0 * come)
+    decay = math.exp(-delta * h)
+    ramp = -math.expm1(-delta * h) / (delta * h) if h > 0.0 else 1.0
     x = decay * s.dslip + ramp * (slip - s.slip)  # Δs
     y = decay * s.dmu + ramp * (mu - s.mu)  # Δμ
-    keep = math.exp(-p.rho * h)
-    new = -math.expm1(-p.rho * h) / p.rho  # ∫ w over the interval
-    S = keep * s.S + new * (s.dslip * s.dslip + s.dslip * x + x * x) / 3.0
+    keep = math.exp(-rho * h)
+    new = -math.expm1(-rho * h) / rho  # ∫ w over the interval
+    moved = new * (s.dslip * s.dslip + s.dslip * x + x * x) / 3.0
+    middle = slip - x / 2.0  # u
+    S = keep * s.S + moved
+    U = keep * s.U + moved * middle
+    V = keep * s.V + moved * (middle * middle + x * x / 12.0)
     cross = 2.0 * s.dslip * s.dmu + s.dslip * y + x * s.dmu + 2.0 * x * y
     C = keep * s.C + new * cross / 6.0
     M = keep * s.M + new * (s.dmu * s.dmu + s.dmu * y + y * y) / 3.0
-    Z = keep * s.Z + new * (p.least * p.least + p.guard * p.guard * slip_noise * slip_noise)
+    Z = keep * s.Z + new * least
     Y = keep * s.Y + new * mu_noise * mu_noise
     confidence, slope = 0.0, math.nan
-    if Z < S:
+    if Z < S and slip != 0.0:
         k = C / S  # [S3]
         left = (max(M - k * C, 0.0) + Y) / S
         known = k * k + p.small * p.small
-        confidence = (1.0 - Z / S) * known / (known + left)
+        away = max(V - 2.0 * slip * U + slip * slip * S, 0.0) / S  # B²
+        far = (_FAR * p.straight * slip) ** 2
+        confidence = (1.0 - Z / S) * known / (known + left) * far / (far + away)
         if confidence >= p.surest:
             slope = k
-    return State(slip, mu, x, y, S, C, M, Z, Y, confidence, slope)
+    return State(slip, mu, x, y, S, U, V, C, M, Z, Y, confidence, slope)
 
 
 def region(slip: float, slope: float, bands: Bands) -> int:

@@ -76,7 +76,9 @@ def test_slope_follows_the_true_curve_on_a_roller_rig() -> None:
     assert np.isfinite(error).mean() > 0.98
     assert np.sqrt(np.nanmean(error**2)) < 0.06
     order = [e.message.split("region ")[1].split(",")[0] for e in axle.events if "region" in e.code]
-    assert order == ["below", "optimal", "beyond"]
+    seen = [name for name in order if name != "unknown"]
+    assert list(dict.fromkeys(seen)) == ["below", "optimal", "beyond"]
+    assert seen == sorted(seen, key=slope.REGIONS.index)
 
 
 def test_slides_are_those_of_the_simulation() -> None:
@@ -356,8 +358,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert "utilisation" in again.stdout
     assert "wrote stop.slip.mcap" in again.stdout
     messages = _messages(tmp_path / "stop.slip.mcap", "/axle/1/slip")
-    known = [m for m in messages if math.isfinite(m.slope)]
-    assert len(known) > 0.5 * len(messages)
+    known = [math.isfinite(m.slope) for m in messages if m.slip > 0.03]
+    assert sum(known) > 0.4 * len(known)
     assert {m.region for m in messages} == set(slope.REGIONS)
     assert all(0.0 <= m.slope_confidence <= 1.0 for m in messages)
     told = {m.code for m in _messages(tmp_path / "stop.slip.mcap", "/events")}
