@@ -14,14 +14,13 @@ import numpy as np
 from .model import AxleRecord, Bools, Floats, Times, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
-HARDER, GRADIENT = 1.2, 0.4  # error of what brakes are said to do; 4 % of slope [m/s²]
+HARDER = 1.2  # error of what brakes are said to do
+GRADIENT = 0.4  # a slope of 4 % gives or takes [m/s²]
 LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
-RISE = 3.0  # no train accelerates harder [m/s²]
+RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
 _GONE = 0.2  # share of the largest clamping force: from there down, a brake lets go
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
-_GRADIENT = 0.4  # no slope makes a train faster than this [m/s²]
-_RECOVERY = 3.0  # no train gains speed faster than this: a wheel after a slide [m/s²]
 _DRIVEN = 3.0  # such a wheel has caught up after this long [s]
 
 
@@ -154,8 +153,8 @@ def driven(record: AxleRecord, radius: float) -> Bools:
             own, rolls = t[first:past], rim[first:past]
             before, after = np.maximum(own - 1.0, own[0]), np.minimum(own + 1.0, own[-1])
             gained = np.interp(after, own, rolls) - np.interp(before, own, rolls)
-            gains = gained > _GRADIENT * (after - before)
-            gains &= (gained < _RECOVERY * (after - before)) & (after - before >= 1.0)
+            gains = gained > GRADIENT * (after - before)
+            gains &= (gained < RISE * (after - before)) & (after - before >= 1.0)
             if record.train_speed is not None:
                 gains &= ~(rolls < 0.95 * record.train_speed[s][first:past])
             for a, b in true_runs(gains):

@@ -184,7 +184,7 @@ def _dead(speed: Channel, clamping: Floats, others: Sequence[Channel]) -> Bools:
     does not turn in the whole log while the others do shows nothing of a wheel.
     """
     stands = locked(speed, others, excursions.WHEEL.start)
-    still = np.abs(speed.data.value) <= max(_ZERO, speed.step / 2.0)
+    still = _still(speed)
     if still.all() and stands.any():
         return still
     free = stands & (clamping <= FREE * np.nanmax(clamping, initial=0.0))
@@ -259,7 +259,13 @@ def locked(speed: Channel, others: Sequence[Channel], faster: float = 2.0 * _SLO
     known = np.isfinite(rest).any(axis=0)
     moves = np.zeros(len(speed.data.t), dtype=np.bool_)
     moves[known] = np.nanmedian(rest[:, known], axis=0) > faster
-    return moves & (np.abs(speed.data.value) <= max(_ZERO, speed.step / 2.0))
+    return moves & _still(speed)
+
+
+def _still(speed: Channel) -> Bools:
+    """Samples at which the wheel stands, as far as its sensor tells, shape (n,)."""
+    still: Bools = np.abs(speed.data.value) <= max(_ZERO, speed.step / 2.0)
+    return still
 
 
 def _expected(speed: Channel, clamping: Floats, runs: _Runs) -> Floats:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Finding, Floats, Severity, Vehicle
-from ..physics import LOCKING, G, clamping_force, true_runs
+from ..physics import GRADIENT, LOCKING, G, clamping_force, true_runs
 from .grid import FREE, LEAST, Grid, Scene, far, largest
 from .units import listed, others
 
@@ -19,7 +19,6 @@ _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
 _HIGHEST = 12e5  # no brake cylinder has more [Pa]
 _HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
 _STARTING = 1.5  # nor does a train start harder [m/s²]
-_GRADIENT = 0.4  # deceleration that a gradient of 4 % explains [m/s²]
 _CHANGES = 0.15  # deceleration by which a gradient changes between two brakes [m/s²]
 _SLIDING = 1.0  # more than another brake usually adds, less than a slide [m/s²]
 _UNBRAKED = 0.5  # deceleration without pressure that no gradient explains [m/s²]
@@ -149,7 +148,7 @@ def another_factor(s: Scene) -> Iterator[Finding]:
     absurd = not 1.0 / _ABSURD < factor < _ABSURD
     if fit.explained < (0.5 if absurd else _CLEAR if fit.varied else _CLEARER):
         return
-    gradient = _CHANGES if fit.varied else _GRADIENT
+    gradient = _CHANGES if fit.varied else GRADIENT
     if factor <= 0.0 or abs(factor - 1.0) * fit.top * s.by_rolling < gradient:
         return
     allowed = _SIGMAS * _tolerance(s.vehicle)
@@ -216,7 +215,7 @@ def unexplained(s: Scene) -> Iterator[Finding]:
         # Where the force itself was measured and nothing ever slows, rollers hold the speed.
         measured = s.axles[0].brake.meaning == "clamping_force"
         rig = measured and way == "less" and not (y[known] > _UNBRAKED).any()
-        severity: Severity = "warning" if most > _GRADIENT and not (slides or rig) else "info"
+        severity: Severity = "warning" if most > GRADIENT and not (slides or rig) else "info"
         text = (
             f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
             f"elsewhere: {'a long slide, ' * slides}a stuck, cut off or drifting pressure sensor, "
