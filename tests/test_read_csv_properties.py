@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adhesion_cli.errors import UserError
+from adhesion_cli.read import plain
 from adhesion_cli.read.csv import open_csv
 from adhesion_cli.read.source import ReadOptions
 
@@ -176,3 +177,66 @@ def test_blocks_join_without_a_seam(tmp_path, monkeypatch, quotes):
         results.append((column.t.tolist(), column.value.tolist(), source.lines))
     assert results[0][1] == [k / 8 for k in range(3000)]
     assert results[1:] == results[:1] * 2
+
+
+CELLS = st.one_of(
+    st.sampled_from(
+        ["", "-", "+1", "1.", ".5", ".", "-.5", "-0.0", "00.10", "1e3", " 1", "1 ", "nan", "1,5",
+         "x", "9007199254740992", "9007199254740993", "0.1234567890123456", "1234567.8901234567",
+         "123456789012345678", "1234567890123456789", '"1"', "#", "\x00"]
+    ),
+    st.decimals(-1000, 1000, places=3).map(str),
+    st.floats(-1e9, 1e9).map(repr),
+)  # fmt: skip
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    body=st.lists(st.tuples(CELLS, CELLS, CELLS).map(",".join), max_size=6),
+    unit=st.sampled_from(["s", "ms", "us", "ns"]),
+    decimals=st.integers(0, 9),
+    start=st.sampled_from([0, -5, 1_795_266_307, 10**10]),
+    block=st.sampled_from([64, 1 << 20]),
+)
+def test_plain_numbers_are_read_as_the_general_parser_reads_them(
+    tmp_path_factory, body, unit, decimals, start, block
+):
+    rows = [f"{start + k / 8:.{decimals}f},{k % 7}.25,-{k}" for k in range(40)]
+    lines = [f"t [{unit}],p,v", *rows[:30], *body, *rows[30:]]
+    path = tmp_path_factory.mktemp("csv") / "log.csv"
+    path.write_text("\n".join(lines) + "\n")
+    read = []
+    for many in (0, 10**9):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("adhesion_cli.read.csv._MANY", many)
+            patch.setattr("adhesion_cli.read.lines._BLOCK", block)
+            try:
+                source = open_csv(path, ReadOptions())
+                columns = source.columns(source.fields)
+            except UserError as error:
+                read.append(str(error))
+            else:
+                arrays = [x.tobytes() for c in columns for x in (c.t, c.value, c.valid)]
+                read.append((arrays, source.lines, source.findings))
+    assert read[0] == read[1]
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
+def test_plain_numbers_are_parsed_in_one_pass(delimiter):
+    text = "0.5;-1.25;x;\n12;7;;3.\n-3.000;.5;y z;-0\n".replace(";", delimiter).replace(" z", "")
+    data = np.frombuffer(text.encode(), np.uint8)
+    t, values = plain.parse(data, delimiter, ".", 4, 0, 3, [1, 3], 3)
+    assert t.tolist() == [500, 12_000, -3000]
+    np.testing.assert_array_equal(values, [[-1.25, 7, 0.5], [np.nan, 3, -0.0]])
+    assert np.signbit(values[1, 2])
+
+
+@pytest.mark.parametrize(
+    "row",
+    ["1,2", "1,2,3,4", "", "1", ",2,3", "1,+2,3", "1,2e1,3", "1, 2,3", "1,-,3", "1,.,3", "1,nan,3",
+     "1,0x1,3", "1,9007199254740993,3", "1,0.1234567890123456789,3", "0.0001,2,3",
+     "1234567890123456,2,3", "1,2-,3", "1,--2,3", "1,2,\x003"],
+)  # fmt: skip
+def test_what_is_no_plain_number_is_the_general_parsers(row):
+    data = np.frombuffer(f"1,2,3\n{row}\n1,2,3\n".encode(), np.uint8)
+    assert plain.parse(data, ",", ".", 3, 0, 3, [1, 2], 3) is None

@@ -115,6 +115,11 @@ class Clock:
             t = np.where(ok, t, 0) * factor
         return t, ok
 
+    @property
+    def power(self) -> int | None:
+        """Of ten, by which the column's decimals are ns; None where it is no such number."""
+        return None if self.pattern else {"s": 9, "ms": 6, "us": 3, "ns": 0}.get(self.unit)
+
     def is_exact(self, array: Any) -> bool:
         """Whether a block of the clock's column, read as float64, keeps nanoseconds."""
         if self.unit in _SERIALS:
