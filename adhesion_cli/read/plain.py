@@ -86,7 +86,7 @@ def _parse(
             while 48 <= data[at] <= 57:
                 number = 10 * number + (data[at] - 48)
                 at += one
-            digits, decimals = np.int64(at - first), 0
+            digits, decimals = np.int64(at - first), np.int64(0)
             if data[at] == decimal:
                 at += one
                 first = at
