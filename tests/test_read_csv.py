@@ -228,15 +228,28 @@ def test_bad_and_missing_cells_are_counted_apart_and_located(log):
     p = columns["p"]
     assert p.value[p.valid].tolist() == [1, 5]
     assert np.isnan(p.value[~p.valid]).all()
-    bad, missing = (
+    bad, missing, infinite = (
         next(f for f in source.findings if f.code == c)
-        for c in ("csv-bad-cells", "csv-missing-cells")
+        for c in ("csv-bad-cells", "csv-missing-cells", "not-a-number")
     )
-    assert (bad.count, bad.channel, bad.severity) == (5, "p", "warning")
+    assert (bad.count, bad.channel, bad.severity) == (4, "p", "warning")
     assert "line 3: 'abc'" in bad.message
     assert bad.first_s == 1.0
-    assert (missing.count, missing.severity) == (4, "info")
+    assert (infinite.count, infinite.severity) == (2, "warning")
+    assert "line 6: '1e400'" in infinite.message
+    assert (missing.count, missing.severity) == (3, "info")
     assert "line 4: ''" in missing.message
+
+
+@pytest.mark.parametrize("cell", ["inf", "-Infinity", "+INF", "1e400", '"inf"'])
+def test_infinity_is_a_value_lost(log, cell):
+    rows = "".join(f"{k},{cell if k == 7 else k}\n" for k in range(20))
+    source, columns = read(log, "t [s],p\n" + rows, rejects=True)
+    assert columns["p"].valid.tolist() == [k != 7 for k in range(20)]
+    (lost,) = source.findings
+    assert (lost.code, lost.severity, lost.count) == ("not-a-number", "warning", 1)
+    assert lost.first_s == 7.0
+    assert [(r.line, r.reason) for r in source.rejects] == [(9, "infinite")]
 
 
 def test_rows_left_out_are_counted_by_class_and_located(log):

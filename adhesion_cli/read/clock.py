@@ -19,7 +19,7 @@ import pyarrow as pa
 from ..errors import UserError
 from ..model import Bools, Finding, Times
 from . import arrow as pc
-from .sniff import NULLS, Dialect, number_grammar
+from .sniff import INFINITE, NULLS, Dialect, number_grammar
 from .source import ReadOptions
 from .words import (
     NS_PER_UNIT,
@@ -521,23 +521,28 @@ def checked_floats(array: Any, decimal: str) -> tuple[Any, Any]:
 
     Returns:
         float64 values, NaN where there is none, and int8 states: 0 number, 1 nothing said,
-        2 no number; both of shape (n,).
+        2 no number, 3 infinite; both of shape (n,).
     """
     if pa.types.is_floating(array.type):
         value = array.to_numpy(zero_copy_only=False)
         return value, (~np.isfinite(value)).view(np.int8)
     text = pc.utf8_trim_whitespace(array)
-    missing = _says_nothing(text)
     numeric = pc.fill_null(pc.match_substring_regex(text, _re2(decimal)), False)
     plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
     value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)
-    state = np.where(np.isfinite(value), 0, np.where(missing, 1, 2)).astype(np.int8)
+    infinite = np.isinf(value) | _is_one_of(INFINITE, text)
+    state = np.select([np.isfinite(value), _says_nothing(text), infinite], [0, 1, 3], 2)
+    state = state.astype(np.int8)
     return np.where(state == 0, value, np.nan), state
 
 
 def _says_nothing(text: Any) -> Bools:
     """Which trimmed cells are null or spell it, shape (n,)."""
-    return np.asarray(pc.or_(pc.is_null(text), pc.is_in(text, pa.array(NULLS, pa.string()))))
+    return np.asarray(pc.is_null(text)) | _is_one_of(NULLS, text)
+
+
+def _is_one_of(words: Sequence[str], text: Any) -> Bools:
+    return np.asarray(pc.is_in(text, pa.array(words, pa.string())))
 
 
 def is_missing(array: Any) -> Bools:

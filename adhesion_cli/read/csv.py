@@ -56,6 +56,7 @@ _SKIPPED = {
 _CELLS: dict[int, tuple[str, Severity, str]] = {
     1: ("csv-missing-cells", "info", "are empty or say there is no value"),
     2: ("csv-bad-cells", "warning", "hold no number"),
+    3: ("not-a-number", "warning", "are infinite"),
 }
 
 
@@ -628,8 +629,9 @@ class _Scan:
             which = (state == k) & keep
             if n := int(which.sum()):
                 self.cells[i, k] += n
-                if k == 2:
-                    self._reject(part, part.numbers(np.flatnonzero(which)), "no number", i)
+                if k > 1:
+                    reason = "no number" if k == 2 else "infinite"
+                    self._reject(part, part.numbers(np.flatnonzero(which)), reason, i)
                 if (i, k) not in self.first_cell:
                     row = int(which.argmax())
                     line, text = part.line(row)

@@ -21,10 +21,12 @@ _HEAD_LINES = 600
 NULLS = (
     "", "NaN", "nan", "NAN", "-nan", "NULL", "null", "Null", "None", "none", "N/A", "n/a", "NA",
     "-", "--", "---", "#N/A", "#NA", "#NV",
+)  # fmt: skip
+INFINITE = (
     "inf", "-inf", "+inf", "Inf", "-Inf", "+Inf", "INF", "-INF", "+INF",
     "Infinity", "-Infinity", "infinity", "-infinity",
 )  # fmt: skip
-_NULLS = frozenset(NULLS)
+_NULLS = frozenset((*NULLS, *INFINITE))
 
 _COMMENT = re.compile(r"\s*(#(?!N/?A\b|NV\b|DIV/0|VALUE!|REF!)|%|//)")
 _DATE = (
@@ -94,7 +96,7 @@ def number_grammar(decimal: str) -> re.Pattern[str]:
 
 
 def is_null(cell: str) -> bool:
-    """Whether a cell is one of the spellings of "no value"."""
+    """Whether a cell is one of the spellings of "no value", or of infinity."""
     return cell in _NULLS
 
 
