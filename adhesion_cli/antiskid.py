@@ -10,7 +10,7 @@ standard are not built in: no copy of it could be read.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,12 +20,14 @@ from numpy.typing import NDArray
 from . import physics, slope
 from .errors import UserError
 from .estimator import check_step
-from .model import Floats
+from .model import Floats, Wheelset
 from .physics import clamping
 from .plant import (
     Demand,
     Plant,
     Track,
+    Train,
+    Wheels,
     adhesion,
     advance_to,
     demand_of,
@@ -57,7 +59,6 @@ class _Unit(NamedTuple):
     delay: int  # age of measured values
     dead: int  # until the valves answer
     measured: bool  # the train speed; else it is made of the axles
-    bands: slope.Bands  # that regions are told by
 
 
 class _Noise(NamedTuple):
@@ -66,6 +67,14 @@ class _Noise(NamedTuple):
     train_speed: Floats  # [m/s]
     wheel_speed: Floats  # [rad/s]
     pressure: Floats  # [Pa]
+
+
+class _Past(NamedTuple):
+    """What was, as long as it is still to be measured: step k in row k modulo the rows."""
+
+    v: Floats  # [m/s]
+    w: Floats  # [rad/s], shape (rows, axles)
+    p: Floats  # [Pa]
 
 
 class _Trace(NamedTuple):
@@ -88,80 +97,112 @@ class _Trace(NamedTuple):
     region: NDArray[np.int8]
 
 
-def _march(
-    plant: Plant, track: Track, demand: Demand, v: float, dt: float,
-    unit: _Unit, c: Constants, noise: _Noise, trace: _Trace, air: Floats,
-) -> tuple[int, float]:  # fmt: skip
-    """Brakes until the train stands, or `trace` is full.
+class _World(NamedTuple):
+    """All that a unit has to do with, and knows only by what it measures."""
 
-    `air` receives what each axle's cylinder took in, as a rise of pressure [Pa].
+    plant: Plant
+    track: Track
+    demand: Demand
+    wheels: Wheels
+    wheelset: Wheelset
+    unit: _Unit
+    noise: _Noise
+    past: _Past
+    trace: _Trace
+    dt: float  # of the plant [s]
 
-    Returns:
-        Ticks done, and NaN or the time [s] at which Newton's iteration failed.
+
+def _drive(world: _World, train: Train, j: int) -> Train:
+    """The train at tick j, if it does not stand before; fills row j but for what the unit makes.
+
+    It comes from the tick before with the valves of the rows until then. No part of a unit is in
+    here: one compiled piece serves all.
     """
-    ticks, n = trace.pressure.shape
-    train, h = rolling(v, n), unit.every * dt
-    size = max(unit.delay, unit.dead) + 1  # of the rings of what was
-    was_v, was_w, was_p = np.full(size, v), np.zeros((size, n)), np.zeros((size, n))
-    command = np.zeros((size, n), np.int64)
-    for i in range(n):
-        was_w[0, i] = v / plant.radius[i]
-    told = _measure(plant, c, unit, noise, trace, 0, h, v, was_w[0], was_p[0], math.nan)
-    y, K = trace.measured_wheel_speed, trace.measured_clamping_force
-    axles = start(c, told, y[0], K[0])
-    for k in range(ticks * unit.every):
-        now = k % size
-        was_v[now] = train.v
-        for i in range(n):
-            was_w[now, i], was_p[now, i] = train.w[i] / plant.radius[i], train.p[i]
-        if k % unit.every == 0:
-            j, then = k // unit.every, max(k - unit.delay, 0) % size
-            if j > 0:
-                told = _measure(
-                    plant, c, unit, noise, trace, j, h, was_v[then], was_w[then], was_p[then], told
-                )
-                axles = tick(c, axles, h, told, y[j], K[j])
-            trace.train_speed[j], trace.distance[j], trace.demand[j] = train.v, train.x, train.asked
-            for i in range(n):
-                trace.rim_speed[j, i], trace.pressure[j, i] = train.w[i], train.p[i]
-                s, slope = judged_slip(c.wheelset, told, y[j, i]), axles[i].slope
-                trace.measured_slip[j, i], trace.estimate[j, i] = s, axles[i].estimator.F
-                trace.slope[j, i], trace.confidence[j, i] = slope.slope, slope.confidence
-                trace.region[j, i] = region(s, slope.slope, unit.bands)
-                trace.valve[j, i] = axles[i].controller.valve
-        for i in range(n):
-            command[now, i] = axles[i].controller.valve
-            if k >= unit.dead:
-                train.valve[i] = command[(k - unit.dead) % size, i]
-        train = advance_to(plant, track, demand, train, (k + 1) * dt)
-        if math.isnan(train.v):
-            return 0, train.t
-        for i in range(n):
-            air[i] = train.air[i]
-        if train.v == 0.0:
-            return k // unit.every + 1, math.nan
-    return ticks, math.nan
+    unit, trace, wheels = world.unit, world.trace, world.wheels
+    if j == 0:
+        _remember(world, train, 0)
+    for k in range(max(j - 1, 0) * unit.every, j * unit.every):
+        if k >= unit.dead:
+            for i in range(len(wheels.w)):
+                wheels.valve[i] = trace.valve[(k - unit.dead) // unit.every, i]
+        train = advance_to(
+            world.plant, world.track, world.demand, train, wheels, (k + 1) * world.dt
+        )
+        if not train.v > 0.0:
+            return train
+        _remember(world, train, k + 1)
+    trace.train_speed[j], trace.distance[j], trace.demand[j] = train.v, train.x, train.asked
+    for i in range(len(wheels.w)):
+        trace.rim_speed[j, i], trace.pressure[j, i] = wheels.w[i], wheels.p[i]
+    _measure(world, j)
+    return train
 
 
-def _measure(
-    plant: Plant, c: Constants, unit: _Unit, noise: _Noise, trace: _Trace, j: int, h: float,
-    v: float, w: Floats, p: Floats, told: float,
-) -> float:  # fmt: skip
-    """Row j of what is measured of v, ω and p; returns the train speed, `told` at the tick before.
+def _remember(world: _World, train: Train, k: int) -> None:
+    """The state at step k, to be measured when its time has come."""
+    past, wheels = world.past, world.wheels
+    row = k % len(past.v)
+    past.v[row] = train.v
+    for i in range(len(wheels.w)):
+        past.w[row, i] = wheels.w[i] / world.plant.radius[i]
+        past.p[row, i] = wheels.p[i]
 
-    A sensor at rest gives no pulses.
-    """
-    y, K = trace.measured_wheel_speed[j], trace.measured_clamping_force[j]
-    for i in range(len(w)):
-        y[i] = max(w[i] + noise.wheel_speed[j, i], 0.0) if w[i] > 0.0 else 0.0
-        trace.measured_pressure[j, i] = p[i] + noise.pressure[j, i]
-        K[i] = clamping(plant.brake, trace.measured_pressure[j, i])
+
+def _measure(world: _World, j: int) -> None:
+    """Row j of what is measured of v, ω and p; a sensor at rest gives no pulses."""
+    unit, noise, past, trace = world.unit, world.noise, world.past, world.trace
+    row = max(j * unit.every - unit.delay, 0) % len(past.v)
+    y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], past.v[row]
+    for i in range(len(y)):
+        w = past.w[row, i]
+        y[i] = max(w + noise.wheel_speed[j, i], 0.0) if w > 0.0 else 0.0
+        trace.measured_pressure[j, i] = past.p[row, i] + noise.pressure[j, i]
+        K[i] = clamping(world.plant.brake, trace.measured_pressure[j, i])
     if not unit.measured:
-        v = speed_of_axles(c.wheelset, told, h, y, K)
+        before = trace.measured_train_speed[j - 1] if j > 0 else math.nan
+        v = speed_of_axles(world.wheelset, before, unit.every * world.dt, y, K)
     elif v > 0.0:
         v = max(v + noise.train_speed[j], 0.0)
     trace.measured_train_speed[j] = v
-    return v
+
+
+def _march(
+    drive: Callable[[_World, Train, int], Train],
+    world: _World,
+    train: Train,
+    c: Constants,
+    bands: slope.Bands,
+) -> tuple[int, Train]:
+    """Brakes until the train stands, or the trace is full.
+
+    Args:
+        drive: `_drive`.
+        world: train, rail, sensors; its trace is filled.
+        train: at the start.
+        c: constants of the unit.
+        bands: that regions are told by.
+
+    Returns:
+        Ticks done, and the train; its speed is NaN where Newton's iteration failed.
+    """
+    trace, h = world.trace, world.unit.every * world.dt
+    y, K = trace.measured_wheel_speed, trace.measured_clamping_force
+    for j in range(len(trace.demand)):
+        train = drive(world, train, j)
+        if not train.v > 0.0:
+            return j, train
+        if j == 0:
+            axles = start(c, trace.measured_train_speed[0], y[0], K[0])
+        else:
+            axles = tick(c, axles, h, trace.measured_train_speed[j], y[j], K[j])
+        for i in range(len(axles)):
+            s = judged_slip(c.wheelset, trace.measured_train_speed[j], y[j, i])
+            k = axles[i].slope
+            trace.measured_slip[j, i], trace.estimate[j, i] = s, axles[i].estimator.F
+            trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
+            trace.region[j, i] = region(s, k.slope, bands)
+            trace.valve[j, i] = axles[i].controller.valve
+    return len(trace.demand), train
 
 
 def _given(
@@ -221,7 +262,7 @@ def run(
     """
     from . import compiled
 
-    if scenario.rig or not scenario.brake.command:
+    if scenario.rig or not scenario.brake.command or not scenario.train.speed:
         raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
     known, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
     settings = settings or {}
@@ -251,15 +292,16 @@ def run(
     )  # fmt: skip
     columns = [np.empty(size) for size in (ticks,) * 4 + (shape,) * 9]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
-    air = np.zeros(axles)
+    train, wheels = rolling(scenario.train.speed, axles)
+    unit = _Unit(every, delay, dead, known.train_speed == "measured")
+    past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
+    c = chosen.constants
+    world = _World(plant, track, demand, wheels, c.wheelset, unit, noise, past, trace, dt)
+    drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
-    done, failed = march(
-        plant, track, demand, scenario.train.speed, dt,
-        _Unit(every, delay, dead, known.train_speed == "measured", bands(settings)),
-        chosen.constants, noise, trace, air,
-    )  # fmt: skip
-    if not math.isnan(failed):
-        raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
+    done, train = march(drive, world, train, c, bands(settings))
+    if math.isnan(train.v):
+        raise UserError(f"{scenario.name}: no solution at {train.t:g} s", "take a shorter dt")
     if done == ticks:
         text = f"{scenario.name}: the train does not stand after {LONGEST:g} s"
         raise UserError(text, "a stronger brake, or a better rail")
@@ -271,7 +313,7 @@ def run(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
         **trace._asdict(), force=force, peak=peak, peak_slip=peak_slip,
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
-        air=float(air.sum()) * known.volume / _NORMAL * 1e3,
+        air=float(wheels.air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
 
 

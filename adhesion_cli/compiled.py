@@ -8,6 +8,8 @@ function of that module and call it through `function`:
     fast = compiled.function(march)    # nothing is compiled before the first call
     fast(x, h, n)
 
+A part that many loops share goes to them as an argument, from `by_address`.
+
 What is compiled must reach other functions by name (`from .physics import G`, not
 `physics.G`); they need no decorator. Arguments are floats, ints, numpy arrays and NamedTuples of
 importable modules, positional; each new combination of types compiles once. Division by zero gives
@@ -49,7 +51,8 @@ tell: Callable[[str], None] = _nobody  # of what takes seconds; for a program to
 _OWN = Path(__file__).resolve().parent
 _KEEP = 8  # cache folders of other versions that stay, the latest used
 
-_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # only compiled code calls it
+# Only compiled code calls it. Inlined, a tuple of arrays that goes in and out counts no references.
+_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
 
 _WRAPPER = """
 def call({arguments}):
@@ -122,8 +125,35 @@ def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callabl
     name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *stand_ins.values()))
     return _compiled(
         name.replace(".", "_"), _WRAPPER.format(arguments=arguments), (("target", target),),
-        inline=False, stand_ins=tuple(stand_ins.items()),
+        tuple(stand_ins.items()),
     )  # fmt: skip
+
+
+def by_address(target: Any, *examples: Any) -> Any:
+    """`target` compiled by itself, to be handed to compiled functions that call it.
+
+    They hold its address and not its code, so that it is compiled once for all of them.
+
+    Args:
+        target: as of `function`.
+        examples: arguments of the types it is compiled for.
+    """
+    from numba import typeof
+    from numba.core.types import WrapperAddressProtocol
+
+    call: Any = function(target)
+    types = tuple(map(typeof, examples))
+    call.compile(types)
+    made = call.overloads[types]
+
+    class Address(WrapperAddressProtocol):
+        def __wrapper_address__(self) -> int:
+            return int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
+
+        def signature(self) -> Any:
+            return made.signature
+
+    return Address()
 
 
 def _loop(est: Estimator) -> Callable[..., Any]:
@@ -132,12 +162,12 @@ def _loop(est: Estimator) -> Callable[..., Any]:
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
     )
     reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
-    return _compiled(f"batch_{est.name}", text, tuple(reached.items()), inline=True)
+    return _compiled(f"batch_{est.name}", text, tuple(reached.items()))
 
 
 @cache
 def _compiled(
-    name: str, text: str, reached: tuple[tuple[str, Any], ...], inline: bool,
+    name: str, text: str, reached: tuple[tuple[str, Any], ...],
     stand_ins: tuple[tuple[Any, Any], ...] = (),
 ) -> Callable[..., Any]:  # fmt: skip
     """`call` of the source `text`, which finds the things `reached` under their names.
@@ -162,15 +192,15 @@ def _compiled(
     module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
     done: dict[FunctionType, Any] = {}
     for named, called in stand_ins:
-        done[named] = _lowered(called, done, inline)
+        done[named] = _lowered(called, done)
     for key, x in reached:
-        setattr(module, key, _lowered(x, done, inline) if isinstance(x, FunctionType) else x)
+        setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
     spec.loader.exec_module(module)
     call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
     return call
 
 
-def _lowered(f: FunctionType, done: dict[FunctionType, Any], inline: bool) -> Any:
+def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
     """`f` for numba, with every plain function it names lowered as well."""
     from numba import njit
 
@@ -178,9 +208,9 @@ def _lowered(f: FunctionType, done: dict[FunctionType, Any], inline: bool) -> An
         names = dict(f.__globals__)
         for name in f.__code__.co_names:
             if isinstance(names.get(name), FunctionType):
-                names[name] = _lowered(names[name], done, inline)
+                names[name] = _lowered(names[name], done)
         plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        done[f] = njit(error_model="numpy", forceinline=inline, **_INNER)(plain)
+        done[f] = njit(error_model="numpy", **_INNER)(plain)
     return done[f]
 
 

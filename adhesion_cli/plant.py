@@ -131,6 +131,45 @@ def track_of(s: Scenario) -> Track:
     return Track(rail.along == "time", np.array([*knots, INF]), under, wave.amplitude, wave.period)
 
 
+class Train(NamedTuple):
+    """Where a train in motion is; `advance_to` gives the next one."""
+
+    t: float  # [s]
+    v: float  # NaN: Newton's iteration failed [m/s]
+    x: float  # run by the first axle [m]
+    asked: float  # cylinder pressure there would be without valves [Pa]
+    demand_knot: int  # the last one past
+    track_knot: int  # likewise, of a rail that changes with time
+
+
+class Wheels(NamedTuple):
+    """Its wheels and their brakes, shape (axles,); `advance_to` changes them in place."""
+
+    w: Floats  # rim speeds ωR [m/s]
+    p: Floats  # cylinder pressures [Pa]
+    air: Floats  # taken in by each cylinder so far, as a rise of pressure [Pa]
+    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
+    knot: NDArray[np.int64]  # of the track, the last one past each axle
+    rails: Floats  # the condition under each where the last step ended, shape (axles, 5)
+    friction: Floats  # room of a step, so that none allocates, as the rest
+    w_new: Floats
+    w_from: Floats
+    newton: Floats  # shape (axles, 3)
+
+
+def rolling(v: float, axles: int) -> tuple[Train, Wheels]:
+    """A train of that many axles that rolls at v [m/s], brakes released."""
+
+    def zeros(*shape: int) -> Floats:
+        return np.zeros((axles, *shape))
+
+    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
+    rims = np.full(axles, v)
+    return Train(0.0, v, 0.0, 0.0, 0, 0), Wheels(
+        rims, zeros(), zeros(), valve, knot, zeros(5), zeros(), zeros(), zeros(), zeros(3)
+    )
+
+
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
@@ -174,26 +213,23 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
 
 
-def _stage(
-    plant: Plant, rails: Floats, friction: Floats, h: float,
-    v_from: float, w_from: Floats, v: float, w: Floats, work: Floats,
-) -> float:  # fmt: skip
+def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
     """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
 
     Newton's method; the Jacobian is an arrow. F falls so steeply about zero sliding that an iterate
     never crosses it but starts again from there, where F is steepest and it cannot overshoot.
-    `v` and `w` are the first guess; `w` becomes the answer.
+    `v` and `s.w_new` are the first guess; `s.w_new` becomes the answer.
 
     Returns:
         v, or NaN where the iteration did not converge.
     """
-    e = h / plant.mass
+    e, w, work = h / plant.mass, s.w_new, s.newton
     for _ in range(PATIENCE):
         residual, slope = v - v_from, 1.0
         for i in range(len(w)):
-            F, D = adhesion(v - w[i], v, rails[i], plant.patch)
+            F, D = adhesion(v - w[i], v, s.rails[i], plant.patch)
             c = h * plant.radius[i] ** 2 / plant.inertia
-            g = w[i] - w_from[i] - c * (F - friction[i])
+            g = w[i] - s.w_from[i] - c * (F - s.friction[i])
             if w[i] <= 0.0 and g >= 0.0:  # the brake holds it
                 g, c = 0.0, 0.0
             work[i, 0], work[i, 1], work[i, 2] = g, c, D
@@ -215,45 +251,9 @@ def _stage(
     return math.nan
 
 
-class Scratch(NamedTuple):
-    """Room of a step, so that none allocates; `rails` is where its last stage ended."""
-
-    rails: Floats  # shape (axles, 5)
-    friction: Floats
-    w_new: Floats
-    w_from: Floats
-    newton: Floats  # shape (axles, 3)
-    before: Floats  # cylinder pressures
-
-
-class Train(NamedTuple):
-    """A train in motion. `advance_to` gives the next one and keeps the arrays, shape (axles,)."""
-
-    t: float  # [s]
-    v: float  # NaN: Newton's iteration failed [m/s]
-    x: float  # run by the first axle [m]
-    asked: float  # cylinder pressure there would be without valves [Pa]
-    demand_knot: int  # the last one past
-    track_knot: int  # likewise, of a rail that changes with time
-    w: Floats  # rim speeds ωR [m/s]
-    p: Floats  # cylinder pressures [Pa]
-    air: Floats  # taken in by each cylinder so far, as a rise of pressure [Pa]
-    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
-    knot: NDArray[np.int64]  # of the track, the last one past each axle
-    room: Scratch
-
-
-def rolling(v: float, axles: int) -> Train:
-    """A train of that many axles that rolls at v [m/s], brakes released."""
-    one = np.zeros(axles)
-    room = Scratch(
-        np.zeros((axles, 5)), one.copy(), one.copy(), one.copy(), np.zeros((axles, 3)), one.copy()
-    )
-    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
-    return Train(0.0, v, 0.0, 0.0, 0, 0, np.full(axles, v), one, one.copy(), valve, knot, room)
-
-
-def advance_to(plant: Plant, track: Track, demand: Demand, s: Train, end: float) -> Train:
+def advance_to(
+    plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, end: float
+) -> Train:
     """The train at time `end` [s]; a step ends wherever the demand or the rail jumps or kinks."""
     t, v, x, asked, i, j = s.t, s.v, s.x, s.asked, s.demand_knot, s.track_knot
     while t < end - SOON:
@@ -267,25 +267,21 @@ def advance_to(plant: Plant, track: Track, demand: Demand, s: Train, end: float)
         h = stop - t
         c0, rise = _line(demand, i, t)
         asked = cylinder(plant, APPLY, asked, c0, c0 + rise * h, h)
-        for k in range(len(s.p)):
-            s.room.before[k] = s.p[k]
-        _jump(plant, s, c0)
-        new = _step(plant, track, s, c0, rise, t, h, v, x)
+        _jump(plant, wheels, c0)
+        new = _step(plant, track, wheels, c0, rise, t, h, v, x)
         if math.isnan(new):
-            return Train(t, new, x, asked, i, j, s.w, s.p, s.air, s.valve, s.knot, s.room)
-        for k in range(len(s.p)):
-            s.air[k] += max(s.p[k] - s.room.before[k], 0.0)
+            return Train(t, new, x, asked, i, j)
         x += 0.5 * h * (v + new)
         v, t = new, stop
-    return Train(end, v, x, asked, i, j, s.w, s.p, s.air, s.valve, s.knot, s.room)
+    return Train(end, v, x, asked, i, j)
 
 
-def settle(plant: Plant, demand: Demand, s: Train) -> None:
+def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
     """Takes a jump of the demand at the train's time into cylinders that follow at once."""
     i = s.demand_knot
     while demand.t[i + 1] <= s.t + SOON:
         i += 1
-    _jump(plant, s, _line(demand, i, s.t)[0])
+    _jump(plant, wheels, _line(demand, i, s.t)[0])
 
 
 def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
@@ -294,49 +290,50 @@ def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
     return demand.p[i] + rise * (t - demand.t[i]), rise
 
 
-def _jump(plant: Plant, s: Train, demanded: float) -> None:
-    for k in range(len(s.p)):
-        s.p[k] = cylinder(plant, s.valve[k], s.p[k], demanded, demanded, 0.0)
+def _jump(plant: Plant, wheels: Wheels, demanded: float) -> None:
+    if plant.fill_time > 0.0 and plant.vent_time > 0.0:
+        return
+    for i in range(len(wheels.p)):
+        p = cylinder(plant, wheels.valve[i], wheels.p[i], demanded, demanded, 0.0)
+        wheels.air[i] += max(p - wheels.p[i], 0.0)
+        wheels.p[i] = p
 
 
 def _step(
-    plant: Plant, track: Track, s: Train, demand: float, rise: float,
+    plant: Plant, track: Track, s: Wheels, demand: float, rise: float,
     t: float, h: float, v: float, x: float,
 ) -> float:  # fmt: skip
-    """One step from `t` to `t + h`, within which nothing jumps; w, p and knot are updated.
+    """One step from `t` to `t + h`, within which nothing jumps; the wheels are updated.
 
     `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
 
     Returns:
         v at the end, or NaN where Newton's iteration did not converge.
     """
-    room, axles = s.room, len(s.w)
-    w_new, w_from = room.w_new, room.w_from
+    w, w_new, w_from, axles = s.w, s.w_new, s.w_from, len(s.w)
     v_new, v_from, braked = v, v, False
     for i in range(axles):
-        w_new[i] = w_from[i] = s.w[i]
+        w_new[i] = w_from[i] = w[i]
     for part in (GAMMA, 1.0):
         for i in range(axles):
             p1 = cylinder(plant, s.valve[i], s.p[i], demand, demand + rise * part * h, part * h)
             K = clamping(plant.brake, p1)
-            room.friction[i] = plant.phi * K
+            s.friction[i] = plant.phi * K
             braked = braked or K > 0.0
             if part == 1.0:
+                s.air[i] += max(p1 - s.p[i], 0.0)
                 s.p[i] = p1
             z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-            s.knot[i] = rail_at(track, i, z, s.knot[i], room.rails[i])
+            s.knot[i] = rail_at(track, i, z, s.knot[i], s.rails[i])
         if v > 0.0:
-            v_new = _stage(
-                plant, room.rails, room.friction, GAMMA * h, v_from, w_from, v_new, w_new,
-                room.newton,
-            )  # fmt: skip
+            v_new = _stage(plant, s, GAMMA * h, v_from, v_new)
         if math.isnan(v_new):
             return v_new
         if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
             v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
             for i in range(axles):
-                w_from[i] = s.w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - s.w[i])
+                w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
     stands = braked and v_new < STANDSTILL
     for i in range(axles):
-        s.w[i] = 0.0 if stands else w_new[i]
+        w[i] = 0.0 if stands else w_new[i]
     return 0.0 if stands else v_new

@@ -22,6 +22,7 @@ from .plant import (
     Plant,
     Track,
     Train,
+    Wheels,
     adhesion,
     advance_to,
     demand_of,
@@ -53,44 +54,45 @@ _NAMES: dict[Signal, str] = {
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _decide(plant: Plant, train: Train, before: Floats) -> None:
+def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
     """Sets each axle's valve from its true slip; `before` is the rim speed at the last decision."""
-    v, w = train.v, train.w
+    w = wheels.w
     for i in range(len(w)):
         sliding = v - w[i] if v > plant.valve_slowest else 0.0
         if sliding > plant.vent_slip * v and w[i] <= before[i]:
-            train.valve[i] = VENT
+            wheels.valve[i] = VENT
         elif sliding > plant.hold_slip * v:
-            train.valve[i] = HOLD
+            wheels.valve[i] = HOLD
         else:
-            train.valve[i] = APPLY
+            wheels.valve[i] = APPLY
         before[i] = w[i]
 
 
 def _integrate(
-    plant: Plant, track: Track, demand: Demand, v: float, dt: float,
+    plant: Plant, track: Track, demand: Demand, train: Train, wheels: Wheels, dt: float,
     pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
     n, axles = pressure.shape
-    train, before, decisions, rail = rolling(v, axles), np.full(axles, v), 0, np.zeros(5)
+    before, decisions = wheels.w.copy(), 0
     for k in range(n):
         end, recorded = (k + 1) * dt, False
         while train.t < end - SOON:
             if decisions * plant.valve_period <= train.t + SOON:
                 decisions += 1
-                _decide(plant, train, before)
-            settle(plant, demand, train)
+                _decide(plant, train.v, wheels, before)
+            settle(plant, demand, train, wheels)
             if not recorded:
                 recorded = True
                 speed[k], distance[k] = train.v, train.x
                 for i in range(axles):
-                    pressure[k, i], wheel_speed[k, i] = train.p[i], train.w[i] / plant.radius[i]
+                    pressure[k, i], wheel_speed[k, i] = wheels.p[i], wheels.w[i] / plant.radius[i]
                     z = train.t if track.timed else train.x - plant.positions[i]
-                    train.knot[i] = rail_at(track, i, z, train.knot[i], rail)
-                    force[k, i] = adhesion(train.v - train.w[i], train.v, rail, plant.patch)[0]
+                    rail = wheels.rails[i]
+                    wheels.knot[i] = rail_at(track, i, z, wheels.knot[i], rail)
+                    force[k, i] = adhesion(train.v - wheels.w[i], train.v, rail, plant.patch)[0]
             until = min(end, decisions * plant.valve_period) if decisions > 0 else end
-            train = advance_to(plant, track, demand, train, until)
+            train = advance_to(plant, track, demand, train, wheels, until)
             if math.isnan(train.v):
                 return train.t
     return math.nan
@@ -167,8 +169,8 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
     else:
         failed = compiled.function(_integrate)(
             plant_of(scenario), track_of(scenario), demand_of(scenario),
-            scenario.train.speed, dt, pressure, wheel_speed, force, speed,
-            distance,
+            *rolling(scenario.train.speed, scenario.train.axles), dt,
+            pressure, wheel_speed, force, speed, distance,
         )  # fmt: skip
         if not math.isnan(failed):
             raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")

@@ -77,6 +77,10 @@ def swapped(pair, x):
     return Pair(halved(pair.b) + x, math.exp(-abs(pair.a)))
 
 
+def twice(f, pair, x):
+    return f(f(pair, x), x)
+
+
 def ratio(a, b):
     return a / b
 
@@ -99,6 +103,24 @@ def test_compiling_is_told_once_for_a_cache(
 @given(a=number, b=number, x=number)
 def test_function_is_the_plain_function(a, b, x):
     assert compiled.function(swapped)(Pair(a, b), x) == swapped(Pair(a, b), x)
+
+
+def test_what_goes_by_address_is_compiled_once_for_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_roots", lambda: [tmp_path / "cache"])
+    compiled._compiled.cache_clear()
+    part = compiled.by_address(swapped, Pair(1.0, 2.0), 3.0)
+    kept = {p.name for p in machine_code(tmp_path)}
+    assert compiled.function(twice)(part, Pair(1.0, 2.0), 3.0) == twice(
+        swapped, Pair(1.0, 2.0), 3.0
+    )
+    assert compiled.function(twice)(part, Pair(4.0, 2.0), 5.0) == twice(
+        swapped, Pair(4.0, 2.0), 5.0
+    )
+    assert [p.name.split(".")[0] for p in machine_code(tmp_path) if p.name not in kept] == [
+        "test_compiled_twice"
+    ]
 
 
 def test_division_by_zero_is_inf():

@@ -189,8 +189,8 @@ def test_compiled_equals_plain_python() -> None:
     fast = simulate.run(s)
     n = len(fast.t)
     columns = [np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4)), np.zeros(n), np.zeros(n)]
-    plant, track = plant_of(s), track_of(s)
-    failed = simulate._integrate(plant, track, demand_of(s), s.train.speed, s.dt, *columns)
+    start = simulate.rolling(s.train.speed, s.train.axles)
+    failed = simulate._integrate(plant_of(s), track_of(s), demand_of(s), *start, s.dt, *columns)
     assert math.isnan(failed)
     for plain, compiled in zip(
         columns,
