@@ -292,8 +292,8 @@ def observed(
         np.median(slowing(record)[x.where]) > _EVEN for x in slides(done)
     ):
         text = (
-            "no wheel rolls long enough while braked to tell whether the train speed is late: slip "
-            "in slides trusts its time stamps"
+            "neither wheels that roll while braked nor the forces of all tell whether the train "
+            "speed is late: slip in slides trusts its time stamps"
         )
         findings.append(Finding("train-clock-unknown", "info", text, f"axle {record.axle}"))
     return replace(done, events=_events(done)), findings

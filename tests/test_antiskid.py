@@ -400,6 +400,22 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     assert len(slip.slides(axle)) > 0
 
 
+@pytest.mark.parametrize("seconds", [0.0, 0.5, 2.0])
+def test_a_late_train_speed_shows_where_every_wheel_slides(tmp_path: Path, seconds: float) -> None:
+    stop, vehicle = stopped("slippery-stop", "rule"), case("slippery-stop").vehicle
+    v = np.interp(stop.t - seconds * 1e9, stop.t, stop.measured_train_speed)
+    path = tmp_path / "late.rule.antiskid.mcap"
+    carried = settings.tree(settings.Settings(vehicle), [])
+    mcap.write_stop(path, "late", replace(stop, measured_train_speed=v), vehicle, carried, "{}")
+    result = analysis.analyze(path, partial(settings.load, folder=False), ["kalman"])
+    told = [f.severity for f in result.findings if f.code == "train-clock-offset"]
+    assert told == (["warning"] if seconds else [])
+    late = result.axles[0].record.train_speed_late
+    assert late is not None
+    assert 0.0 < late.tolerance < 0.1
+    assert late.value == pytest.approx(seconds, abs=2.0 * late.tolerance)
+
+
 def test_antiskid_command(tmp_path: Path) -> None:
     def adhesion(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

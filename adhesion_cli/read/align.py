@@ -23,7 +23,7 @@ from ..model import (
     Times,
     Vehicle,
 )  # fmt: skip
-from ..physics import clamping_force, force_line
+from ..physics import clamping_force, force_line, wheelset
 from . import checks, held, plausible, timeaxis, trainclock
 from .grid import Axle, grid
 
@@ -119,7 +119,8 @@ def _on_one_clock(
     if train is None or any((np.diff(a.record.t) <= 0).any() for a in axles):
         return list(axles), []
     g = grid(axles, vehicle)
-    late = trainclock.delay(g, axles[0].record.train_speed_interval) if g else None
+    wheels = [wheelset(vehicle, a.record.axle) for a in axles]
+    late = trainclock.delay(g, wheels, axles[0].record.train_speed_interval) if g else None
     if late is None:
         return list(axles), []
     findings = []
@@ -128,7 +129,7 @@ def _on_one_clock(
         way = "behind" if late.value > 0.0 else "ahead of"
         text = (
             f"the train speed is {abs(late.value):.2f} s (± {Z95 * late.tolerance:.2f}) {way} the "
-            "wheel speeds: its time stamps are shifted by that"
+            "wheels: its time stamps are shifted by that"
         )
         first = (int(train.data.t[0]) - start_ns) / 1e9
         told = Finding("train-clock-offset", "warning", text, train.title, train.rows, first)

@@ -6,19 +6,27 @@ A receiver tells what was, T(t) = v(t − τ); GNSS is one to two seconds late. 
 
 with c_i by what its radius is off and q (−v̇) its creep, which on the rising flank of (3) goes with
 the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
-fall late. A wheel that slides is slower than that, and left out: τ is where most samples of all
-axles fit. Its error is that of the least squares, the train speed's noise being the same in every
-axle and slow.
+fall late. A wheel that slides is slower than that, and left out with the second around it, in which
+its creep rises and falls: τ is where most samples of all axles fit. Its error is that of the least
+squares, the train speed's noise being the same in every axle and slow.
+
+Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
+
+    −dT/dt(t + τ) = b mean_i(F_i/m) + c,
+
+F by (1), b for the vehicle's constants, c for a gradient: its steps at each build-up and release
+tell τ, the better the fewer vehicles of the train are not in the log.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Bools, Floats, Parameter
+from ..model import Bools, Floats, Parameter, Wheelset
 from ..physics import white_noise
-from .grid import LEAST, Grid
+from .grid import LEAST, Grid, far
 
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]
@@ -28,6 +36,7 @@ _CUT = 4.0  # sigma that are no noise
 _WORN = 0.02  # 1 sigma of c [-]
 _CREEP = 0.002, 0.004  # q and its 1 sigma: creep of 0.2 % at 1 m/s² [s²/m]
 _SLOWING = 0.2  # a train that does is braked [m/s²]
+_NEAR = 1.0  # before and behind a slide creep is no straight line of force [s]
 _LEAST = 3.0  # so long must a wheel roll while braked [s]
 _SHARE = 0.3  # and for this share of the braking
 _ALIKE = 0.85  # and an axle that counts, for this share of the time that the best one rolls
@@ -36,6 +45,9 @@ _SLOW = 1.5  # a receiver's noise is as slow as this, or as three of its samples
 _SYSTEMATIC = 0.015  # 1 sigma of τ by creep that does not go with the force [s]
 _SUREST = 0.2  # a larger 1 sigma of τ tells nothing [s]
 _APART, _AS_GOOD = 0.5, 1.1  # nearest other τ [s], and its loss over the best one's
+_CLEAR = 1.5  # the same by the forces, whose steps are few
+_EXPLAINED = 0.8  # share of the train's deceleration that its wheels' adhesion must explain
+_OTHERS = 0.05  # 1 sigma of τ by the wheels that are not in the log, by pads and pipes [s]
 _MOST = 4000  # samples of the fit
 
 
@@ -57,30 +69,80 @@ class _Fit(NamedTuple):
     loss: float  # mean square of what is left, cut off
 
 
-def delay(g: Grid, interval: float) -> Parameter | None:
+def delay(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Parameter | None:
     """τ [s] with its 1 sigma, above 0 where the train speed is behind; None where it is not clear.
 
     Args:
         g: all axles.
+        wheels: their constants, one each.
         interval: between the train speed's own samples [s].
     """
-    if g.train is None:
+    if g.train is None or np.isfinite(g.train).sum() < 2 * LEAST:
         return None
-    t: Floats = g.step * np.arange(len(g.train), dtype=np.float64)
-    known = np.isfinite(g.train)
-    if known.sum() < 2 * LEAST:
+    return _by_rolling(g, g.train, interval) or _by_forces(g, g.train, wheels)
+
+
+def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter | None:
+    """τ at which the train slows as the adhesion of its wheels makes it, if that is clear."""
+    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
+    made = np.mean([(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each], 0)
+    known = np.isfinite(made) & (g.rim > _CRAWL).all(axis=0)  # a wheel that stands has less than φK
+    t: Floats = g.step * np.arange(len(train), dtype=np.float64)
+    slowing = -g.slope(train)
+    fit = np.isfinite(slowing) & (train > _CRAWL)
+    change = np.gradient(np.nan_to_num(made), g.step)
+
+    def at(tau: float) -> tuple[Floats, Floats, Floats]:
+        """X (3, n) of b, c and τ; what b and c leave of the train's deceleration; that itself."""
+        used = known & (np.interp(t + tau, t, fit, left=0.0, right=0.0) > 0.99)
+        late = np.interp(t + tau, t, np.nan_to_num(slowing))[used]
+        X = np.stack([made, np.ones(len(t)), -change])[:, used]
+        x = np.linalg.lstsq(X[:2].T, late, rcond=None)[0]
+        X[2] *= x[0]
+        return X, late - x @ X[:2], late
+
+    def loss(tau: float) -> float:
+        left = at(tau)[1]
+        return float(np.mean(left**2)) if len(left) >= 2 * LEAST else math.inf
+
+    taus = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN)
+    losses = np.array([loss(tau) for tau in taus])
+    best = int(np.argmin(losses))
+    if not math.isfinite(losses[best]) or best in (0, len(taus) - 1):
         return None
-    falling, every = -g.slope(g.train), max(1, len(t) // _MOST)
+    tau = float(taus[best])
+    for _ in range(5):
+        X, left, late = at(tau)
+        if np.ptp(late) < _SLOWING or np.linalg.cond(X) > 1e7 or len(left) < 2 * LEAST:
+            return None
+        x = np.linalg.lstsq(X.T, left, rcond=None)[0]
+        tau += float(x[2])
+        if not abs(tau - taus[best]) <= 2.0 * _SCAN:
+            return None
+    rest, alike = left - x @ X, 2 * g.half + 1
+    variance = float(np.mean(rest**2)) * alike * float(np.linalg.inv(X @ X.T)[2, 2])
+    sigma = math.hypot(math.sqrt(variance), _OTHERS)
+    unclear = losses[np.abs(taus - tau) > _APART].min() < _CLEAR * losses[best]
+    if unclear or left.var() > (1.0 - _EXPLAINED) * late.var() or sigma > _SUREST:
+        return None
+    return Parameter(tau, sigma)
+
+
+def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
+    """τ at which the wheels that roll are as fast as the train, if that is clear."""
+    t: Floats = g.step * np.arange(len(train), dtype=np.float64)
+    known = np.isfinite(train)
+    falling, every = -g.slope(train), max(1, len(t) // _MOST)
     apart = (1, max(1, round(0.5 / g.step)))  # neighbours may be interpolated
-    runs = ((t[known][::j], g.train[known][::j]) for j in apart)
+    runs = ((t[known][::j], train[known][::j]) for j in apart)
     noise = max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs))
     s = _Samples(t[::every], g.rim[:, ::every], -g.slope(g.rim)[:, ::every], noise)
 
     def at(tau: float, column: Floats) -> Floats:
         return np.interp(s.t + tau, t[known], column[known], left=np.nan, right=np.nan)
 
-    taus, first = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN), _start(g, g.train)
-    fits = [_fit(s, at(tau, g.train), first) for tau in taus]
+    taus, first = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN), _start(g, train)
+    fits = [_fit(s, at(tau, train), first) for tau in taus]
     losses = np.array([f.loss for f in fits])
     best = int(np.argmin(losses))
     if not math.isfinite(losses[best]) or best in (0, len(taus) - 1):
@@ -88,22 +150,20 @@ def delay(g: Grid, interval: float) -> Parameter | None:
     tau, f = float(taus[best]), fits[best]
     slows = np.nan_to_num(at(tau, falling)) > _SLOWING
     rolls = (f.used & slows).sum(axis=1)
+    if rolls.max() < max(_LEAST / (g.step * every), _SHARE * slows.sum()):
+        return None
     counts = rolls > _ALIKE * rolls.max()  # what little is left of a slide is no noise
     s = s._replace(rim=s.rim[counts], slowing=s.slowing[counts])
     x, sigma = f.x[np.append(counts, True)], math.inf
     alike = max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every))
     for _ in range(5):
-        f = _fit(s, at(tau, g.train), x)
+        f = _fit(s, at(tau, train), x)
         change, sigma = _step(s, f, at(tau, falling), alike)
         tau, x = tau + change, f.x
         if not abs(tau - taus[best]) <= 2.0 * _SCAN:
             return None
-    long = rolls.max() * g.step * every
-    if long < _LEAST or rolls.max() < _SHARE * slows.sum() or sigma > _SUREST:
-        return None
-    if losses[np.abs(taus - tau) > _APART].min() < _AS_GOOD * losses[best]:
-        return None
-    return Parameter(tau, sigma)
+    unclear = losses[np.abs(taus - tau) > _APART].min() < _AS_GOOD * losses[best]
+    return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
 
 
 def _start(g: Grid, train: Floats) -> Floats:
@@ -143,9 +203,11 @@ def _fit(s: _Samples, v: Floats, start: Floats) -> _Fit:
     X, d = _columns(s, usable), np.where(usable, v - s.rim, 0.0)
     weights, expected = _prior(s)
     x, left, used, cut = start, d, usable, _CUT * s.noise
+    near = round(_NEAR / (s.t[1] - s.t[0]))
     for _ in range(8):
         left = d - np.einsum("ian,i->an", X, x)
-        used = usable & (np.abs(left) < cut)
+        rolls = ~usable | (left < cut)
+        used = usable & (np.abs(left) < cut) & np.array([far(row, near) for row in rolls])
         own = X * used
         A = np.einsum("ian,jan->ij", own, X) + np.diag(weights)
         x = np.linalg.solve(A, np.einsum("ian,an->i", own, d) + weights * expected)
