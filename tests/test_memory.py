@@ -157,7 +157,7 @@ print(peak() - before)
 WRITE_RESULT = """
 from results import result
 from adhesion_cli.write import mcap, rrd
-mcap.CHUNK, rrd._ROWS = 1 << 18, 1 << 12
+mcap.CHUNK, rrd.results._ROWS = 1 << 18, 1 << 12
 def write(n):
     whole = result(axles=1, n=n)
     before = begin()

@@ -15,6 +15,7 @@ from results import EPOCH, result
 
 from adhesion_cli.model import Finding, Floats, Result
 from adhesion_cli.write import rrd
+from adhesion_cli.write.rrd import parts, results
 
 ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
 
@@ -157,7 +158,7 @@ def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
             if ":" in name:  # a component
                 seen.setdefault(f"{chunk.entity_path} {name}", []).extend(batch[name].to_pylist())
     # the range that linked charts share: without it they show half a minute
-    assert seen[f"/{rrd._GLOBAL_VIEW}/TimeAxis TimeAxis:view_range"] == [
+    assert seen[f"/{parts.GLOBAL_VIEW}/TimeAxis TimeAxis:view_range"] == [
         [{"start": None, "end": None}]  # infinite
     ]
     linked = [v for k, v in seen.items() if k.endswith("TimeAxis:link")]
@@ -187,7 +188,7 @@ def test_sparse_result(tmp_path: Path) -> None:
 
 
 def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rrd, "OVERVIEW_FROM", 1000)
+    monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
     monkeypatch.setattr(rrd, "_OVERVIEW_ROWS", 100)
     path = tmp_path / "a.rrd"
     rrd.write_result(path, result(1, 2000), ALGORITHMS)
@@ -221,13 +222,13 @@ def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:
     content, path = small.read_bytes(), tmp_path / "a.rrd"
     path.write_bytes(content)
     rows = sum(c.num_rows for c in RrdReader(path).stream().filter(is_static=False))
-    rrd._verify(path, rows)
+    parts.verify(path, rows)
     with pytest.raises(OSError, match="read back"):
-        rrd._verify(path, rows + 1)
+        parts.verify(path, rows + 1)
     for cut in (0, 100, len(content) // 2, len(content) - 1):
         path.write_bytes(content[:cut])
         with pytest.raises(OSError, match="read back"):
-            rrd._verify(path, rows)
+            parts.verify(path, rows)
 
 
 @pytest.mark.slow
@@ -267,10 +268,10 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_new_estimator_shifts_no_colour_it_does_not_collide_with() -> None:
-    five = rrd._colours(ALGORITHMS)
+    five = results._colours(ALGORITHMS)
     assert len(set(five.values())) == 5
-    assert rrd._colours(ALGORITHMS[::-1]) == five
-    six = rrd._colours([*ALGORITHMS, "zeta"])  # last in the alphabet: it gives way
+    assert results._colours(ALGORITHMS[::-1]) == five
+    six = results._colours([*ALGORITHMS, "zeta"])  # last in the alphabet: it gives way
     assert {a: six[a] for a in ALGORITHMS} == five
     assert len(set(six.values())) == 6
-    assert len(rrd._colours([f"a{i}" for i in range(30)])) == 30  # more names than colours
+    assert len(results._colours([f"a{i}" for i in range(30)])) == 30  # more names than colours

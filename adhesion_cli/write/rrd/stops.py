@@ -1,0 +1,138 @@
+"""Stops in closed loop: a tab for each axle, its controllers side by side."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...model import Times
+from ...stop import Stop
+from ...text import printable
+from . import parts
+from .curve import curve_view, send_curve
+from .parts import (
+    CLAMPING,
+    ESTIMATORS,
+    MARKDOWN,
+    PRESSURE,
+    REFERENCE,
+    REGION_STATES,
+    SLOPE,
+    TRAIN,
+    TRUTH,
+    VALVES,
+    WHEEL,
+    WHEELS,
+    chart,
+    lines,
+    send_plot,
+    send_states,
+    slope_charts,
+    states_view,
+)
+
+
+def write_stops(
+    path: Path, name: str, stops: Sequence[Stop], weight: float, band: tuple[float, float],
+    verdict: str,
+) -> None:  # fmt: skip
+    """Write stops of one train under several controllers, side by side, a tab for each axle.
+
+    Args:
+        path: file to write; its old content is lost.
+        name: of the scenario.
+        stops: one per controller.
+        weight: of an axle on the rail [N].
+        band: least and most slip of the band that is drawn [-].
+        verdict: text of the first tab.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in stops)])
+    parts.write(path, printable(name), key, [_Stops(stops, weight, band, verdict)])
+
+
+class _Stops:
+    """Stops under several controllers and the views that show them."""
+
+    def __init__(
+        self, stops: Sequence[Stop], weight: float, band: tuple[float, float], verdict: str
+    ) -> None:
+        self.stops, self.weight, self.band, self.verdict = stops, weight, band, verdict
+
+    def send(self, rec: rr.RecordingStream) -> int:
+        """Send everything; returns the number of rows on a timeline."""
+        fixed = f"```\n{self.verdict}\n```"
+        rec.log("verdict", rr.TextDocument(fixed, media_type=MARKDOWN), static=True)
+        rows = 0
+        for n, stop in enumerate(self.stops):
+            train = [(stop.controller, ESTIMATORS[n], stop.train_speed * 3.6)]
+            rows += send_plot(
+                rec, f"train/{stop.controller}", _since_start, stop.t, lines("", train)
+            )
+            for i in range(stop.pressure.shape[1]):
+                rows += self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
+        return rows
+
+    def _send_axle(self, rec: rr.RecordingStream, path: str, stop: Stop, i: int) -> int:
+        speeds = [
+            ("train", TRAIN, stop.train_speed * 3.6), ("wheel", WHEEL, stop.rim_speed[:, i] * 3.6)
+        ]  # fmt: skip
+        pressures = [
+            ("without controller", REFERENCE, stop.demand * 1e-5),
+            ("cylinder", PRESSURE, stop.pressure[:, i] * 1e-5),
+        ]
+        forces = [
+            ("most the rail gives", REFERENCE, stop.peak[:, i]),
+            ("true", TRUTH, stop.force[:, i]),
+            (f"estimated ({stop.algo})", CLAMPING, stop.estimate[:, i]),
+        ]
+        rows = 0
+        for plot in (
+            lines("speed", speeds), lines("pressure", pressures), lines("force", forces),
+            lines("slope", [("slope dµ/ds", SLOPE, stop.slope[:, i])]),
+            lines("confidence", [("confidence", REFERENCE, stop.confidence[:, i])]),
+        ):  # fmt: skip
+            rows += send_plot(rec, f"{path}/{plot.name}", _since_start, stop.t, plot)
+
+        for name, codes, states in (
+            ("valve", stop.valve, VALVES), ("region", stop.region, REGION_STATES),
+            ("wheel", stop.sliding(), WHEELS),
+        ):  # fmt: skip
+            lane = f"{path}/state/{name}"
+            rows += send_states(rec, lane, _since_start, stop.t, codes[:, i], states)
+
+        slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
+        return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, self.band)
+
+    def layout(self) -> rrb.Container:
+        """Tabs: the verdict, then one per axle with a column per controller."""
+        first = rrb.Vertical(
+            rrb.TextDocumentView(origin="verdict", name="Verdict"),
+            chart("train", "Train speed [km/h]", legend="RightTop"),
+            row_shares=[1.0, 2.0],
+            name="Verdict",
+        )
+        axles = self.stops[0].pressure.shape[1]
+        return rrb.Tabs(first, *(self._axle_tab(i + 1) for i in range(axles)))
+
+    def _axle_tab(self, axle: int) -> rrb.Container:
+        columns = []
+        for stop in self.stops:
+            path, who = f"{stop.controller}/axle/{axle}", stop.controller
+            views = [
+                chart(f"{path}/speed", f"{who}: speed [km/h]", legend="RightTop"),
+                chart(f"{path}/pressure", f"{who}: pressure [bar]", legend="RightTop"),
+                states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
+                chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
+                *slope_charts(path, who, stop.slope[:, axle - 1]),
+                curve_view(f"{path}/slip", who),
+            ]
+            columns.append(rrb.Vertical(*views, row_shares=[2.5, 2.0, 2.6, 2.0, 2.0, 1.4, 4.0]))
+        return rrb.Horizontal(*columns, name=f"Axle {axle}")
+
+
+def _since_start(t: Times) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn("time", duration=t.astype("timedelta64[ns]"))]
