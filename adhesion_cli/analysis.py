@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import compiled, estimator, metrics, physics, reference, slip
+from . import compiled, estimator, metrics, physics, reference, signals, slip
 from . import settings as settings_module
 from .errors import UserError, unknown
 from .estimator import Estimator
@@ -184,11 +184,11 @@ def _told(
             findings.append(Finding(code, severity, message, f"axle {record.axle}", count, first))
 
     turning = np.zeros(len(record), dtype=np.bool_)
-    for run in physics.moving(record):
+    for run in signals.moving(record):
         turning[run] = True
     text = "the wheel stands: no reference there, friction is anything up to φK"
     tell("standstill", "info", text, ~turning)
-    driven = physics.driven(record, vehicle.radius(record.axle).value)
+    driven = signals.driven(record, vehicle.radius(record.axle).value)
     text = (
         "the wheel gains speed without brake: a motor drives it, whose torque (1) does not know; "
         "no reference there"

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .model import AxleRecord, Floats, Times, Wheelset
-from .physics import rolling_deceleration, true_runs
+from .physics import rolling_deceleration
+from .signals import true_runs
 
 _REACH = 0.3  # a larger delay is for the check of clocks [s]
 _CHANGE = 0.3  # of the highest K within a second: a build-up, a release

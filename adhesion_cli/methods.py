@@ -15,7 +15,6 @@ So the same `step` runs sample by sample and, by `compiled`, over whole logs.
 import importlib
 import importlib.util
 import sys
-import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -24,7 +23,7 @@ from types import FunctionType, ModuleType
 from typing import Any, NamedTuple, Protocol
 
 from .errors import UserError, unknown
-from .model import Quantity
+from .model import Quantity, quantities
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +98,8 @@ class Tunable(Protocol):
 
 def parameters(of: Tunable) -> list[tuple[str, Quantity, float]]:
     """Name, `Quantity` and default of every parameter, in the order of `Params`."""
-    hints = typing.get_type_hints(of.Params, include_extras=True)
     defaults = of.Params._field_defaults
-    return [(name, hints[name].__metadata__[0], defaults[name]) for name in of.Params._fields]
+    return [(name, q, defaults[name]) for name, q in quantities(of.Params).items()]
 
 
 def validated(of: Tunable, overrides: Mapping[str, float]) -> Any:
@@ -150,10 +148,9 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
     if S._fields[-1] != kind.answer:
         text = f"{path}: the last field of State must be {kind.answer}, {kind.meaning}"
         raise UserError(text, kind.remedy)
-    hints = typing.get_type_hints(P, include_extras=True)
+    known = quantities(P)
     for name in P._fields:
-        quantity = getattr(hints[name], "__metadata__", (None,))[0]
-        if not isinstance(quantity, Quantity) or name not in P._field_defaults:
+        if name not in known or name not in P._field_defaults:
             text = f"{path}: Params.{name} lacks its Quantity or its default"
             raise UserError(text, kind.remedy)
     return Method(path.stem, about.title, about.source, P, S, module.init, module.step, path)

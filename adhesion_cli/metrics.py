@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from .model import AxleRecord, Floats, Reference, Score
-from .physics import moving, true_runs, white_noise
+from .signals import moving, true_runs, white_noise
 
 _SLIGHT, _LEAST = 200.0, 60.0  # clamping force that is braking, and that still belongs to it [N]
 _DUMP = 3.0  # longest release inside one application: wheel slide protection vents [s]

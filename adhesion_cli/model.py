@@ -6,7 +6,7 @@ has a calendar (`Log.absolute`), since an unknown start otherwise.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,17 @@ class Quantity:
         if not self.low <= value <= self.high:
             raise UserError(f"{name} = {value:g} is out of range", f"{self.text}: {self.range}", 2)
         return value
+
+
+def quantities(of: type) -> dict[str, Quantity]:
+    """The `Quantity` beside each annotated field."""
+    hints = get_type_hints(of, include_extras=True)
+    return {
+        name: q
+        for name, hint in hints.items()
+        for q in get_args(hint)[1:]
+        if isinstance(q, Quantity)
+    }
 
 
 @dataclass(frozen=True, slots=True)

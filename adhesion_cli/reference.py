@@ -15,7 +15,8 @@ import numpy as np
 from . import delay, runout, smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
-from .physics import driven, moving, rolling_deceleration, true_runs, wheelset, white_noise
+from .physics import rolling_deceleration, wheelset
+from .signals import driven, moving, true_runs, white_noise
 
 _SHORTEST = 8  # samples of a run: fewer do not tell their own noise
 _FIT = 20_000  # samples that the noise levels are fitted to

@@ -13,13 +13,13 @@ from collections.abc import Mapping as Tree
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args
 
 from . import controller, estimator, methods, toml
 from .errors import UserError, unknown
 from .estimator import Estimator
 from .methods import Method
-from .model import Parameter, Quantity, Vehicle
+from .model import Parameter, Quantity, Vehicle, quantities
 from .read.meaning import Mapping
 from .read.source import ReadOptions, TimeSource
 from .slope import Bands, Params
@@ -297,17 +297,6 @@ def _bands(b: Bands) -> Bands:
             text = f"bands.{name}_low = {low:g} is not below bands.{name}_high = {high:g}"
             raise UserError(text, "a band is from low to high", code=2)
     return b
-
-
-def quantities(of: type) -> dict[str, Quantity]:
-    """The `Quantity` beside each annotated field."""
-    hints = get_type_hints(of, include_extras=True)
-    return {
-        name: q
-        for name, hint in hints.items()
-        for q in get_args(hint)[1:]
-        if isinstance(q, Quantity)
-    }
 
 
 def _vehicle_keys() -> dict[str, str]:

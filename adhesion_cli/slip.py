@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import compiled, physics, railfit
+from . import compiled, physics, railfit, signals
 from .model import (
     AxleRecord,
     AxleResult,
@@ -338,7 +338,7 @@ def slides(axle: AxleResult) -> list[Slide]:
     clear = s - 2.0 * _clock_error(record)
     found = []
     for segment in record.segments:
-        for first, past in physics.true_runs(clear[segment] > _CAUGHT):
+        for first, past in signals.true_runs(clear[segment] > _CAUGHT):
             where = slice(segment.start + first, segment.start + past)
             t, v = (record.t[where] - record.t[where.start]) * 1e-9, record.train_speed[where]
             deep: Bools = clear[where] > _SLIDE

@@ -22,7 +22,7 @@ from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
 from .methods import Method, bound, validated
 from .model import Floats, Vehicle, Wheelset
-from .physics import G, braked, reference_speed
+from .physics import G, braked, reference_speed, slip_over
 from .slope import init as slope_init
 from .slope import step as slope_step
 from .stop import JUDGED_FROM
@@ -82,7 +82,8 @@ class Chosen(NamedTuple):
 
 def judged_slip(w: Wheelset, v: float, y: float) -> float:
     """Slip [-] over a speed of at least `JUDGED_FROM`: there is one until v = 0 [S6]."""
-    return (v - y * w.radius) / max(v, JUDGED_FROM)  # (2)
+    s: float = slip_over(v, y * w.radius, JUDGED_FROM)
+    return s
 
 
 def observed(

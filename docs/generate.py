@@ -13,7 +13,7 @@ import typer.main
 
 from adhesion_cli import controller, estimator, methods, settings
 from adhesion_cli.cli.app import app
-from adhesion_cli.model import Parameter, Quantity, Vehicle
+from adhesion_cli.model import Parameter, Quantity, Vehicle, quantities
 from adhesion_cli.read import units
 from adhesion_cli.read.source import ReadOptions
 from adhesion_cli.slope import Bands, Params
@@ -127,14 +127,14 @@ def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
     for f in dataclasses.fields(Vehicle):
         default = getattr(Vehicle(), f.name)
         p: Parameter = default if isinstance(default, Parameter) else default[0]
-        q = settings.quantities(Vehicle)[f.name]
+        q = quantities(Vehicle)[f.name]
         also = f" or `{q.symbol}`" if q.symbol else ""
         yield f"`{f.name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
 
 
 def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
     defaults = of()
-    for name, q in settings.quantities(of).items():
+    for name, q in quantities(of).items():
         value = getattr(defaults, name)
         yield f"`{name}`", f"{value:g}" if isinstance(value, float) else str(value), q
 

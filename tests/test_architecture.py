@@ -17,7 +17,7 @@ LAYERS = [
     {"__init__", "errors", "bundled"},
     {"model", "text", "toml"},
     {"physics", "methods", "stop"},
-    {"estimator", "controller"},
+    {"estimator", "controller", "signals"},
     {"estimators", "compiled", "rail", "slope"},
     {"delay", "runout", "smoother", "controllers", "railfit"},
     {"reference"},

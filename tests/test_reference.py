@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adhesion_cli import physics, reference, scenario, simulate, smoother
+from adhesion_cli import physics, reference, scenario, signals, simulate, smoother
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Z95, AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
 
@@ -361,15 +361,15 @@ def test_no_reference_in_a_short_segment_or_at_standstill(method: str) -> None:
     assert missing.nonzero()[0].tolist() == [*range(100), 700, 701]
     for column in (F.sigma, F.lower, F.upper):
         assert np.array_equal(np.isnan(column), missing)
-    assert np.array_equal(physics.standing(parted), np.arange(n) < 100)
+    assert np.array_equal(signals.standing(parted), np.arange(n) < 100)
 
 
 def test_a_pass_through_zero_is_no_standstill() -> None:
     t = np.arange(0, 4_000_000_000, 10_000_000)
     y = 2.0 - t * 1e-9
     record = AxleRecord(1, t, 0.0 * t, 0.0 * t, np.abs(y), (slice(0, len(t)),))
-    assert not physics.standing(replace(record, wheel_speed=np.abs(5.0 * y))).any()
-    assert physics.standing(record).sum() == pytest.approx(41, abs=1)
+    assert not signals.standing(replace(record, wheel_speed=np.abs(5.0 * y))).any()
+    assert signals.standing(record).sum() == pytest.approx(41, abs=1)
 
 
 @pytest.mark.parametrize("rate", [1.0, 30.0, 1000.0, 10_000.0])
@@ -409,7 +409,7 @@ def test_white_noise_is_the_same_on_uneven_stamps(jitter: float) -> None:
     random = np.random.default_rng(1)
     t = (np.arange(5000) + random.uniform(-jitter, jitter, 5000)) * 0.01
     y = 90.0 - 2.6 * t + random.normal(0.0, 1e-3, len(t))
-    assert math.sqrt(physics.white_noise([(t, y)])) == pytest.approx(1e-3, rel=0.1)
+    assert math.sqrt(signals.white_noise([(t, y)])) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_butterworth_knows_a_slow_pressure() -> None:

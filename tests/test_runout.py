@@ -9,7 +9,7 @@ import simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adhesion_cli import analysis, physics, runout
+from adhesion_cli import analysis, physics, runout, signals
 from adhesion_cli import settings as settings_module
 from adhesion_cli.model import AxleRecord, Floats
 
@@ -90,13 +90,13 @@ def coasting(acceleration: float, v: float = 5.0, K: float = 0.0) -> AxleRecord:
 
 def test_a_driven_wheel_is_one_that_gains_speed_without_brake() -> None:
     t = coasting(0.7).t * 1e-9
-    driven = physics.driven(coasting(0.7), 0.42)
+    driven = signals.driven(coasting(0.7), 0.42)
     assert driven[(t > 5.2) & (t < 12.8)].all()
     assert not driven[(t < 3.5) | (t > 14.5)].any()
     for other in (coasting(0.3), coasting(-0.7, 12.0), coasting(8.0), coasting(0.7, K=500.0)):
-        assert not physics.driven(other, 0.42).any()
+        assert not signals.driven(other, 0.42).any()
     recovering = replace(coasting(0.7), train_speed=np.full(len(t), 20.0))
-    assert not physics.driven(recovering, 0.42).any()
+    assert not signals.driven(recovering, 0.42).any()
 
 
 def test_a_driven_wheel_has_no_reference(tmp_path: Path) -> None:

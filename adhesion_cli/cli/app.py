@@ -1,4 +1,4 @@
-"""The `adhesion` command: the only place that exits.
+"""The `adhesion` command: its subcommands under one name; `__main__` makes errors exit codes.
 
 Commands import what they need when they run, so that help and completion are instant.
 """

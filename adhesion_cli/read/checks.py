@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats
-from ..physics import true_runs, white_noise
+from ..signals import true_runs, white_noise
 from . import excursions, held, timeaxis
 from .grid import FREE
 

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Finding, Floats, Severity, Vehicle
-from ..physics import GRADIENT, LOCKING, G, clamping_force, true_runs
+from ..physics import GRADIENT, LOCKING, G, clamping_force
+from ..signals import true_runs
 from .grid import FREE, LEAST, Grid, Scene, far, largest
 from .units import listed, others
 

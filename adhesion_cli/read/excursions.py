@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Bools, Channel, Floats, Times
-from ..physics import true_runs
+from ..signals import true_runs
 from . import timeaxis
 
 _BACK = 300  # pieces that may lie between two that belong together

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Floats, Parameter, Wheelset
-from ..physics import white_noise
+from ..signals import white_noise
 from .grid import LEAST, Grid, far
 
 _REACH = 5.0  # the largest offset looked for [s]

@@ -36,7 +36,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from .. import __version__, physics
+from .. import __version__, physics, signals
 from ..errors import UserError
 from ..model import AxleResult, Column, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
@@ -375,7 +375,7 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
     for axle in result.axles:
         N = axle.record.axle
         for s in axle.applications:
-            on, gone = physics.pressed(axle.record, s)
+            on, gone = signals.pressed(axle.record, s)
             for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                 text = f"axle {N}: brake {what}"
                 told = event(code=f"brake-{what}", severity="info", axle=N, message=text)

@@ -13,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from ... import physics
+from ... import physics, signals
 from ...model import AxleResult, Bools, Finding, Floats, Result, Score, Times
 from ...stop import SLIDES
 from ...text import printable
@@ -222,7 +222,7 @@ class _Page:
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
-            braked[physics.pressed(axle.record, s)[0]] = 1
+            braked[signals.pressed(axle.record, s)[0]] = 1
         for e in axle.events:
             if e.until is not None:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
@@ -242,7 +242,7 @@ class _Page:
         ]
         for axle in self.result.axles:
             for s in axle.applications:
-                on, gone = physics.pressed(axle.record, s)
+                on, gone = signals.pressed(axle.record, s)
                 for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                     text = f"axle {axle.record.axle}: brake {what}"
                     events.append((int(axle.record.t[i]), "INFO", text))
