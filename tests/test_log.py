@@ -118,3 +118,28 @@ def test_a_needed_name_above_two_columns_is_refused_unless_mapped(tmp_path: Path
     pressure = log.find("pressure", 1)
     assert pressure is not None
     assert pressure.data.value[:6].tolist() == [0, 1e5, 2e5, 3e5, 4e5, 0]
+
+
+def table(path: Path, stamps: np.ndarray, channels: int) -> Path:
+    names = [f"bc pressure {k} [bar],wheel {k} [rad/s]" for k in range(1, channels + 1)]
+    rows = [f"{t:g}{f',{k % 5},{90 - k / 8}' * channels}" for k, t in enumerate(stamps)]
+    path.write_text("\n".join([",".join(["t [s]", *names]), *rows]) + "\n")
+    return path
+
+
+def test_a_fault_of_one_clock_is_told_once(tmp_path: Path) -> None:
+    t = np.arange(100) / 10
+    path = table(tmp_path / "a.csv", np.where(t < 5.0, t, t + 60.0), 4)
+    log = survey(open_source(path, ReadOptions()), (), Vehicle())
+    (gap,) = (f for f in log.findings if f.severity != "info")
+    assert (gap.code, gap.channel, gap.count, gap.first_s) == ("gap", "", 1, 4.9)
+    assert gap.message.startswith("8 channels of one clock (bc pressure 1 [bar], wheel 1 [rad/s], ")
+    assert "wheel 2 [rad/s], bc pressure 3 [bar] and 3 more): no samples for" in gap.message
+
+
+def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> None:
+    sizes = np.random.default_rng(0).integers(4, 12, 30)
+    path = table(tmp_path / "a.csv", np.repeat(np.arange(30.0), sizes), 1)
+    with pytest.raises(UserError, match=r"samples share each time stamp, 1 s apart") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    assert "more decimals" in error.value.hint

@@ -1,6 +1,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -57,11 +58,50 @@ def test_equal_duplicates_are_dropped_and_different_ones_masked() -> None:
     assert axis.duplicates == 2
 
 
-def test_stamps_too_coarse_to_tell_samples_apart_are_told_once() -> None:
-    axis = timeaxis.clean("x", column([1000.0 * (i // 8) for i in range(80)]), 0)
-    assert codes(axis) == {"time-coarse": 80}
-    assert "about 8 samples share each time stamp, 1 s apart" in axis.findings[0].message
+@pytest.mark.parametrize("form", [".1f", ".0f"])
+def test_samples_that_came_evenly_are_spread_between_coarse_stamps(form: str) -> None:
+    true = np.r_[0:1500, 2500:4000] / 100  # a gap of ten seconds
+    t = [1e3 * float(f"{x + 0.033:{form}}") for x in true]
+    axis = timeaxis.clean("x", column(t, np.sin(true).tolist()), 0)
+    assert codes(axis) == {"time-coarse": 3000, "gap": 1}
+    assert "spread evenly, as 100" in axis.findings[0].message
+    off = axis.data.t * 1e-9 - true
+    assert np.ptp(off) < 0.015  # what the stamps leave open is common to all
+    assert abs(off.mean()) < 0.55
+    np.testing.assert_array_equal(axis.data.value, np.sin(true))
+
+
+@pytest.mark.parametrize(
+    ("sizes", "values"),
+    [
+        ([7, 9, 12, 8, 5, 9, 11, 8, 7, 12, 3, 9], np.arange(100.0)),
+        ([8] * 6 + [4] + [8] * 6, np.arange(100.0)),  # some are missing
+        ([8] * 12 + [4], np.tile([1.0, 5.0, 2.0, 7.0], 25)),  # rows of four devices
+        ([4] * 25, np.arange(100.0)),  # or as many
+    ],
+)
+def test_stamps_too_coarse_to_tell_samples_apart_are_told_once(sizes, values) -> None:
+    t = np.repeat(1000.0 * np.arange(len(sizes)), sizes).tolist()
+    axis = timeaxis.clean("x", column(t, values.tolist()), 0)
+    assert codes(axis) == {"time-coarse": 100}
+    assert "samples share each time stamp, 1 s apart: those that differ" in axis.findings[0].message
     assert not len(axis.data.t)
+
+
+def test_rows_that_hold_another_channels_sample_share_its_stamp() -> None:
+    t = np.repeat(10.0 * np.arange(20), 4)
+    for k in range(4):
+        values = np.full(80, np.nan)
+        values[k::4] = np.arange(20)
+        axis = timeaxis.clean("x", column(t.tolist(), values.tolist()), 0)
+        assert not axis.findings
+        assert axis.data.value.tolist() == list(range(20))
+        assert axis.data.t.tolist() == (t[::4] * MS).tolist()
+
+
+def test_each_sample_left_out_is_counted_once() -> None:
+    axis = timeaxis.clean("x", column([0, 10, 10, 10, 20, 30, 40], [0, 1, 9, 9, 2, 3, 4]), 0)
+    assert codes(axis) == {"time-conflict": 3}
 
 
 def test_a_clock_that_stands_still_is_told_apart_from_repeated_rows() -> None:

@@ -18,6 +18,7 @@ from .source import ReadOptions, Source
 _KIND: dict[Meaning | None, str] = {
     "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
 }  # fmt: skip
+_NAMED = 5  # channels of one finding
 _WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth")  # what it can do without
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -119,9 +120,13 @@ def _without_empty(log: Log) -> Log:
             continue
         kind = _KIND.get(c.meaning)
         if kind and kind not in there:
+            why, hint = "", f"`adhesion inspect {log.path}` shows why"
+            if coarse := next((f for f in log.findings if f.code == "time-coarse"), None):
+                text, _, hint = coarse.message.rpartition("; ")
+                why = f": {text}"
             raise UserError(
-                f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)",
-                f"`adhesion inspect {log.path}` shows why",
+                f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log){why}",
+                hint,
             )
         covered = kind is None or any(
             _KIND.get(f.meaning) == kind and f.axle == c.axle for f in full
@@ -168,15 +173,41 @@ def _log(
     start = min((int(timeaxis.unwrapped(t)[0].min()) for t in times.values()), default=0)
     times.clear()
     channels = []
+    clocks = [id(c.t) for c in columns]
+    told: list[tuple[int, Finding]] = []
     columns.reverse()
-    for m in chosen:  # what was read is let go with each channel made of it
+    for m, clock in zip(chosen, clocks, strict=True):
+        # what was read is let go with each channel made of it
         made, found = channel(m, columns.pop(), start)
         channels.append(made)
-        findings += found
+        told += ((clock, f) for f in found)
+    findings += _once(told)
     return Log(
         str(source.path), source.format, _sha256(source.path), source.absolute, source.rows,
         tuple(channels), (*source.findings, *findings), source.rejects,
     )  # fmt: skip
+
+
+def _once(told: Sequence[tuple[int, Finding]]) -> list[Finding]:
+    """The findings, one in place of those that differ in nothing but the channels of one clock.
+
+    Args:
+        told: each with its channel's clock.
+    """
+    alike: dict[tuple[int, Finding], list[str]] = {}
+    for clock, f in told:
+        of_time = f.code == "gap" or f.code.startswith("time-")
+        key = replace(f, channel="") if of_time else f
+        alike.setdefault((clock, key), []).append(f.channel)
+    findings = []
+    for (_, f), names in alike.items():
+        if len(names) == 1:
+            findings.append(replace(f, channel=names[0]))
+            continue
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        text = f"{len(names)} channels of one clock ({', '.join(names[:_NAMED])}{more}): "
+        findings.append(replace(f, message=text + f.message))
+    return findings
 
 
 def _lacks(m: Meant) -> str:

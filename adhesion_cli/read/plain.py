@@ -4,6 +4,7 @@ Anything else, be it one cell, is the general parser's; both give the same bits.
 """
 
 from collections.abc import Sequence
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from ..model import Floats, Times
 
 _POWERS = 10.0 ** np.arange(19)
 _INTEGER_POWERS = 10 ** np.arange(19)
+_LOADING = Lock()  # blocks are parsed by several threads at once
 _SKIPPED, _TIME = -1, -2  # what becomes of a column that is no value's
 
 
@@ -46,7 +48,9 @@ def parse(
     slots[time] = _TIME
     slots[list(columns)] = np.arange(len(columns))
     times, values = np.empty(rows, np.int64), np.empty((len(columns), rows))
-    done = compiled.function(_parse)(
+    with _LOADING:
+        call = compiled.function(_parse)
+    done = call(
         data, ord(delimiter), ord(decimal), slots, power, times, values, _POWERS, _INTEGER_POWERS
     )
     return (times, values) if done else None

@@ -1,6 +1,6 @@
 """The time axis of one channel: what is wrong with it is found, told, masked; nothing is sorted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,9 @@ WRAPS_NS = {
 }
 HOUR_NS = 3600 * 10**9
 _STUCK = 10  # samples of one stamp: more than a repeated or doubled row
+_LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
+_FULL = 0.9  # of the samples then hold a value
+_LEAST_STAMPS = 5  # of a log in which that shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,80 +67,26 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         start_ns: the log's start, for the findings.
         max_gap_ns: intervals longer than this are gaps; 0 decides from the channel itself.
     """
-    findings: list[Finding] = []
-
-    def tell(code: str, message: str, where: Bools, severity: str = "warning") -> None:
-        if count := int(where.sum()):
-            first = (int(t[np.argmax(where)]) - start_ns) / 1e9
-            findings.append(Finding(code, severity, message, name, count, first))  # type: ignore[arg-type]
-
     t, wraps = unwrapped(column.t)
+    told = _Told(name, t, start_ns)
     for width, wrapped in wraps.items():
-        tell("time-wrapped", f"{width} wrapped: continued", wrapped)
+        told("time-wrapped", f"{width} wrapped: continued", wrapped)
+    t = _spread(told, column.value)
     usable = column.valid & np.isfinite(column.value)
     # Cells without any value are the reader's to tell; in a wide table of several rates most are.
-    tell("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
+    told("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
 
-    # Late samples: older than the newest so far, while the clock itself goes on.
     rises = bool((t[1:] > t[:-1]).all())
     restarts = (0,) if rises else _restarts(t, np.maximum.accumulate(t))
-    late = np.zeros(len(t), dtype=np.bool_)
-    for piece in pieces(restarts, len(t)) if not rises else ():
-        top = np.maximum.accumulate(t[piece])
-        late[piece] = t[piece] < top
-    last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
-    back = t[last] - t[last + 1]
-    hour = np.abs(back - HOUR_NS) < HOUR_NS / 100
-    by = "up to " * (len(last) > 1) + f"{back[~hour].max(initial=0) / 1e9:.3f} s"
-    for code, text, which in (
-        ("time-dst", "clock set back one hour (summer time?): a new segment begins", hour),
-        ("time-backward", f"clock jumps back {by}: a new segment begins", ~hour),
-    ):
-        where = np.zeros(len(t), dtype=np.bool_)
-        where[last[which]] = True
-        tell(code, text, where)
-    tell("time-late", "samples older than their predecessor: left out, not sorted", late)
-    usable &= ~late
-
-    same = np.zeros(len(t), dtype=np.bool_)
+    late = same = np.zeros(len(t), dtype=np.bool_)
     if not rises:
-        kept = np.flatnonzero(~late)
-        repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
-        same[kept[repeats]] = True
-    if same.any():
-        previous = np.zeros(len(t), dtype=np.int64)
-        previous[kept] = np.concatenate([kept[:1], kept[:-1]])
-        value = column.value
-        differs = same & (value != value[previous]) & usable & usable[previous]
-        # Two values for one instant: every sample of that stamp is masked, not just the later ones.
-        groups = np.cumsum(~same)
-        clash = np.isin(groups, groups[differs]) & ~late
-        sizes = np.bincount(groups[kept], minlength=groups[-1] + 1)
-        stuck = (sizes > _STUCK)[groups] & ~late
-        sizes = sizes[sizes > 0]
-        if np.mean(sizes > 1) > 0.5 and len(sizes) > 1:
-            apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
-            tell(
-                "time-coarse",
-                f"about {np.median(sizes):.0f} samples share each time stamp, {apart:g} s apart: "
-                "those that differ are left out, for what came when is not known; export the time "
-                "with more decimals, or state [channels] group if rows of several devices "
-                "alternate", same | clash,
-            )  # fmt: skip
-        else:
-            tell(
-                "time-stuck",
-                "the clock stands still: samples of one time stamp are left out, or one is kept if "
-                "they are equal", stuck,
-            )  # fmt: skip
-            said = same & ~differs & ~stuck
-            tell("time-duplicate", "samples repeated with the same time: dropped", said)
-            said = clash & ~stuck
-            tell("time-conflict", "different values with one time stamp: all left out", said)
+        late = _late(told, t, restarts)
+        usable &= ~late
+        same, clash = _repeated(told, t, column.value, usable)
         usable &= ~(same | clash)
 
     jumps = np.zeros(len(t), dtype=np.bool_)
-    jumps[last + 1] = True
+    jumps[list(restarts[1:])] = True
     piece_of = np.cumsum(jumps, dtype=np.int32)
     if usable.all():  # without a copy: channels of one table share its time
         data = Column(t, column.value, usable)
@@ -150,17 +99,146 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     limit = max_gap_ns or gap_limit(steps[within])
     long = within & (steps > limit)
     if long.any():
-        first = (int(data.t[np.argmax(long)]) - start_ns) / 1e9
         longest = float(steps[long].max()) / 1e9
         hour = abs(longest * 1e9 - HOUR_NS) < HOUR_NS / 100
         summer = " (an hour: summer time?)" if hour else ""
-        message = f"no samples for up to {longest:.3f} s{summer}: not bridged, a new segment begins"
-        findings.append(Finding("gap", "warning", message, name, int(long.sum()), first))
+        told = replace(told, t=data.t)
+        told(
+            "gap",
+            f"no samples for up to {longest:.3f} s{summer}: not bridged, a new segment begins",
+            long,
+        )
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
         data, starts, interval, limit, int(long.sum()), int(same.sum()),
-        int(late.sum()) + len(restarts) - 1, tuple(findings),
+        int(late.sum()) + len(restarts) - 1, tuple(told.findings),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Collects what is wrong with the samples of a channel."""
+
+    name: str
+    t: Times
+    start_ns: int
+    findings: list[Finding] = field(default_factory=list)
+
+    def __call__(self, code: str, message: str, where: Bools) -> None:
+        if count := int(where.sum()):
+            first = (int(self.t[np.argmax(where)]) - self.start_ns) / 1e9
+            self.findings.append(Finding(code, "warning", message, self.name, count, first))
+
+
+def _late(told: _Told, t: Times, restarts: tuple[int, ...]) -> Bools:
+    """Samples older than the newest so far, while the clock itself goes on; tells its jumps too."""
+    last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
+    back = t[last] - t[last + 1]
+    hour = np.abs(back - HOUR_NS) < HOUR_NS / 100
+    by = "up to " * (len(last) > 1) + f"{back[~hour].max(initial=0) / 1e9:.3f} s"
+    for code, text, which in (
+        ("time-dst", "clock set back one hour (summer time?): a new segment begins", hour),
+        ("time-backward", f"clock jumps back {by}: a new segment begins", ~hour),
+    ):
+        where = np.zeros(len(t), dtype=np.bool_)
+        where[last[which]] = True
+        told(code, text, where)
+    late = np.zeros(len(t), dtype=np.bool_)
+    for piece in pieces(restarts, len(t)):
+        late[piece] = t[piece] < np.maximum.accumulate(t[piece])
+    told("time-late", "samples older than their predecessor: left out, not sorted", late)
+    return late
+
+
+def _repeated(told: _Told, t: Times, value: Floats, usable: Bools) -> tuple[Bools, Bools]:
+    """Samples that repeat a stamp, and all of the stamps that stand for different values; tells.
+
+    Rows without a value of the channel are none of its samples.
+    """
+    kept = np.flatnonzero(usable)
+    same, clash, stuck = np.zeros((3, len(t)), dtype=np.bool_)
+    repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
+    if not repeats.any():
+        return same, clash
+    same[kept] = repeats
+    differs = repeats & (np.diff(value[kept], prepend=0.0) != 0.0)
+    # Two values for one instant: every sample of that stamp is masked, not just the later ones.
+    groups = np.cumsum(~repeats) - 1
+    clash[kept] = np.isin(groups, groups[differs])
+    sizes = np.bincount(groups)
+    stuck[kept] = (sizes > _STUCK)[groups]
+    if np.mean(sizes > 1) > 0.5 and len(sizes) > 1:
+        apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
+        told(
+            "time-coarse",
+            f"about {np.median(sizes):.0f} samples share each time stamp, {apart:g} s apart: "
+            "those that differ are left out, for what came when is not known; export the time "
+            "with more decimals, or state [channels] group if rows of several devices "
+            "alternate", same | clash,
+        )  # fmt: skip
+    else:
+        told(
+            "time-stuck",
+            "the clock stands still: samples of one time stamp are left out, or one is kept if "
+            "they are equal", stuck,
+        )  # fmt: skip
+        said = same & ~clash & ~stuck
+        told("time-duplicate", "samples repeated with the same time: dropped", said)
+        said = clash & ~stuck
+        told("time-conflict", "different values with one time stamp: all left out", said)
+    return same, clash
+
+
+def _spread(told: _Told, value: Floats) -> Times:
+    """The times of samples that came evenly, under a clock that ticks more rarely.
+
+    Where one even rate agrees with every stamp to within a sample, gaps between stamps apart, it is
+    known what came when. Rows of several devices that alternate look the same, but for values that
+    differ less from those a stamp before than from their neighbours.
+    """
+    t = told.t
+    if np.count_nonzero(t[1:] == t[:-1]) <= len(t) / 2 or (t[1:] < t[:-1]).any():
+        return t
+    if np.count_nonzero(np.isfinite(value)) < _FULL * len(t):
+        return t  # rows are filled by turns
+    first = np.flatnonzero(np.diff(t, prepend=t[0] - 1))  # sample of each stamp
+    last = np.append(first[1:], len(t)) - 1
+    stamps = t[first]
+    if len(stamps) < _LEAST_STAMPS:
+        return t
+    tick = float(np.median(np.diff(stamps)))
+    stretches = np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) > 1.5 * tick) + 1)
+    longest = max(stretches, key=len)[1:]  # the first stamp may have begun before the log
+    if len(longest) < _LEAST_STAMPS - 1:
+        return t
+    at, since = first[longest] - first[longest[0]], stamps[longest] - stamps[longest[0]]
+    period = float(np.polyfit(at, since, 1)[0])
+    many = round(tick / period)
+    if many < _LEAST_SHARED or _alternates(value, many):
+        return t
+    even = np.empty_like(t)
+    for stretch in stretches:
+        rows = slice(first[stretch[0]], last[stretch[-1]] + 1)
+        since = stamps[stretch] - stamps[stretch[0]]
+        earliest = np.max(since - period * (first[stretch] - rows.start))
+        latest = np.min(since + tick - period * (last[stretch] - rows.start))
+        if earliest - latest > period:
+            return t
+        n = np.arange(rows.stop - rows.start)
+        even[rows] = t[rows.start] + np.rint((earliest + latest) / 2.0 + period * n).astype(int)
+    told(
+        "time-coarse",
+        f"about {many} samples share each time stamp, {tick / 1e9:g} s apart: spread evenly, as "
+        f"{1e9 / period:.6g} Hz agrees with every stamp to within a sample; export the time with "
+        "more decimals", np.ones(len(t), dtype=np.bool_),
+    )  # fmt: skip
+    return even
+
+
+def _alternates(value: Floats, many: int) -> bool:
+    """Whether samples differ more from their neighbours than from those so many before."""
+    near, far = (np.abs(value[k:] - value[:-k]) for k in (1, many))
+    return bool(np.nansum(near) / len(near) > 1.2 * np.nansum(far) / max(len(far), 1))
 
 
 def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
