@@ -1,0 +1,98 @@
+"""What a record shows before any estimate: brake on, wheel still, moving or driven, noise."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from .model import AxleRecord, Bools, Floats, Times
+from .physics import GRADIENT, RISE
+
+_GONE = 0.2  # share of the largest clamping force: from there down, a brake lets go
+_CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
+_STOP = 0.3  # and does, if it stays so for this long [s]
+_DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
+
+
+def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
+    """The samples of an application until its pressure is gone, and whether that is in the log.
+
+    An application ends where the wheel stands, as (1) says nothing of it; its pressure does not.
+    """
+    K, last = record.clamping_force, application.stop - 1
+    past = next(s.stop for s in record.segments if s.start <= last < s.stop)
+    gone = np.flatnonzero(K[last:past] <= _GONE * np.nanmax(K[application]))
+    return slice(application.start, last + int(gone[0]) + 1 if len(gone) else past), len(gone) > 0
+
+
+def standing(record: AxleRecord) -> Bools:
+    """Where the wheel stands, and does not merely pass through zero; shape (n,).
+
+    (1) does not hold there: the brake's friction is anything up to φK.
+    """
+    still = np.abs(record.wheel_speed) <= max(_CRAWL, record.wheel_speed_step / 2.0)
+    found = np.zeros(len(record), dtype=bool)
+    for s in record.segments:
+        for first, past in true_runs(still[s]):
+            first, past = s.start + first, s.start + past
+            found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
+    return found
+
+
+def moving(record: AxleRecord) -> list[slice]:
+    """The segments without the times in which the wheel stands."""
+    moves = ~standing(record)
+    return [
+        slice(s.start + first, s.start + past)
+        for s in record.segments
+        for first, past in true_runs(moves[s])
+    ]
+
+
+def driven(record: AxleRecord, radius: float) -> Bools:
+    """Where the wheel, of this radius [m], gains speed without brake as only a motor makes it.
+
+    Harder than on a gradient, longer than it recovers from a slide, and not behind the train; shape
+    (n,). The motor's torque is not in (1).
+    """
+    found = np.zeros(len(record), dtype=bool)
+    free = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
+    for s in record.segments:
+        t = (record.t[s] - record.t[s.start]) * 1e-9
+        rim = record.wheel_speed[s] * radius
+        for first, past in true_runs(free[s]):
+            own, rolls = t[first:past], rim[first:past]
+            before, after = np.maximum(own - 1.0, own[0]), np.minimum(own + 1.0, own[-1])
+            gained = np.interp(after, own, rolls) - np.interp(before, own, rolls)
+            gains = gained > GRADIENT * (after - before)
+            gains &= (gained < RISE * (after - before)) & (after - before >= 1.0)
+            if record.train_speed is not None:
+                gains &= ~(rolls < 0.95 * record.train_speed[s][first:past])
+            for a, b in true_runs(gains):
+                if own[b - 1] - own[a] >= _DRIVEN:
+                    near = (own >= own[a] - 1.0) & (own <= own[b - 1] + 1.0)
+                    found[s.start + first : s.start + past] |= near
+    return found
+
+
+def true_runs(mask: Bools) -> list[tuple[int, int]]:
+    """First and past-the-last index of each run of True in a mask of shape (n,)."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
+    """Variance of the white noise on smooth signals; 0 where too short.
+
+    Mean square departure from the straight line through both neighbours, in blocks of 50; the
+    median block, so that edges in less than half of them do not count.
+
+    Args:
+        runs: times, rising strictly, and values of each run, shape (n,).
+    """
+    blocks = []
+    for t, x in runs:
+        share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])  # of the later neighbour
+        off = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
+        square = off**2 / (1.0 + share**2 + (1.0 - share) ** 2)
+        blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
+    return float(np.median(blocks)) if blocks else 0.0
