@@ -305,10 +305,11 @@ def _cells(values: "Mapping[str, _Value]") -> list[str]:
 
 
 def _verdicts(of: "Mapping[str, Mapping[str, _Value]]") -> str:
-    from .show import table
+    from .show import NARROW, table
 
     cells = zip(*(_cells(v) for v in of.values()), strict=True)
-    return table(["", *of], [[name, *row] for name, row in zip(_HEADER, cells, strict=True)])
+    rows = [[name, *row] for name, row in zip(_HEADER, cells, strict=True)]
+    return table(["", *of], rows, width=NARROW)
 
 
 def _limits(controller: str, limits: "Sequence[Limit]", v: "Verdict") -> list[str]:

@@ -66,12 +66,13 @@ def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
 
 def _text(e: "Estimator", values: dict[str, float]) -> str:
     from ..methods import parameters
+    from .show import folded
 
-    lines = [f"{e.name}: {e.title}", f"  {e.source}"]
+    lines = [folded(f"{e.name}: {e.title}", "  "), folded(f"  {e.source}", "  ")]
     for name, q, default in parameters(e):
         unit = "" if q.unit == "-" else f" {q.unit}"
         value = f"{e.name}.{name} = {values[name]:g}{unit}"
-        lines.append(f"  {value}  ({q.range}; default {default:g}) {q.text}")
+        lines.append(folded(f"  {value}  ({q.range}; default {default:g}) {q.text}", "    "))
     return "\n".join(lines)
 
 

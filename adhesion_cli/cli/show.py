@@ -1,6 +1,9 @@
 """Text for people: tables on stdout, progress and findings on stderr."""
 
+import itertools
+import shutil
 import sys
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,28 +12,62 @@ from ..model import Finding, Result, Score
 from ..text import printable
 
 _SEVERE = {"error": 0, "warning": 1, "info": 2}
+NARROW = 80  # columns where there is no terminal, and in a recording
+_TEXT = 16  # columns that a text keeps
 _ALIKE = 3  # findings of one code that are shown one by one
 
 
 def table(
-    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, prose: bool = False
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    left: int = 1,
+    prose: bool = False,
+    width: int | None = None,
 ) -> str:
     """Columns under their header; the first `left` ones to the left, numbers to the right.
 
-    With `prose` the last column is a text, to the left as well.
+    With `prose` the last column is a text, to the left as well. What is wider than `width`, or else
+    the terminal, is folded: headers first, then texts; numbers that still have no room follow in a
+    table of their own beside the first `left` columns.
     """
-    words = {*range(left), *([len(header) - 1] if prose else [])}
+    width = width or shutil.get_terminal_size((NARROW, 24)).columns
     cells = [[printable(c) for c in row] for row in (header, *rows)]
+    texts = [*range(left), *([len(header) - 1] if prose else [])]
     widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
+    gaps = 2 * (len(header) - 1)
+    if sum(widths) + gaps > width:
+        for i in set(range(len(header))) - set(texts):
+            words = [len(w) for w in cells[0][i].split()]
+            widths[i] = max([*(len(row[i]) for row in cells[1:]), *words, 1])
+        while sum(widths) + gaps > width and max(widths[i] for i in texts) > _TEXT:
+            widths[max(texts, key=lambda i: widths[i])] -= 1
+    if sum(widths) + gaps > width and len(header) - left > 1:
+        fit = left + 1
+        while sum(widths[: fit + 1]) + 2 * fit <= width:
+            fit += 1
+        head, *body = ([*row[:left], *row[fit:]] for row in cells)
+        first = table(header[:fit], [row[:fit] for row in rows], left, width=width)
+        return f"{first}\n\n{table(head, body, left, prose, width)}"
     lines = []
     for row in cells:
-        parts = [
-            c.ljust(w) if i in words else c.rjust(w)
-            for i, (c, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(parts).rstrip())
-    lines.insert(1, "  ".join("-" * w for w in widths))
+        folds = [textwrap.wrap(c, w) for c, w in zip(row, widths, strict=True)]
+        for line in itertools.zip_longest(*folds, fillvalue=""):
+            parts = [
+                c.ljust(w) if i in texts else c.rjust(w)
+                for i, (c, w) in enumerate(zip(line, widths, strict=True))
+            ]
+            lines.append("  ".join(parts).rstrip())
+        if row is cells[0]:
+            lines.append("  ".join("-" * w for w in widths))
     return "\n".join(lines)
+
+
+def folded(text: str, indent: str = "") -> str:
+    """A line of text as wide as the terminal, what follows indented."""
+    width = shutil.get_terminal_size((NARROW, 24)).columns
+    return textwrap.fill(
+        text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def number(value: float | None, digits: int = 0) -> str:

@@ -49,7 +49,10 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) -> str:
-    """Peak, utilisation and (with `shares`) regions of every axle, every slide, the rails."""
+    """Peak, utilisation and regions of every axle, every slide, the rails.
+
+    Without `shares` there are no regions, and it is as narrow as a recording's notes.
+    """
     from ..slope import REGIONS
     from . import show
 
@@ -59,7 +62,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         value, low, high = (show.number(factor * v, digits) for v in x)
         return f"{value} ({low} to {high})"
 
-    regions = REGIONS if shares else ()
+    regions, width = (REGIONS, None) if shares else ((), show.NARROW)
     head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
     head += [f"{r} [%]" for r in regions]
     rows = [
@@ -73,7 +76,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         ]
         for s in summaries
     ]  # fmt: skip
-    parts = [show.table(head, rows)]
+    parts = [show.table(head, rows, width=width)]
     head = [
         "axle",
         "slide at [s]",
@@ -91,12 +94,12 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         for s in summaries
         for x in s.slides
     ]  # fmt: skip
-    parts += [show.table(head, rows)] if rows else []
+    parts += [show.table(head, rows, width=width)] if rows else []
     head = ["axle", "f0", "A", "B [s/m]", "kA", "kS"]
     rows = [
         [str(s.axle), *(spread(s.rail.told.get(n), 3) for n in ("f0", "A", "B", "k_a", "k_s"))]
         for s in summaries
         if s.rail
     ]
-    parts += [show.table(head, rows)] if rows else []
+    parts += [show.table(head, rows, width=width)] if rows else []
     return "\n".join(parts)
