@@ -4,7 +4,7 @@ import random
 import struct
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import lz4.frame
@@ -241,7 +241,7 @@ def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
 CHUNKED = [kind for kind in SMALL if kind != "unchunked"]
 
 
-def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, int]]) -> None:
+def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]) -> None:
     """Recovers damaged logs; checks the copies by mcap's own reader.
 
     Every chunk that the damage does not touch must be in the copy, every attachment before it too.
@@ -249,8 +249,7 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, int]]) 
     Args:
         folder: where to work.
         kind: which of `SMALL`.
-        damages: first byte changed, first byte behind, and what the first is XORed with; 0: the
-            file ends before it.
+        damages: first byte changed, first byte behind, and what stands there instead.
     """
     raw, messages = SMALL[kind].bytes(), SMALL[kind].messages
     path, copy = folder / "damaged.mcap", folder / "copy.mcap"
@@ -258,15 +257,15 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, int]]) 
     walk = open_mcap(path, ReadOptions()).walk
     spans = [(block.at, block.end) for block in walk.blocks]
     attached = [(at, at + 9 + length) for at, length in walk.attachments]
-    for first, behind, flip in damages:
-        path.write_bytes(raw[:first] + (bytes([raw[first] ^ flip]) + raw[behind:] if flip else b""))
+    for first, behind, instead in damages:
+        path.write_bytes(raw[:first] + instead + raw[behind:])
         kept = [k for k, (a, b) in enumerate(spans) if b <= first or behind <= a]
         try:
             with copy.open("wb") as out:
                 told = copy_whole(path, out, ReadOptions())
         except UserError as error:
             where = error.text
-            assert not kept, (first, flip)
+            assert not kept, (first, instead)
         else:
             where = f"{path}: byte"
             with copy.open("rb") as file:
@@ -280,21 +279,35 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, int]]) 
         assert f"{path}: byte" in where
 
 
+def _flips(kind: str, bits: Iterator[tuple[int, int]]) -> Iterator[tuple[int, int, bytes]]:
+    raw = SMALL[kind].bytes()
+    return ((n, n + 1, bytes([raw[n] ^ (1 << bit)])) for n, bit in bits)
+
+
+def _shifts(size: int, at: Sequence[int], by: int) -> Iterator[tuple[int, int, bytes]]:
+    """Bytes too many, and bytes that are missing: every offset behind is another."""
+    yield from ((n, n, bytes(by)) for n in at)
+    yield from ((n, min(n + by, size), b"") for n in at)
+
+
 @pytest.mark.parametrize("kind", CHUNKED)
 def test_recovery_keeps_every_untouched_chunk(tmp_path: Path, kind: str) -> None:
     size, chance = len(SMALL[kind].bytes()), random.Random(kind)
     at = chance.sample(range(len(MAGIC), size), 150)
-    _recovers(tmp_path, kind, ((n, n + 1, 1 << chance.randrange(8)) for n in at))
-    _recovers(tmp_path, kind, ((n, size, 0) for n in at[:50]))
+    _recovers(tmp_path, kind, _flips(kind, ((n, chance.randrange(8)) for n in at)))
+    _recovers(tmp_path, kind, ((n, size, b"") for n in at[:50]))
+    _recovers(tmp_path, kind, _shifts(size, at[:50], chance.choice([1, 8, 300])))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", CHUNKED)
-def test_recovery_from_every_flipped_bit_and_truncation(tmp_path: Path, kind: str) -> None:
+def test_recovery_from_every_flipped_bit_truncation_and_shift(tmp_path: Path, kind: str) -> None:
     size = len(SMALL[kind].bytes())
     every = range(len(MAGIC), size)
-    _recovers(tmp_path, kind, ((n, n + 1, 1 << bit) for n in every for bit in range(8)))
-    _recovers(tmp_path, kind, ((n, size, 0) for n in every))
+    _recovers(tmp_path, kind, _flips(kind, ((n, bit) for n in every for bit in range(8))))
+    _recovers(tmp_path, kind, ((n, size, b"") for n in every))
+    for by in (1, 8, 300):
+        _recovers(tmp_path, kind, _shifts(size, every, by))
 
 
 # ---------------------------------------------------------------------- hostile files

@@ -37,6 +37,7 @@ _FOOTER = struct.Struct("<BQQQI8s")  # and the magic bytes behind it
 MESSAGE = 22  # bytes of a Message record before its data: channel, sequence, two times
 _AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _PIECE = 1 << 20  # bytes read from the file at once
+_CHUNK_LEAST = 60  # more than the fields of a chunk before its records have
 _RUN = 4 << 20  # bytes of unchunked records taken together
 _HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
 _JSON_HEADS = 100  # first messages of a JSON channel that are kept to search them for keys
@@ -321,18 +322,21 @@ class Walk:
         """Walks the file up to its footer.
 
         Damage of one whole record does not end the walk. Where a record has no end, the walk goes
-        on in the summary, whose indexes lead to what stands behind the damage.
+        on in the summary, whose indexes lead to what stands behind the damage; or, where bytes
+        are missing or too many and no index is right, at the next chunk that is whole.
         """
-        at, opcode, jumped = len(MAGIC), 0, False
+        at, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
             try:
                 opcode, length = self._head(at)
             except DamageError as damage:
                 self._flush()
                 self._note(damage)
-                if jumped or not (at := self._summary()):
+                if self._data_end:
                     break
-                self._data_end, jumped = at, True
+                at = self._data_end = self._summary()
+                if not at and not (at := self._next_chunk()):
+                    break
                 continue
             after = at + HEADER.size + length
             if at == len(MAGIC) and opcode != Opcode.HEADER:
@@ -374,6 +378,27 @@ class Walk:
         if (opcode, length, magic) != (Opcode.FOOTER, 20, MAGIC) or not 0 < start < footer:
             return 0
         return start if self._file.crc(start, footer + HEADER.size + 16) == crc else 0
+
+    def _next_chunk(self) -> int:
+        """Where the first whole chunk behind the last whole block begins; 0 where there is none."""
+        at = max((block.end for block in self.blocks), default=len(MAGIC))
+        while (size := min(_PIECE, self._file.size - at)) > _CHUNK_LEAST:
+            window = np.frombuffer(self._file.read(at, size), np.uint8)
+            found = np.flatnonzero(window[:-_CHUNK_LEAST] == Opcode.CHUNK)
+            length, name = _u64(window, found + 1), _u64(window, found + 37) & 0xFFFFFFFF
+            known = name <= max(map(len, _INFLATE))
+            packed = _u64(window, np.where(known, found + 41 + name, 0))
+            known &= (packed >= 0) & (packed <= length - 40 - name) & (length < self._file.size)
+            for place, content in zip(found[known].tolist(), length[known].tolist(), strict=True):
+                block = _Block(at + place, at + place + HEADER.size + content, True)
+                try:
+                    self._head(block.at)
+                    self._records(block)
+                except DamageError:
+                    continue
+                return block.at
+            at += size - _CHUNK_LEAST
+        return 0
 
     def _run(self, at: int, length: int) -> int:
         """Takes messages and definitions outside chunks together; returns the offset behind."""
