@@ -8,7 +8,7 @@ import pytest
 
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel, Log, Parameter, Vehicle
-from adhesion_cli.read.log import open_source, read, survey
+from adhesion_cli.read.log import open_source, read, survey, unchanged
 from adhesion_cli.read.meaning import Mapping
 from adhesion_cli.read.source import ReadOptions
 
@@ -92,6 +92,12 @@ def test_an_empty_channel_is_told_and_breaks_nothing(tmp_path: Path) -> None:
     log = read(source, (), Vehicle())
     assert {c.meaning for c in log.channels} == {"pressure", "wheel_speed"}
     assert codes(log)["empty-channel"] == 1
+    copied = unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ())
+    assert [c.name for c in copied.channels] == ["bc [bar]", "wheel speed [m/s]"]
+    assert codes(copied)["empty-channel"] == 1
+    (tmp_path / "b.csv").write_text("t [s],bc [bar]\n0,\n1,\n2,\n")
+    with pytest.raises(UserError, match="no channel holds a number"):
+        unchanged(open_source(tmp_path / "b.csv", ReadOptions()), ())
 
 
 def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -> None:

@@ -150,7 +150,10 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     """Every numeric channel of an opened log as it is, in its own unit: for `convert`.
 
     What a channel is taken for is nothing to a copy: neither told, nor a channel twice where it
-    serves two axles.
+    serves two axles. A channel without a single number is left out, and that is told.
+
+    Raises:
+        UserError: where no channel holds a number.
     """
     meant = {m.field: m for m in _understood(source, mappings)[0]}.values()
 
@@ -159,7 +162,15 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
         place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
         return Channel(*place, column, len(column.t)), []
 
-    return _log(source, list(meant), [], as_logged)
+    log = _log(source, list(meant), [], as_logged)
+    empty = [c for c in log.channels if not c.data.valid.any()]
+    if len(empty) == len(log.channels):
+        hint = f"`adhesion inspect {log.path}` shows why"
+        raise UserError(f"{log.path}: no channel holds a number", hint)
+    text = "no sample holds a number: not copied"
+    told = [Finding("empty-channel", "info", text, c.title) for c in empty]
+    full = tuple(c for c in log.channels if c.data.valid.any())
+    return replace(log, channels=full, findings=(*log.findings, *told))
 
 
 def _log(
