@@ -206,18 +206,22 @@ class _Aligned(NamedTuple):
 def _aligned(
     speed: Channel, brake: Channel, straight: Channel, train: Channel | None, truth: Channel | None
 ) -> _Aligned:
-    parts = []
+    parts: list[_Aligned] = []
     pieces = timeaxis.pieces(speed.starts, len(speed.data.t))
     for k, piece in enumerate(pieces):
         at = timeaxis.Over(speed.data.t[piece], k, len(pieces))
         last, fresh = timeaxis.hold(at, brake)
         smooth = timeaxis.interpolated(at, straight)
+        if not np.isfinite(smooth).all():
+            smooth = np.where(np.isfinite(smooth), smooth, last)
         # No online estimator sees these two: they may be interpolated.
         known = [
-            timeaxis.interpolated(at, c) if c else np.full(len(at.t), np.nan)
+            timeaxis.interpolated(at, c) if c else np.broadcast_to(math.nan, len(at.t))
             for c in (train, truth)
         ]
-        parts.append((last, np.where(np.isfinite(smooth), smooth, last), fresh, *known))
+        parts.append(_Aligned(last, smooth, fresh, *known))
+    if len(parts) == 1:
+        return parts[0]
     return _Aligned(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
@@ -234,7 +238,10 @@ def _record(
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
     is_pressure = brake.meaning == "pressure"
-    K, K_smooth = (clamping_force(x, vehicle) if is_pressure else x for x in (at.held, at.smooth))
+    K = clamping_force(at.held, vehicle) if is_pressure else at.held
+    K_smooth = K
+    if at.smooth is not at.held:  # their times are not the same
+        K_smooth = clamping_force(at.smooth, vehicle) if is_pressure else at.smooth
     frozen = checks.stuck_speed(speed, K, others)
     keep = inside & at.fresh & ~frozen
     jump = np.diff(t, prepend=t[0]) > speed.gap_ns
@@ -283,11 +290,12 @@ def _record(
         return None, findings
     if backwards.any():
         y, at = np.abs(y), at._replace(train=np.abs(at.train))
+    rows = slice(None) if kept.all() else kept  # all of them need no copy
     return AxleRecord(
-        axle, t[kept], K[kept], K_smooth[kept], y[kept], segments, speed.step,
-        at.held[kept] if is_pressure else None,
-        at.train[kept] if train else None,
-        at.truth[kept] if truth else None,
+        axle, t[rows], K[rows], K_smooth[rows], y[rows], segments, speed.step,
+        at.held[rows] if is_pressure else None,
+        at.train[rows] if train else None,
+        at.truth[rows] if truth else None,
         brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
     ), findings  # fmt: skip

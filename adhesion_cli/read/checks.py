@@ -225,17 +225,21 @@ def _alone(c: Channel) -> tuple[Bools, Floats]:
     alone, steep = np.zeros(len(t), dtype=np.bool_), np.zeros(len(t))
     if len(t) < 5:
         return alone, steep
-    dt, away = np.diff(t) / 1e9, np.diff(y)
-    there, back = away[:-1], -away[1:]
-    less = np.minimum(np.abs(there), np.abs(back)) - _noise(c)
-    alone[1:-1] = (
-        (less > 0.0)
-        & (np.sign(there) == np.sign(back))
-        & (np.abs(there - back) < np.minimum(np.abs(there), np.abs(back)) / 2.0)
-        & (dt[:-1] > 0.0)
-        & (dt[1:] > 0.0)
+    noise, away = _noise(c), np.diff(y)
+    leaps = np.abs(away) > noise
+    at = np.flatnonzero(leaps[1:] & leaps[:-1]) + 1  # few, and only these are looked at
+    there, back = away[at - 1], -away[at]
+    before, after = (t[at] - t[at - 1]) / 1e9, (t[at + 1] - t[at]) / 1e9
+    least = np.minimum(np.abs(there), np.abs(back))
+    found = (
+        (np.sign(there) == np.sign(back))
+        & (np.abs(there - back) < least / 2.0)
+        & (before > 0.0)
+        & (after > 0.0)
     )
-    steep[1:-1][alone[1:-1]] = (less / np.maximum(dt[:-1], dt[1:]))[alone[1:-1]]
+    at = at[found]
+    alone[at] = True
+    steep[at] = ((least - noise)[found]) / np.maximum(before, after)[found]
     return alone, steep
 
 
@@ -319,11 +323,12 @@ def saturated(pressure: Channel) -> Bools:
 def _flat_top(pressure: Channel, runs: _Runs) -> Bools:
     """Silent runs at the highest value, reached steeply or more than once; shape (k,)."""
     x = pressure.data.value
-    value, top = x[runs.first], float(x.max())
-    before = np.maximum(runs.first - max(2, round((pressure.rate_hz or 1.0) / 2.0)), 0)
-    steep = value - x[before] > 0.05 * top
-    flat = _silent(pressure, runs) & (value == top)
-    found: Bools = flat & (steep | (flat.sum() > 1))
+    top = float(x.max())
+    found: Bools = _silent(pressure, runs) & (x[runs.first] == top)
+    if found.sum() == 1:
+        first = runs.first[found]
+        before = np.maximum(first - max(2, round((pressure.rate_hz or 1.0) / 2.0)), 0)
+        found[found] = top - x[before] > 0.05 * top
     return found
 
 

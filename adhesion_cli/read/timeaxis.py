@@ -297,10 +297,15 @@ def _samples(at: Over, of: Channel) -> tuple[Times, Floats]:
 
 
 def hold(at: Over, of: Channel) -> tuple[Floats, Bools]:
-    """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,)."""
+    """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,).
+
+    The values are the channel's own array where the times are the same.
+    """
     xs, ys = _samples(at, of)
     if not len(xs):
         return np.full(len(at.t), np.nan), np.zeros(len(at.t), dtype=np.bool_)
+    if np.array_equal(xs, at.t):  # columns of one table
+        return ys, np.ones(len(xs), dtype=np.bool_)
     index = np.searchsorted(xs, at.t, side="right") - 1
     known = index >= 0
     index = np.maximum(index, 0)
@@ -308,13 +313,15 @@ def hold(at: Over, of: Channel) -> tuple[Floats, Bools]:
 
 
 def interpolated(at: Over, of: Channel) -> Floats:
-    """Linear interpolation of a channel, shape (n,).
+    """Linear interpolation of a channel, shape (n,); its own array where the times are the same.
 
     NaN before its first sample and across its gaps; the last value holds as long as `hold` does.
     """
     xs, ys = _samples(at, of)
     if not len(xs):
         return np.full(len(at.t), np.nan)
+    if np.array_equal(xs, at.t):
+        return ys
     t = at.t
     after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
     before = np.maximum(after - 1, 0)
