@@ -108,7 +108,7 @@ def slip_document(
 def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
     """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
     rail = summary.rail
-    peak, mu = (rail.peak_slip, rail.peak_mu) if rail else (None, None)
+    peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
     fit = None
     if rail and rail.told:
         fit = {name: {"value": x.value, "ci": [x.low, x.high]} for name, x in rail.told.items()}
@@ -118,9 +118,11 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         "peak_slip": peak and peak.value,
         "peak_slip_ci": peak and [peak.low, peak.high],
         "peak_mu": mu and mu.value,
+        "peak_mu_ci": mu and [mu.low, mu.high],
         "peak_speed_mps": rail.speed if rail and peak else None,
         "regions": summary.regions,
-        "utilisation": summary.utilisation,
+        "utilisation": used and used.value,
+        "utilisation_ci": used and [used.low, used.high],
         "slides": [
             {
                 "start_s": (x.start - start_ns) / 1e9,

@@ -38,6 +38,7 @@ _SHORT = 0.1  # a slide lasts longer [s]
 _LASTS = 0.5  # and so does a change of region that is an event [s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
+_DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]
 _CLEARLY = 2.0  # sigma that are more than noise
 _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
 
@@ -238,12 +239,18 @@ def slowing(record: AxleRecord) -> Floats:
     return np.maximum(found, 0.0)
 
 
-def _clock_error(record: AxleRecord) -> Floats:
-    """1 sigma of slip by what is not known of the train speed's delay, shape (n,): σ_τ (−v̇)/v."""
-    if record.train_speed_late is None or record.train_speed is None:
+def _clock_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
+    """1 sigma of slip by what is not known of the train speed's delay, shape (n,): σ_τ (−v̇)/v.
+
+    Args:
+        record: of an axle.
+        unknown: σ_τ where nothing is known of it [s].
+    """
+    if record.train_speed is None:
         return np.zeros(len(record))
+    late = record.train_speed_late
     with np.errstate(divide="ignore", invalid="ignore"):
-        return record.train_speed_late.tolerance * slowing(record) / record.train_speed
+        return (late.tolerance if late else unknown) * slowing(record) / record.train_speed
 
 
 def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
@@ -377,49 +384,34 @@ class Summary(NamedTuple):
     regions: dict[str, float]  # shares of the braked time
     slides: list[Slide]
     rail: railfit.RailFit | None
-    utilisation: float | None  # mean μ of the slides over the peak's
 
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
-    """Slides, shares, peak, rail and adhesion utilisation of an axle.
-
-    Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over
-    time of μ in the slides over the largest μ of the rail's fitted curve: the share that was used
-    of what could have been. Without a slide the rail had more than was asked for, and how much
-    more is not known.
-    """
+    """Slides, shares, rail, peak and adhesion utilisation of an axle."""
     name, found = f"axle {axle.record.axle}", slides(axle)
 
-    def told(
-        rail: railfit.RailFit | None, used: float | None, text: str
-    ) -> tuple[Summary, list[Finding]]:
+    def told(rail: railfit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
         findings = [Finding("rail-not-observable", "info", text, name)] if text else []
-        return Summary(axle.record.axle, shares(axle), found, rail, used), findings
+        return Summary(axle.record.axle, shares(axle), found, rail), findings
 
     if not found:
-        return told(None, None, "no slide: neither peak nor rail can be told")
-    points, mu_error = _points(axle, vehicle, found)
+        return told(None, "no slide: neither peak nor rail can be told")
     radius = calibrated(axle.record, vehicle)[0]
+    points, mu_error = _points(axle, vehicle, found, radius.value)
     scale = math.hypot(radius.tolerance / radius.value, axle.record.train_speed_creep)
     rail = railfit.fit(points, vehicle, scale, mu_error)
     if rail is None:
-        return told(None, None, "slides too short, or on a rail that changed: no curve fits them")
+        return told(None, "slides too short, or on a rail that changed: no curve fits them")
     missing = [n for n in rail.best._fields if n not in rail.told]
-    used, text = None, ""
-    if rail.peak_mu:
-        h = np.diff(points.t, append=points.t[-1])
-        h[h > 1.0] = 0.0  # from slide to slide
-        used = float(np.average(points.mu, weights=h)) / rail.peak_mu.value
-    else:
-        text = "the slides do not show both sides of the peak. "
+    text = "" if rail.peak_mu else "the slides do not show both sides of the peak. "
     if missing:
         names = ", ".join(missing)
         text += f"{names}: not to be told from the other constants or from the wheel's diameter"
-    return told(rail, used, text)
+    return told(rail, text)
 
 
 def _points(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
 ) -> tuple[railfit.Points, float]:
     """Operating points of the slides, and the 1 sigma of μ's scale by the vehicle's tolerances."""
     record, ref = axle.record, axle.reference
@@ -432,5 +424,6 @@ def _points(
     mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
     t = (record.t[at] - record.t[0]) * 1e-9
-    clock = _clock_error(record)[at]
-    return railfit.Points(t, record.train_speed[at], axle.slip[at], mu, clock), error
+    v, clock = record.train_speed[at], _clock_error(record, _DELAY)[at]
+    noise = speed_noise(record, radius)[at] / v  # of (2)
+    return railfit.Points(t, v, axle.slip[at], mu, noise, clock), error

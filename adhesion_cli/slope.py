@@ -28,43 +28,47 @@ signals that are straight lines between samples, stable for every interval, and 
 
 Where the curve bends. k is constant over the memory only as long as the point stays where the curve
 is straight; one memory over both flanks of the peak draws a chord through them, and a wheel that is
-caught would keep the slope of its slide. So the memory is also one of distance in slip. The curve's
-scale is slip itself (the peak lies at some slip, friction falls with the sliding), so it counts as
-straight over
+caught would keep the slope of its slide. Two things against it. The memory is also one of distance
+in slip. The curve's scale is slip itself (the peak lies at some slip, friction falls with the
+sliding), so with
 
     L² = max(λ²s², least² + (g σ_s)²),
 
-λ `straight`, the rest noise as below, and both corners grow with how far the point has come, in
-multiples of it:
+λ `straight`, the rest noise as below, both corners grow with how far the point has come:
 
-    δ' = δ (1 + (Δs/L)²),  ρ' = ρ (1 + 2 (Δs/L)²).
+    δ' = δ (1 + 5 (Δs/L)²),  ρ' = ρ (1 + 5 (Δs/L)²).
 
-Δμ = k Δs holds as before, for any corner that is the same on both sides, at rest it is the patent's
-filter, and in a fast sweep Δs stays near L. The 2: what the filter remembers of elsewhere fades as
-Δs does, and the sums, which hold its square, as fast only with twice the rate. What is left is
-judged by where it was seen: Δs spans s − Δs to s, with its middle u and, about the present slip,
+Δμ = k Δs holds as before, for any corner that is the same on both sides; at rest it is the patent's
+filter, and in a fast sweep Δs stays near L/√5. And the bend is a second unknown. About the present
+slip s, μ(u) = μ(s) + k (u − s) + c (u − s)²; the high-pass of (u − s)² is q = Δ(s²) − 2 s Δs, so
 
-    B² = ∫ w Δs² ((u − s)² + Δs²/12) dτ / S.
+    Δμ = k Δs + c q,  J = ∫ w (Δμ − kΔs − cq)² dτ + r c²,
 
-λ large turns both off. Slides of 1 to 3 s of another simulator, at 100 and 20 Hz (slip to 11 %,
-σ of the train speed 0.02 m/s): above 3 % slip a slope was told in 48 to 62 % of the time without
-this and is in 59 to 82 % with it; of what was told below 1 % slip (up to 32 % of that time) all was
-wrong, and none is told now. What it costs: in long slides less is told, as one that swung wide
-before counts less (`low-adhesion`: 94 to 58 %). λ = 0.2 tells 91 % there, but draws chords on rails
-whose peak is broad: in steps of 0.15 s on `wet` half of what it told above 3 % slip was wrong.
+five sums in place of two, carried with Δ(s²) for q, as s moves. Where a slope is steep the curve
+bends soon: c is expected to be 0 with 1 sigma c0 = √(k² + k0²)/(1.4 λ s), and r = (Q + Y)/c0² with
+what a straight line leaves, Q + Y as below: on a curve that is seen clearly r is small and c free,
+in noise c stays 0. With T = ∫ w Δs q, B = ∫ w q², D = ∫ w q Δμ, ∂J/∂k = ∂J/∂c = 0 gives
 
-How sure. M = ∫ w Δμ² dτ leaves Q = M − kC unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what S
-is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
+    k = (C − T D/(B + r))/E,  E = S − T²/(B + r):
+
+E is the excitation that is left for k; where slip came one way only, k and c are the same to it,
+and E is small. c has its own error where the memory reaches far: a point that came from u to s has
+q ≈ −2 Δs (s − (s + u)/2), so B/(4 S) is the mean square distance from s at which Δs was seen.
+λ large turns all of this off.
+
+How sure. M = ∫ w Δμ² dτ leaves Q = M − kC − cD unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what
+S is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
 1/v. g > 1 because a memory of 1/ρ holds few independent values, and few are often larger than their
-rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/S is a
-slope squared, the error's scale, and
+rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/E is a
+slope squared, the error's scale, ε `doubt` its share that may be k's, and
 
-    confidence = (1 − Z/S) (k² + k0²)/(k² + k0² + (Q + Y)/S) / (1 + (B/(2.5 λ s))²):
+    confidence = (1 − Z/E) (k² + k0²)/(k² + k0² + ε (Q + Y)/E) / (1 + B/(4 S (7 λ s)²)):
 
-no more than noise in the slip gives 0, else, but for k0, the squared correlation of Δμ and Δs;
-k0 keeps it up at the peak, where μ does not move and no correlation can be. Noise in the slip
-draws k towards 0, by at most the share Z/(g² S). B = 2.5 λ s halves the confidence. Below `surest`,
-the slope is not observable.
+no more than noise in the slip gives 0, else, but for k0 and ε, the squared correlation of Δμ and
+Δs; k0 keeps it up at the peak, where μ does not move and no correlation can be. Noise in the slip
+draws k towards 0, by at most the share Z/(g² E). Below `surest`, the slope is not observable. The
+5, 1.4, 7 and the defaults were found by search over simulated slides; docs/slip.md has what is told
+of others.
 """
 
 import math
@@ -72,7 +76,9 @@ from typing import Annotated, NamedTuple
 
 from .model import Quantity
 
-_FAR = 2.5  # times λs from the present slip, what was seen counts half
+_FADE = 5.0  # by which both corners grow once the point has come by L
+_BEND = 1.4  # times λs from the present slip, the slope is expected to be another
+_FAR = 7.0  # and what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
 
@@ -80,16 +86,19 @@ REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region`
 class Params(NamedTuple):
     """Filter, memory and guards of the slope."""
 
-    delta: Annotated[float, Quantity("rad/s", "corner δ of the high-pass", 1e-3, 1e3)] = 2.0
-    rho: Annotated[float, Quantity("1/s", "forgetting rate ρ", 1e-3, 1e3)] = 2.0
+    delta: Annotated[float, Quantity("rad/s", "corner δ of the high-pass", 1e-3, 1e3)] = 0.6
+    rho: Annotated[float, Quantity("1/s", "forgetting rate ρ", 1e-3, 1e3)] = 0.6
     least: Annotated[float, Quantity("-", "rms slip change that shows nothing", 1e-9, 1.0)] = 5e-4
     guard: Annotated[
         float, Quantity("-", "rms slip change over its noise that shows nothing", 1.0, 100.0)
-    ] = 3.0
+    ] = 2.7
     straight: Annotated[
         float, Quantity("-", "share λ of slip over which the curve is straight", 1e-3, 1e9)
-    ] = 0.1
+    ] = 0.16
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
+    doubt: Annotated[
+        float, Quantity("-", "share ε of the unexplained that may be the slope's", 0.0, 1.0)
+    ] = 0.2
     surest: Annotated[float, Quantity("-", "least confidence of a slope", 0.0, 1.0)] = 0.5
 
 
@@ -108,11 +117,13 @@ class State(NamedTuple):
     slip: float
     mu: float
     dslip: float  # Δs
+    dsquare: float  # Δ(s²)
     dmu: float  # Δμ
     S: float  # ∫ w Δs² [s]
-    U: float  # ∫ w Δs² u [s]
-    V: float  # ∫ w Δs² (u² + Δs²/12) [s]
+    U: float  # ∫ w Δs Δ(s²) [s]
+    V: float  # ∫ w Δ(s²)² [s]
     C: float  # ∫ w Δs Δμ [s]
+    N: float  # ∫ w Δ(s²) Δμ [s]
     M: float  # ∫ w Δμ² [s]
     Z: float  # ∫ w (least² + (guard σ_s)²) [s]
     Y: float  # ∫ w σ_μ² [s]
@@ -122,7 +133,8 @@ class State(NamedTuple):
 
 def init(p: Params, slip: float, mu: float) -> State:
     """State at the first sample: nothing is known of the slope."""
-    return State(slip, mu, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+    z = 0.0
+    return State(slip, mu, z, z, z, z, z, z, z, z, z, z, z, z, math.nan)
 
 
 def step(
@@ -143,34 +155,48 @@ def step(
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
     least = p.least * p.least + p.guard * p.guard * slip_noise * slip_noise
     come = s.dslip * s.dslip / max((p.straight * slip) ** 2, least)  # (Δs/L)²
-    delta, rho = p.delta * (1.0 + come), p.rho * (1.0 + 2.0 * come)
+    faster = 1.0 + _FADE * come
+    delta, rho = p.delta * faster, p.rho * faster
     decay = math.exp(-delta * h)
     ramp = -math.expm1(-delta * h) / (delta * h) if h > 0.0 else 1.0
-    x = decay * s.dslip + ramp * (slip - s.slip)  # Δs
-    y = decay * s.dmu + ramp * (mu - s.mu)  # Δμ
+    x0, q0, y0 = s.dslip, s.dsquare, s.dmu
+    x = decay * x0 + ramp * (slip - s.slip)  # Δs
+    q = decay * q0 + ramp * (slip * slip - s.slip * s.slip)  # Δ(s²)
+    y = decay * y0 + ramp * (mu - s.mu)  # Δμ
     keep = math.exp(-rho * h)
     new = -math.expm1(-rho * h) / rho  # ∫ w over the interval
-    moved = new * (s.dslip * s.dslip + s.dslip * x + x * x) / 3.0
-    middle = slip - x / 2.0  # u
-    S = keep * s.S + moved
-    U = keep * s.U + moved * middle
-    V = keep * s.V + moved * (middle * middle + x * x / 12.0)
-    cross = 2.0 * s.dslip * s.dmu + s.dslip * y + x * s.dmu + 2.0 * x * y
-    C = keep * s.C + new * cross / 6.0
-    M = keep * s.M + new * (s.dmu * s.dmu + s.dmu * y + y * y) / 3.0
+    S = keep * s.S + new * _mean(x0, x, x0, x)
+    U = keep * s.U + new * _mean(x0, x, q0, q)
+    V = keep * s.V + new * _mean(q0, q, q0, q)
+    C = keep * s.C + new * _mean(x0, x, y0, y)
+    N = keep * s.N + new * _mean(q0, q, y0, y)
+    M = keep * s.M + new * _mean(y0, y, y0, y)
     Z = keep * s.Z + new * least
     Y = keep * s.Y + new * mu_noise * mu_noise
     confidence, slope = 0.0, math.nan
     if Z < S and slip != 0.0:
-        k = C / S  # [S3]
-        left = (max(M - k * C, 0.0) + Y) / S
-        known = k * k + p.small * p.small
-        away = max(V - 2.0 * slip * U + slip * slip * S, 0.0) / S  # B²
-        far = (_FAR * p.straight * slip) ** 2
-        confidence = (1.0 - Z / S) * known / (known + left) * far / (far + away)
-        if confidence >= p.surest:
-            slope = k
-    return State(slip, mu, x, y, S, U, V, C, M, Z, Y, confidence, slope)
+        T = U - 2.0 * slip * S
+        B = max(V - 4.0 * slip * U + 4.0 * slip * slip * S, 0.0)
+        D = N - 2.0 * slip * C
+        none, straight = p.small * p.small, p.straight * slip
+        chord = C / S
+        r = (max(M - chord * C, 0.0) + Y) * (_BEND * straight) ** 2 / (chord * chord + none)
+        E = S - T * T / (B + r) if B + r > 0.0 else S
+        if Z < E:
+            c = (D - T * chord) / (B + r - T * T / S) if B + r > 0.0 else 0.0
+            k = (C - T * c) / S  # [S3]
+            left = (max(M - k * C - c * D, 0.0) + Y) / E
+            known = k * k + none
+            near = 1.0 + B / (4.0 * S * (_FAR * straight) ** 2)
+            confidence = (1.0 - Z / E) * known / (known + p.doubt * left) / near
+            if confidence >= p.surest:
+                slope = k
+    return State(slip, mu, x, q, y, S, U, V, C, N, M, Z, Y, confidence, slope)
+
+
+def _mean(a: float, b: float, c: float, d: float) -> float:
+    """Mean of the product of two straight lines, from a to b and from c to d."""
+    return (2.0 * a * c + a * d + b * c + 2.0 * b * d) / 6.0
 
 
 def region(slip: float, slope: float, bands: Bands) -> int:

@@ -41,7 +41,7 @@ class Named(NamedTuple):
 SLOPE = Named("slope", slope.Params)
 # Found by search: slower than what suits a log, and forgetting by time alone. The law wants to
 # know which way the curve bends from where the wheel came.
-SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5, "straight": 1e9}
+SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5, "straight": 1e9, "guard": 3.0, "doubt": 1.0}
 
 
 class Constants(NamedTuple):

@@ -46,8 +46,8 @@ def march(
 def test_slope_is_the_curves_derivative(name: str, middle: float) -> None:
     samples = swing(name, middle, middle / 50.0, np.arange(0.0, 6.0, 0.01))
     final = march(slope.Params(least=1e-6), samples)[-1]
-    true = curve(name, middle)[1]
-    assert final.slope == pytest.approx(true, rel=0.05, abs=2e-3)
+    true = curve(name, final.slip)[1]
+    assert final.slope == pytest.approx(true, rel=0.03, abs=2e-3)
     assert final.confidence > 0.9
 
 
@@ -154,12 +154,10 @@ def test_what_is_told_of_slides_is_right(on: float, off: float, name: str, rate:
         assert not known[slip < 0.01].any(), seed
         if not on:
             continue
-        assert wrong[(slip > 0.01) & (slip < 0.03)].mean() < 0.1, seed
         deep = slip > 0.03
-        assert wrong[deep].mean() < 0.1, seed
-        if name != "wet":  # whose curve still bends there
-            assert wrong[known & deep].mean() < 0.05, seed
-            assert known[deep].mean() > 0.4, seed
+        assert not wrong[slip < 0.03].any(), seed
+        assert wrong[deep].mean() < (0.04 if name == "wet" else 0.01), seed  # it bends to 8 % slip
+        assert known[deep].mean() > (0.05 if name == "wet" else 0.34), seed
 
 
 def test_noise_in_mu_makes_a_slope_less_sure() -> None:
@@ -168,7 +166,7 @@ def test_noise_in_mu_makes_a_slope_less_sure() -> None:
         march(slope.Params(), samples, (0.0, noise))[-1] for noise in (0.0, 2e-4, 1.0)
     )
     assert sure.confidence > doubtful.confidence > 0.5
-    assert doubtful.slope == sure.slope
+    assert doubtful.slope == pytest.approx(sure.slope, rel=0.01)
     assert math.isnan(unknown.slope)
 
 
@@ -180,7 +178,7 @@ def test_changes_that_slip_does_not_explain_are_not_a_slope() -> None:
     slips = 0.05 + 0.005 * np.sin(3.0 * times)
     samples = list(zip(times.tolist(), slips.tolist(), rails.tolist(), strict=True))
     known = [s for s in march(slope.Params(), samples)[200:] if math.isfinite(s.slope)]
-    assert len(known) < 0.2 * len(samples)
+    assert len(known) < 0.3 * len(samples)
 
 
 def test_standstill_starts_anew_and_leaves_no_nan() -> None:

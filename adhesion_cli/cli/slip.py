@@ -70,7 +70,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
             str(s.axle), spread(s.rail.peak_slip if s.rail else None, 2, 100.0),
             spread(s.rail.peak_mu if s.rail else None, 3),
             show.number(s.rail.speed if s.rail and s.rail.peak_slip else None, 1),
-            show.number(s.utilisation, 3),
+            spread(s.rail.utilisation if s.rail else None, 3),
             str(len(s.slides)),
             *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
         ]
