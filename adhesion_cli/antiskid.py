@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import physics, slope
+from .controller import registry
 from .errors import UserError
 from .estimator import check_step
 from .model import Floats, Wheelset
@@ -338,6 +339,26 @@ def dry_distance(scenario: Scenario) -> float:
     """Stopping distance of the same train and brake on dry rail, without controller [m]."""
     dry = replace(scenario, rail=DRY, train=replace(scenario.train, cleaning=()))
     return _stopping_distance(run(dry, "none"), dry)
+
+
+def side_by_side(
+    scenario: Scenario,
+    seed: int | None,
+    algo: str,
+    settings: Settings,
+    tell: Callable[[str], None],
+) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
+    """Dry distance [m], and the stop under every controller by name; arguments as of `run`.
+
+    `tell` is told the progress.
+    """
+    tell("dry rail")
+    dry, stops = dry_distance(scenario), {}
+    for law in registry():
+        tell(law)
+        stop = run(scenario, law, seed, algo, settings)
+        stops[law] = stop, verdict(stop, scenario, dry)
+    return dry, stops
 
 
 def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:

@@ -16,6 +16,9 @@ from .stop import Stop
 from .text import utf8
 
 if TYPE_CHECKING:
+    from . import unit
+    from .plant import Track
+    from .scenario import Scenario
     from .sweep import Row
 
 Kind = Literal[
@@ -168,6 +171,48 @@ def verdicts(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         "mean_slip_error",
     )  # fmt: skip
     return {law: {k: values[k] for k in keys} for law, values in of.items()}
+
+
+def stop_settings(
+    stop: Stop,
+    case: "Scenario",
+    settings: "unit.Settings",
+    track: "Track | None" = None,
+    **more: str,
+) -> dict[str, Any]:
+    """All that a stop was made from, as the settings its file carries.
+
+    Args:
+        stop: the stop.
+        case: its scenario.
+        settings: as stated.
+        track: the fitted rail, where that is not the scenario's.
+        more: on the log it was fitted to.
+    """
+    from . import unit  # slow to import, and only this needs it
+    from .settings import Settings, tree
+
+    unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
+    loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}
+    scenario = {k: v for k, v in asdict(case).items() if k not in unused}
+    if track:  # its last knot is at infinity
+        knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
+        scenario["rail"] = {"knots": knots, "conditions": conditions}
+    loop["scenario"] = _plain({**scenario, "seed": stop.seed})
+    return {
+        **tree(Settings(case.vehicle, bands=unit.bands(settings)), []),
+        **unit.parameters([stop.controller], stop.algo, settings),
+        "antiskid": loop,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it; what is not stated, or without a limit, is left out."""
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
 
 
 def sweep_document(

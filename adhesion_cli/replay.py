@@ -15,7 +15,7 @@ does not decide, not what is said above.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -72,8 +72,12 @@ class _Braking(NamedTuple):
     K: Floats  # clamping force of each axle [N], shape (axles, n)
 
 
-def case(result: Result) -> Case:
+def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
     """The stop of a log with the longest slide, and the rails that it may have been on.
+
+    Args:
+        result: the analysed log.
+        train_speed: how the unit knows it, if not as in `scenario.Antiskid`.
 
     Raises:
         UserError: where the log does not show the rail, saying what it would have to.
@@ -112,7 +116,7 @@ def case(result: Result) -> Case:
         Path(name).stem, "a stop of a log", antiskid.LONGEST, antiskid.DRY,
         train=Train(float(braking.speed[0]), len(radii)), brake=Brake(demand),
         vehicle=replace(result.vehicle, wheel_radius=radii),
-    )  # fmt: skip
+    ).with_train_speed(train_speed)  # fmt: skip
     rails = [s.rail for s in summaries]
     draws = []
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):

@@ -4,7 +4,7 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -226,6 +226,12 @@ class Scenario:
     rig: Rig | None = None
     dt: Annotated[float, Quantity("s", "step of integration and dense output", 1e-6, 0.02)] = 1e-3
     seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0
+
+    def with_train_speed(self, source: Literal["measured", "axles"] | None) -> "Scenario":
+        """The same with another source of the unit's train speed; None: with its own."""
+        return (
+            replace(self, antiskid=replace(self.antiskid, train_speed=source)) if source else self
+        )
 
 
 def scenarios() -> dict[str, str]:

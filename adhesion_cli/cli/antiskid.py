@@ -1,9 +1,8 @@
 """`adhesion antiskid`: stops in closed loop, every controller on the same rail."""
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +12,6 @@ from . import results
 from .options import Shared, completes, estimators, loader, scenarios, shared
 
 if TYPE_CHECKING:
-    from ..plant import Track
     from ..scenario import Limit, Scenario
     from ..stop import Stop, Verdict
     from ..sweep import Row
@@ -74,7 +72,7 @@ def command(
     """
     from .. import antiskid
     from ..controller import registry
-    from ..document import antiskid_document, dumps, sweep_document
+    from ..document import antiskid_document, dumps, stop_settings, sweep_document
     from ..errors import UserError
     from ..model import Vehicle
     from ..scenario import load
@@ -99,7 +97,7 @@ def command(
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
-    case, tell = _with_train_speed(load(scenario), train_speed), show.progress(shared.quiet)
+    case, tell = load(scenario).with_train_speed(train_speed), show.progress(shared.quiet)
     made_with = parameters(registry(), algo, settings)
     if stated.vehicle != Vehicle():
         text = "note: [vehicle] is that of logs; a scenario's TOML states the vehicle of its train"
@@ -118,19 +116,13 @@ def command(
 
     paths = _paths(shared, case.name)
     files.check(paths, shared.force, inputs=[Path(scenario)])
-    tell("dry rail")
-    dry = antiskid.dry_distance(case)
-    stops = {}
-    for law in registry():
-        tell(law)
-        stop = antiskid.run(case, law, seed, algo, settings)
-        stops[law] = (stop, antiskid.verdict(stop, case, dry))
+    dry, stops = antiskid.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     document = antiskid_document(stops["none"][0], case.name, made_with, dry, found)
     table = _verdicts(found)
     kept = [line for law, (_, v) in stops.items() for line in _limits(law, case.limit, v)]
     text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
-    made = [(s, _carried(s, case, settings)) for s, _ in stops.values()]
+    made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
     _write(paths, shared, Path(scenario), case, made, settings, document, text)
     return 0
 
@@ -154,6 +146,7 @@ def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
     from ..controller import registry
+    from ..document import stop_settings
     from ..replay import answers, case, document
     from ..text import printable
     from . import show
@@ -162,11 +155,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     paths, tell = _paths(shared, results.stem(log)), show.progress(shared.quiet)
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
-    replayed = case(result)
-    replayed = replayed._replace(
-        scenario=_with_train_speed(replayed.scenario, train_speed),
-        draws=[(_with_train_speed(s, train_speed), track) for s, track in replayed.draws],
-    )
+    replayed = case(result, train_speed)
     settings = loader(shared)().overrides
     count = len(registry()) * (1 + len(replayed.draws))
     show.message(f"{printable(log.name)}: rail fitted; {count} stops to simulate", shared.quiet)
@@ -182,7 +171,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     verdict = "\n".join([head, _verdicts({law: a.values for law, a in found.items()})])
     origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
     made = [
-        (a.stop, _carried(a.stop, replayed.scenario, settings, replayed.track, **origin))
+        (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
         for a in found.values()
     ]
     _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict)
@@ -197,15 +186,6 @@ def _tells_of_compiling(shared: Shared) -> None:
     from . import show
 
     compiled.tell = functools.cache(lambda text: show.message(text, shared.quiet))
-
-
-def _with_train_speed(case: "Scenario", train_speed: TrainSpeed | None) -> "Scenario":
-    """The scenario with another source of the unit's train speed."""
-    return (
-        replace(case, antiskid=replace(case.antiskid, train_speed=train_speed))
-        if train_speed
-        else case
-    )
 
 
 def _paths(shared: Shared, name: str) -> list[Path]:
@@ -241,44 +221,6 @@ def _write(
         from .view import show_recording
 
         show_recording(paths[0])
-
-
-def _carried(
-    stop: "Stop", case: "Scenario", settings: "Stated", track: "Track | None" = None, **more: str
-) -> dict[str, Any]:
-    """All that a stop was made from, as the settings its file carries.
-
-    Args:
-        stop: the stop.
-        case: its scenario.
-        settings: as stated.
-        track: the fitted rail, where that is not the scenario's.
-        more: on the log it was fitted to.
-    """
-    from ..settings import Settings, tree
-    from ..unit import bands, parameters
-
-    unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
-    loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}
-    scenario = {k: v for k, v in asdict(case).items() if k not in unused}
-    if track:  # its last knot is at infinity
-        knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
-        scenario["rail"] = {"knots": knots, "conditions": conditions}
-    loop["scenario"] = _plain({**scenario, "seed": stop.seed})
-    return {
-        **tree(Settings(case.vehicle, bands=bands(settings)), []),
-        **parameters([stop.controller], stop.algo, settings),
-        "antiskid": loop,
-    }
-
-
-def _plain(value: Any) -> Any:
-    """As JSON has it; what is not stated, or without a limit, is left out."""
-    if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
 
 
 _HEADER = [
