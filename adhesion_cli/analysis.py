@@ -202,14 +202,6 @@ def _told(
             "that is not centred: taken out for the reference, estimators see it as logged"
         )
         findings.append(Finding("wheel-runout", "info", text, f"axle {record.axle}"))
-    if ref.late:
-        text = (
-            f"the pressure is {abs(ref.late):.2f} s {'behind' if ref.late > 0.0 else 'ahead of'} "
-            "the wheel speed: the band holds it; correct the time stamps by that, or what the "
-            "valve, the transducer or averaging takes"
-        )
-        changes = np.abs(np.diff(record.clamping_force_smooth, prepend=np.nan)) > 0.0
-        tell("pressure-clock-offset", "info", text, changes)
     if not applications:
         text = "no brake application found: estimators are not scored"
         findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))

@@ -178,6 +178,7 @@ class AxleRecord:
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
     train_speed_creep: float = 0.0  # 1 sigma of its scale: made of wheels, it creeps as they do
+    pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -195,6 +196,7 @@ class AxleRecord:
             train_speed_interval=self.train_speed_interval,
             train_speed_late=self.train_speed_late,
             train_speed_creep=self.train_speed_creep,
+            pressure_late=self.pressure_late,
         )  # fmt: skip
 
 
@@ -275,7 +277,6 @@ class Reference:
     sigma: Floats  # 1 sigma of the noise part
     tolerance: Floats  # 1 sigma by the vehicle's tolerances
     runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
-    late: float = 0.0  # by which the pressure is behind the wheel speed [s]; sigma holds it
 
     @property
     def half(self) -> Floats:

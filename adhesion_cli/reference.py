@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from . import delay, runout, smoother
+from . import runout, smoother
 from .errors import unknown
 from .model import AxleRecord, Floats, Reference, Vehicle, Wheelset
 from .physics import rolling_deceleration, wheelset
@@ -74,7 +74,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
     runs = [record.cut(s) for s in slices]
     ripples = [runout.found(_seconds(r), r.wheel_speed) for r in runs]
-    late = delay.found(runs, w)
+    late = record.pressure_late.value
     force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
     found = METHODS[method].parts(runs, [part for part, _ in ripples], w)
     for s, parts in zip(slices, found, strict=True):
@@ -82,13 +82,14 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
         sigma[s] = parts.sigma
         tolerance[s] = _tolerance(record, vehicle, parts)
         if late:
-            missed = delay.missed(record.t[s], parts.clamping_force, late)
-            sigma[s] = np.hypot(sigma[s], w.phi * missed)
+            t = (record.t[s] - record.t[s.start]) * 1e-9
+            off = np.interp(t + late, t, parts.clamping_force) - parts.clamping_force
+            sigma[s] = np.hypot(sigma[s], w.phi * off)
     unknown_torque = driven(record, vehicle.radius(record.axle).value)
     for column in (force, sigma, tolerance):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
-    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest, late)
+    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest)
 
 
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:

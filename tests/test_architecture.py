@@ -19,7 +19,7 @@ LAYERS = [
     {"physics", "methods", "stop"},
     {"estimator", "controller", "signals"},
     {"estimators", "compiled", "rail", "slope"},
-    {"delay", "runout", "smoother", "controllers", "railfit"},
+    {"runout", "smoother", "controllers", "railfit"},
     {"reference"},
     {"metrics", "read", "write"},
     {"scenario"},

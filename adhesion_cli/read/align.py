@@ -24,7 +24,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force, force_line, wheelset
-from . import checks, held, plausible, timeaxis, trainclock
+from . import braking, checks, held, plausible, timeaxis, trainclock
 from .grid import Axle, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -104,9 +104,11 @@ def records(
         raise _nothing(log, speeds, pressures or forces, window, findings)
     found, told = _on_one_clock(found, vehicle, log.start_ns())
     findings += told
+    why = braking.explained(found, vehicle)
+    found = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in found]
     chosen = [a for a in found if a.record.axle in asked]
     theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}
-    together = plausible.findings(found, vehicle, log.start_ns())
+    together = plausible.findings(found, vehicle, log.start_ns(), why)
     findings += [f for f in together if f.channel in theirs]
     return [a.record for a in chosen], findings
 
@@ -116,12 +118,10 @@ def _on_one_clock(
 ) -> tuple[list[Axle], list[Finding]]:
     """The axles with a train speed shifted by what it is late, where that is told from zero."""
     train = axles[0].train
-    if train is None or any((np.diff(a.record.t) <= 0).any() for a in axles):
-        return list(axles), []
-    g = grid(axles, vehicle)
+    g = grid(axles, vehicle) if train else None
     wheels = [wheelset(vehicle, a.record.axle) for a in axles]
     late = trainclock.delay(g, wheels, axles[0].record.train_speed_interval) if g else None
-    if late is None:
+    if late is None or train is None:
         return list(axles), []
     findings = []
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9

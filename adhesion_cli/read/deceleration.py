@@ -5,14 +5,14 @@ While every wheel rolls, (1) gives the train's deceleration from K alone.
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Bools, Finding, Floats, Severity, Vehicle
+from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
 from ..signals import true_runs
+from . import braking
 from .grid import FREE, LEAST, Grid, Scene, far, largest
 from .units import listed, others
 
@@ -26,7 +26,6 @@ _UNBRAKED = 0.5  # deceleration without pressure that no gradient explains [m/sÂ
 _LASTS = 3.0  # and no slide protection [s]
 _CLEAR = 0.8  # share of the deceleration that goes with K where both are right
 _CLEARER = 0.9  # the same where K hardly varies: a wheel that locks slows evenly, too
-_SIGMAS = 2.5  # of the stated tolerances are no finding
 _NEAR = 1.12  # as near as this to a unit's factor, the unit is the likely cause
 _ABSURD = 30.0  # no slide explains that either
 _ANY_VEHICLE = 6.0  # no vehicle is that far from another
@@ -35,7 +34,6 @@ _AXLES = 2e3, 45e3  # per axle, from an empty tram to a loaded ore wagon [kg]
 _STOPS = 0.5  # of its speed: what rollers hold, or a gradient, loses less
 _BESIDE = 5.0  # before and after a brake, the train coasts on the same gradient [s]
 _LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
-_REACH = 5.0  # and the largest looked for [s]
 
 
 # Values that no train has
@@ -106,38 +104,49 @@ def unbraked(s: Scene) -> Iterator[Finding]:
     yield s.told(code, "warning", text, brake, long)
 
 
-def late_pressure(s: Scene) -> Iterator[Finding]:
-    """A pressure whose clock is not the wheel speed's: the train slows before or after it rises."""
-    g = replace(s.grid, train=None)  # it may have a clock of its own
-    K, braking = g.mean(np.mean(g.clamping, axis=0)), g.braking
-    rolls = g.rolling.all(axis=0) & np.isfinite(braking)
-    n = np.arange(len(K)) * g.step
-    reach = min(_REACH, n[-1] / 4.0)
-    lates = np.arange(-round(reach / 0.05), round(reach / 0.05) + 1) * 0.05
-    left = np.full(len(lates), np.inf)
-    for i, late in enumerate(lates):
-        then = np.interp(n + late, n, K, left=np.nan, right=np.nan)
-        used = rolls & np.isfinite(then)
-        if used.sum() < max(LEAST, 0.6 * rolls.sum()) or not np.ptp(then[used]) > 0.5 * np.nanmax(
-            K
-        ):
-            continue
-        slope, level = _fitted(then[used], braking[used])
-        if slope > 0.0:
-            of = float(np.var(braking[used]))
-            left[i] = float(np.mean((braking[used] - slope * then[used] - level) ** 2)) / of
-    best = int(np.argmin(left))
-    late = float(lates[best])
-    now = left[len(lates) // 2]
-    clear = left[best] < 0.1 and left[best] < 0.4 * now and abs(late) < reach - 0.2
-    if clear and abs(late) > max(_LATE, 0.5 * g.step):
-        way = "behind" if late > 0.0 else "ahead of"
+def explained(s: Scene) -> Iterator[Finding]:
+    """Another force line, or a pressure with another clock: which of them, or that it is one."""
+    late, line, either = s.explanation
+    if line is None:
+        if abs(late.value) > _LATE:
+            yield _late(s, "warning")
+        return
+    doubt = ""
+    if either:
+        doubt = "; what is logged cannot tell this from {}: log a brake's build-up and release"
+    if not late.value and (told := list(another_factor(s))):
+        yield from told
+    elif abs(math.log(line.scale)) > math.log1p(braking.SIGMAS * braking.tolerance(s.vehicle)):
+        yield _another(s, line.scale, "warning", doubt.format("a pressure with another clock"))
+    else:
+        way = "less" if line.offset > 0.0 else "more"
         text = (
-            f"the pressure is {abs(late):.1f} s {way} what it does to the wheels: the force is "
-            "wrong by that wherever the pressure changes; correct the time stamps of one of them"
-            f"{s.unless_sliding}"
+            f"the train slows as by {abs(line.offset):.0f} N {way} clamping force than (15) gives "
+            "at every pressure: check spring_force and the cylinder in [vehicle], and the pressure "
+            f"sensor's zero{s.unless_sliding}{doubt.format('a pressure with another clock')}"
         )
-        yield s.told("pressure-clock-offset", "warning", text, s.axles[0].brake)
+        yield s.told("vehicle-suspect", "warning", text, s.axles[0].brake)
+    if late.value:
+        yield _late(s, "warning", doubt.format("another vehicle than stated"))
+
+
+def late_pressure(s: Scene) -> Iterator[Finding]:
+    """A delay as valves, hoses and filters make it."""
+    late, line, _ = s.explanation
+    if line is None and 0.0 < abs(late.value) <= _LATE:
+        yield _late(s, "info")
+
+
+def _late(s: Scene, severity: Severity, doubt: str = "") -> Finding:
+    late = s.explanation.late
+    way = "behind" if late.value > 0.0 else "ahead of"
+    text = (
+        f"the pressure is {abs(late.value):.2f} s (Â± {Z95 * late.tolerance:.2f}) {way} what it "
+        "does to the wheels, and the force is wrong by that wherever the pressure changes: the "
+        "reference's band holds it, estimators see it as logged; correct the time stamps by that, "
+        f"or what the valve, the transducer or averaging takes{s.unless_sliding}{doubt}"
+    )
+    return s.told("pressure-clock-offset", severity, text, s.axles[0].brake)
 
 
 def another_factor(s: Scene) -> Iterator[Finding]:
@@ -152,12 +161,16 @@ def another_factor(s: Scene) -> Iterator[Finding]:
     gradient = _CHANGES if fit.varied else GRADIENT
     if factor <= 0.0 or abs(factor - 1.0) * fit.top * s.by_rolling < gradient:
         return
-    allowed = _SIGMAS * _tolerance(s.vehicle)
-    if abs(math.log(factor)) < math.log1p(allowed):
+    if abs(math.log(factor)) < math.log1p(braking.SIGMAS * braking.tolerance(s.vehicle)):
         return
     # Braked all the time and hardly slower for it: a rig or a gradient does that too.
     held = not fit.varied and factor < 1.0 and not fit.slows
-    severity: Severity = "info" if held else "warning"
+    yield _another(s, factor, "info" if held else "warning")
+
+
+def _another(s: Scene, factor: float, severity: Severity, doubt: str = "") -> Finding:
+    """That the train slows so many times as hard as it should."""
+    allowed = braking.SIGMAS * braking.tolerance(s.vehicle)
     suspects = "axle_mass, lever_ratio, friction and the cylinder in [vehicle]"
     units = _that_explain(s, factor)
     code = "unit-suspect"
@@ -181,14 +194,7 @@ def another_factor(s: Scene) -> Iterator[Finding]:
         text += f": check the units in [channels], and {suspects}"
     if factor > 1.0:
         text += s.unless_sliding
-    yield s.told(code, severity, text, s.axles[0].brake)
-
-
-def _tolerance(v: Vehicle) -> float:
-    """1 sigma of the deceleration by the pressure, as a share of it, from what is stated."""
-    chain = (v.friction, v.axle_mass, v.discs, v.efficiency, v.lever_ratio, v.radius_ratio)
-    shares = [x.tolerance / x.value for x in chain]
-    return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
+    return s.told(code, severity, text + doubt, s.axles[0].brake)
 
 
 def unexplained(s: Scene) -> Iterator[Finding]:
@@ -202,7 +208,7 @@ def unexplained(s: Scene) -> Iterator[Finding]:
     rolls = known & g.rolling.all(axis=0)
     line = _line(x, y, rolls)
     off = y - (line[0] * x + line[1] if line else x)
-    allowed = 0.2 + (0.15 if line else 3.0 * _tolerance(s.vehicle)) * np.fmax(x, y)
+    allowed = 0.2 + (0.15 if line else 3.0 * braking.tolerance(s.vehicle)) * np.fmax(x, y)
     for where, way in (
         (known & g.rolling.any(axis=0) & (off > allowed), "more"),
         (rolls & (off < -allowed) & (x > FREE * np.nanmax(x, initial=0.0)), "less"),

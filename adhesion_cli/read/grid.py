@@ -7,7 +7,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model import AxleRecord, Bools, Channel, Finding, Floats, Severity, Times, Vehicle
+from ..model import (
+    AxleRecord,
+    Bools,
+    Channel,
+    Finding,
+    Floats,
+    Parameter,
+    Severity,
+    Times,
+    Vehicle,
+)  # fmt: skip
 from ..physics import rolling_deceleration, wheelset
 
 LEAST = 8  # samples on it that show anything
@@ -108,6 +118,21 @@ class Grid:
         return smooth
 
 
+class Line(NamedTuple):
+    """Another force line: K is s (K − o)."""
+
+    scale: float  # s
+    offset: float  # o [N]
+
+
+class Explanation(NamedTuple):
+    """What is the matter, as far as the log tells."""
+
+    late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
+    line: Line | None  # None where it is as stated
+    either: bool  # it is one of both, and nothing says which
+
+
 class Scene(NamedTuple):
     """What every check looks at."""
 
@@ -115,6 +140,7 @@ class Scene(NamedTuple):
     grid: Grid
     vehicle: Vehicle
     start_ns: int  # the log's start
+    explanation: Explanation  # of how the train slows
 
     @property
     def by_rolling(self) -> float:
@@ -141,13 +167,21 @@ class Scene(NamedTuple):
         return Finding(code, severity, text, channel.title, int(on.sum()), first)
 
 
-def grid(axles: Sequence[Axle], vehicle: Vehicle) -> Grid | None:
-    """None where all axles share too little time."""
+def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid | None:
+    """None where all axles share too little time, or where a clock jumps back.
+
+    Args:
+        axles: of one log.
+        vehicle: for the wheels' radii.
+        finest: step where the log is fast enough [s].
+    """
+    if not axles or any((np.diff(a.record.t) <= 0).any() for a in axles):
+        return None  # it is not known what was at the same time
     first = max(int(a.record.t[0]) for a in axles)
     last = min(int(a.record.t[-1]) for a in axles)
     usual = max(float(np.median(np.diff(a.record.t))) for a in axles) / 1e9
     span = (last - first) / 1e9
-    step = max(usual, min(_STEP, span / 200.0), span / _MOST)
+    step = max(usual, min(finest, span / 200.0), span / _MOST)
     if usual > _SLOW:
         step = max(step, span / 500.0)
     n = int(span / step) + 1

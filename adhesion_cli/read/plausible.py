@@ -5,11 +5,9 @@ Nothing is changed here: every finding names what to state so that the log is un
 
 from collections.abc import Callable, Iterator, Sequence
 
-import numpy as np
-
 from ..model import Finding, Vehicle
 from . import deceleration, wheels
-from .grid import Axle, Scene, grid
+from .grid import Axle, Explanation, Scene, grid
 
 Check = Callable[[Scene], Iterator[Finding]]
 
@@ -18,17 +16,20 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
     (
         deceleration.impossible,
         deceleration.too_hard,
-        deceleration.late_pressure,
+        deceleration.explained,
         deceleration.unbraked,
         deceleration.another_factor,
         deceleration.unexplained,
     ),
+    (deceleration.late_pressure,),
     (wheels.speeds,),
     (wheels.swapped,),
 )
 
 
-def findings(axles: Sequence[Axle], vehicle: Vehicle, start_ns: int) -> list[Finding]:
+def findings(
+    axles: Sequence[Axle], vehicle: Vehicle, start_ns: int, explanation: Explanation
+) -> list[Finding]:
     """Everything that cannot be true, or hardly.
 
     Silent where a clock jumps back: then it is not known what was at the same time.
@@ -37,13 +38,12 @@ def findings(axles: Sequence[Axle], vehicle: Vehicle, start_ns: int) -> list[Fin
         axles: all axles of the log that have a record.
         vehicle: what the user states of it.
         start_ns: the log's start.
+        explanation: of how the train slows.
     """
-    if not axles or any((np.diff(a.record.t) <= 0).any() for a in axles):
-        return []
     g = grid(axles, vehicle)
     if g is None:
         return []
-    scene = Scene(axles, g, vehicle, start_ns)
+    scene = Scene(axles, g, vehicle, start_ns, explanation)
     found: list[Finding] = []
     for group in CHECKS:
         found += next((told for check in group if (told := list(check(scene)))), [])
