@@ -228,11 +228,8 @@ DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig"})
 
 
 def warned(findings: Sequence[Finding]) -> set[str]:
-    """Codes that end with exit 3: what only informs leaves a result that is trusted.
-
-    And the doubt about a single axle without a train speed: that it slides looks the same.
-    """
-    return {f.code for f in findings if f.severity != "info" or "a long slide" in f.message}
+    """Codes that end with exit 3: what only informs leaves a result that is trusted."""
+    return {f.code for f in findings if f.severity != "info"}
 
 
 def told_of(log: Recordings, folder: Path) -> set[str]:
@@ -378,6 +375,13 @@ def test_all_speeds_in_another_unit_are_told_as_that(name: str, tmp_path: Path) 
     (told,) = found(log, tmp_path)
     assert told.severity == "warning"
     assert "friction =" not in told.message
+
+
+def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
+    log = [r for r in simulated.recordings("service-brake", train=False) if r.axle in (None, 1)]
+    lost = simulated.put(log, "pressure", 0, simulated.during(10.0, 6.0), 0.0)
+    told = [f for f in analysed(lost, tmp_path).findings if f.code.startswith("pressure-")]
+    assert "warning" in {f.severity for f in told}
 
 
 def test_milliseconds_taken_for_seconds_are_told_as_that(tmp_path: Path) -> None:

@@ -222,7 +222,7 @@ def unexplained(s: Scene) -> Iterator[Finding]:
         # Where the force itself was measured and nothing ever slows, rollers hold the speed.
         measured = s.axles[0].brake.meaning == "clamping_force"
         rig = measured and way == "less" and not (y[known] > _UNBRAKED).any()
-        severity: Severity = "warning" if most > GRADIENT and not (slides or rig) else "info"
+        severity: Severity = "warning" if most > GRADIENT and not rig else "info"
         text = (
             f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
             f"elsewhere: {'a long slide, ' * slides}a stuck, cut off or drifting pressure sensor, "
