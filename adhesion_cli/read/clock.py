@@ -312,15 +312,7 @@ def _number_clock(
     steps = [b - a for a, b in pairwise(values) if b > a]
     step = statistics.median(steps) if steps else 0.0
     span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(rows - 1, 1)
-    named = _named(dialect, i)
-    stated, source = unit, "stated"
-    if stated is None and (from_row := time_unit(dialect.units[i] if dialect.units else "")):
-        stated, source = from_row, "units row"
-    if stated is None and named and named[1]:
-        stated, source = named[1], "header"
-    in_brackets = re.search(r"[\[(]([^\])]*)[\])]$", name)  # "Zeit 1 - Standardmessrate [s]"
-    if stated is None and in_brackets:
-        stated, source = time_unit(in_brackets[1]), "header"
+    stated, source = _said_unit(dialect, i, unit) or _shown_unit(cells, values, step) or (None, "")
     notes: tuple[Finding, ...] = ()
     ask = (
         f'state it, as time = {{channel = {toml(name)}, unit = "ms"}} under [channels] '
@@ -328,26 +320,10 @@ def _number_clock(
     )
     if stated in ("iso", "dmy", "mdy"):
         return None
-    if stated is None:
-        for serial, (low, high, _) in _SERIALS.items():
-            digits = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
-            if (
-                low <= values[0] <= high
-                and digits > len(cells) / 2
-                and (not steps or 1e-5 <= step * 86_400 <= 60)
-            ):
-                stated, source = serial, f"serial days between {low} and {high}"
     if stated in _SERIALS:
         types: tuple[Any, ...] = (pa.float64(), pa.string())
         reason = f"{why}; {stated} serial days ({source})"
         return Clock((i,), stated, "", dialect.decimal, True, reason, types, notes)
-    if stated is None:
-        for u in ("s", "ms", "us", "ns"):
-            second = _S // NS_PER_UNIT[u]
-            if all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in (values[0], values[-1])) and (
-                step / second <= 60
-            ):
-                stated, source = u, "epoch by its magnitude"
     if stated is None:
         stated, source = _plausible_unit(values, step, span), f"step {step:g}, about {span:g} long"
         if stated is None:
@@ -380,6 +356,34 @@ def _number_clock(
     types = (pa.float64(), pa.decimal128(38, scale), pa.decimal128(38, 18), pa.string())
     types = types[1:] if absolute else types
     return Clock((i,), stated, "", dialect.decimal, absolute, reason, types, notes)
+
+
+def _said_unit(dialect: Dialect, i: int, unit: str | None) -> tuple[str, str] | None:
+    """The unit that somebody says a time column is in, and who does."""
+    named = _named(dialect, i)
+    in_brackets = re.search(r"[\[(]([^\])]*)[\])]$", dialect.names[i])
+    said = (
+        (unit, "stated"),
+        (time_unit(dialect.units[i]) if dialect.units else None, "units row"),
+        (named[1] if named else None, "header"),
+        (time_unit(in_brackets[1]) if in_brackets else None, "header"),  # "Zeit 1 - Messrate [s]"
+    )
+    return next(((u, source) for u, source in said if u), None)
+
+
+def _shown_unit(cells: list[str], values: list[float], step: float) -> tuple[str, str] | None:
+    """The unit in which times lie in our days, and what it is then."""
+    ends = values[0], values[-1]
+    digits = sum(len(re.split("[.,]", c)[-1]) >= 6 for c in cells if re.search("[.,]", c))
+    if digits > len(cells) / 2 and (not step or 1e-5 <= step * 86_400 <= 60):
+        for serial, (low, high, _) in _SERIALS.items():
+            if low <= ends[0] <= high:
+                return serial, f"serial days between {low} and {high}"
+    for u in ("s", "ms", "us", "ns"):
+        second = _S // NS_PER_UNIT[u]
+        if all(_EPOCH_S[0] <= v / second <= _EPOCH_S[1] for v in ends) and step / second <= 60:
+            return u, "epoch by its magnitude"
+    return None
 
 
 def _plausible_unit(values: list[float], step: float, span: float) -> str | None:
