@@ -123,38 +123,13 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     text = _decode(head[bom:], encoding, complete)
     _refuse_text_formats(text, path)
     lines = _logical_lines(text, complete, path)
-    holes = [n for n, s, _ in lines if "\0" in s]
-    if len(holes) > len(lines) / 2:
-        raise UserError(
-            f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
-            "give a text log",
-        )
-    body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s) and "\0" not in s]
-    marks = [k for k, (_, s) in enumerate(body) if s.startswith("***End_of_Header***")]
-    block = body[: marks[-1]] if marks else []  # LabVIEW's header, which has rows of numbers
-    body = body[marks[-1] + 1 :] if marks else body
-    if not body:
-        raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
-    if len(body) == 1 and complete:
-        raise UserError(
-            f"{path}: one line ({body[0][1][:40]!r}) and no data rows",
-            "give a log with a header and data rows",
-        )
-    if len(body) == 1:
-        raise _too_long(lines[-1][0] + 1 + lines[-1][2], path)
-    stated = options.delimiter
-    if (directive := re.fullmatch(r"sep=(.)", body[0][1].strip())) and stated is None:
-        stated = directive[1]
+    body, block = _body(lines, complete, path)
+    stated, directive = _stated_delimiter(body[0][1], options)
     if directive:
         body = body[1:]
-    stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
-    if stated is not None and len(stated) != 1:
-        raise UserError(
-            f"delimiter {stated!r} is not one character", 'state ";", ",", "|", "tab" or "space"', 2
-        )
     delimiter, width, why["delimiter"] = _delimiter([s for _, s in body], stated, path)
     if directive and options.delimiter is None:
-        why["delimiter"] = f"{delimiter!r} (stated in the line {directive[0]!r})"
+        why["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
     table, labelled = _labelled([(n, split(s, delimiter)) for n, s in body], width)
     labelled += [(n, split(s, delimiter)) for n, s in block]
     rows = [cells for _, cells in table if len(cells) == width]
@@ -192,15 +167,8 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
             before["inside quotes"] += more
     preamble = [cells for n, cells in table[:top]]
     comment = next((m[1] for _, s, _ in lines if (m := _COMMENT.match(s))), "")
-    if not heads:
-        why["header"] = (
-            f"none ({'stated' if options.header is False else 'the rows start with numbers'})"
-        )
-    elif top < start:
-        above = " + ".join(f"line {table[top + k][0]}" for k in range(len(heads)))
-        why["header"] = f"{above} ({'stated' if options.header else 'text above numbers'})"
-    else:
-        why["header"] = "a comment line above the data (it names as many columns)"
+    lines_above = [n for n, _ in table[top:start]][: len(heads)]
+    why["header"] = _why_header(bool(heads), lines_above, options)
     if unit_cells:
         why["units row"] = f"line {table[start - 1][0]} (every cell is a unit)"
     elif found := _labelled_units(labelled):
@@ -218,6 +186,60 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         duplicates, bool(heads), first_line, dict(before), _metadata(preamble),
         [row[: len(names)] for row in data], why,
     )  # fmt: skip
+
+
+def _body(
+    lines: list[tuple[int, str, int]], complete: bool, path: Path
+) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Numbered lines that may be header or rows, and those of LabVIEW's header before them.
+
+    Raises:
+        UserError: where there are too few for a table, or most are no text.
+    """
+    holes = [n for n, s, _ in lines if "\0" in s]
+    if len(holes) > len(lines) / 2:
+        raise UserError(
+            f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
+            "give a text log",
+        )
+    body = [(n, s) for n, s, _ in lines if s.strip() and not is_comment(s) and "\0" not in s]
+    marks = [k for k, (_, s) in enumerate(body) if s.startswith("***End_of_Header***")]
+    block = body[: marks[-1]] if marks else []  # LabVIEW's header, which has rows of numbers
+    body = body[marks[-1] + 1 :] if marks else body
+    if not body:
+        raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
+    if len(body) == 1 and complete:
+        raise UserError(
+            f"{path}: one line ({body[0][1][:40]!r}) and no data rows",
+            "give a log with a header and data rows",
+        )
+    if len(body) == 1:
+        raise _too_long(lines[-1][0] + 1 + lines[-1][2], path)
+    return body, block
+
+
+def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str]:
+    """The delimiter that the user or the first line, "sep=;", states; and that line, else ""."""
+    stated = options.delimiter
+    directive = re.fullmatch(r"sep=(.)", first.strip())
+    if directive and stated is None:
+        stated = directive[1]
+    stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
+    if stated is not None and len(stated) != 1:
+        raise UserError(
+            f"delimiter {stated!r} is not one character", 'state ";", ",", "|", "tab" or "space"', 2
+        )
+    return stated, directive[0] if directive else ""
+
+
+def _why_header(headed: bool, above: list[int], options: ReadOptions) -> str:
+    """Why these lines are the header, none of them where it is a comment or there is none."""
+    if not headed:
+        return f"none ({'stated' if options.header is False else 'the rows start with numbers'})"
+    if above:
+        lines = " + ".join(f"line {n}" for n in above)
+        return f"{lines} ({'stated' if options.header else 'text above numbers'})"
+    return "a comment line above the data (it names as many columns)"
 
 
 def split(line: str, delimiter: str) -> list[str]:
