@@ -88,6 +88,14 @@ def test_stamps_too_coarse_to_tell_samples_apart_are_told_once(sizes, values) ->
     assert not len(axis.data.t)
 
 
+def test_one_sample_of_each_stamp_repeated_is_taken_once() -> None:
+    t = np.repeat(100.0 * np.arange(30), 10).tolist()
+    axis = timeaxis.clean("x", column(t, np.repeat(np.arange(30.0), 10).tolist()), 0)
+    assert codes(axis) == {"time-coarse": 270}
+    assert axis.data.value.tolist() == list(range(30))
+    assert axis.interval_ns == 100 * MS
+
+
 def test_rows_that_hold_another_channels_sample_share_its_stamp() -> None:
     t = np.repeat(10.0 * np.arange(20), 4)
     for k in range(4):

@@ -197,8 +197,12 @@ def _spread(told: _Told, value: Floats) -> Times:
     differ less from those a stamp before than from their neighbours.
     """
     t = told.t
-    if np.count_nonzero(t[1:] == t[:-1]) <= len(t) / 2 or (t[1:] < t[:-1]).any():
+    inside = t[1:] == t[:-1]
+    if np.count_nonzero(inside) <= len(t) / 2 or (t[1:] < t[:-1]).any():
         return t
+    changes = value[1:] != value[:-1]
+    if changes.any() and not changes[inside].any():
+        return t  # one sample of each stamp, repeated
     if np.count_nonzero(np.isfinite(value)) < _FULL * len(t):
         return t  # rows are filled by turns
     first = np.flatnonzero(np.diff(t, prepend=t[0] - 1))  # sample of each stamp
