@@ -177,7 +177,7 @@ class AxleRecord:
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
-    train_speed_creep: float = 0.0  # 1 sigma of its scale: made of wheels, it creeps as they do
+    train_speed_made: bool = False  # of the axles: where all creep or slide, so does it
     pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]
 
     def __len__(self) -> int:
@@ -195,7 +195,7 @@ class AxleRecord:
             clamping_force_step=self.clamping_force_step,
             train_speed_interval=self.train_speed_interval,
             train_speed_late=self.train_speed_late,
-            train_speed_creep=self.train_speed_creep,
+            train_speed_made=self.train_speed_made,
             pressure_late=self.pressure_late,
         )  # fmt: skip
 

@@ -30,7 +30,6 @@ _FREE = 60.0  # clamping force that brakes nothing [N]
 _EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
 _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
-_CREEP = 0.003  # slip of a braked wheel that rolls [-]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
@@ -159,7 +158,7 @@ def with_reference_speed(
     made = [
         replace(
             r, train_speed=np.interp(r.t, t, v), train_speed_late=Parameter(0.0, 0.0),
-            train_speed_creep=_CREEP,
+            train_speed_made=True,
         )
         for r in records
     ]  # fmt: skip
@@ -396,10 +395,15 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
 
     if not found:
         return told(None, "no slide: neither peak nor rail can be told")
+    if axle.record.train_speed_made:
+        return told(
+            None,
+            "the train speed is made of the axles, and all may creep by as much as the peak's slip "
+            "and more: log a train speed to be told peak and rail",
+        )
     radius = calibrated(axle.record, vehicle)[0]
     points, mu_error = _points(axle, vehicle, found, radius.value)
-    scale = math.hypot(radius.tolerance / radius.value, axle.record.train_speed_creep)
-    rail = railfit.fit(points, vehicle, scale, mu_error)
+    rail = railfit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
         return told(None, "slides too short, or on a rail that changed: no curve fits them")
     missing = [n for n in rail.best._fields if n not in rail.told]

@@ -182,6 +182,10 @@ def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
     (axle, *_) = result.axles
     v = np.interp(axle.record.t, true.t, true.train_speed)
     assert np.abs(axle.record.train_speed - v).max() < 0.15
+    summary, findings = slip.summary(axle, result.vehicle)
+    assert summary.rail is None
+    assert [f.code for f in findings] == ["rail-not-observable"]
+    assert "log a train speed" in findings[0].message
     assert slip.slides(axle)[0].energy == pytest.approx(
         slip.slides(analysed("low-adhesion").axles[0])[0].energy, rel=0.1
     )
