@@ -59,7 +59,7 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
                 "reference": {
                     "method": ref.method,
                     "sigma_n": _median(ref.sigma[braked]),
-                    "band_n": _median((ref.upper - ref.lower)[braked] / 2.0),
+                    "band_n": _median(ref.half[braked]),
                 },
                 "estimators": [asdict(s) for s in axle.scores],
             }

@@ -179,6 +179,7 @@ class AxleRecord:
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
     train_speed_made: bool = False  # of the axles: where all creep or slide, so does it
     pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]
+    saturated: Bools | None = None  # the pressure stands at the end of its sensor's range
 
     def __len__(self) -> int:
         return len(self.t)
@@ -187,7 +188,7 @@ class AxleRecord:
         """An uninterrupted part as a record of its own."""
         some = {
             name: None if (column := getattr(self, name)) is None else column[s]
-            for name in ("pressure", "train_speed", "truth")
+            for name in ("pressure", "train_speed", "truth", "saturated")
         }
         return AxleRecord(
             self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
@@ -276,6 +277,7 @@ class Reference:
     force: Floats
     sigma: Floats  # 1 sigma of the noise part
     tolerance: Floats  # 1 sigma by the vehicle's tolerances
+    open: Bools | None = None  # the true pressure and force are higher, nobody knows by how much
     runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
 
     @property
@@ -290,8 +292,9 @@ class Reference:
 
     @property
     def upper(self) -> Floats:
-        """Upper edge of the 95 % band [N]."""
-        return self.force + self.half
+        """Upper edge of the 95 % band [N], NaN where there is none: the pressure is saturated."""
+        upper = self.force + self.half
+        return upper if self.open is None else np.where(self.open, np.nan, upper)
 
 
 @dataclass(frozen=True, slots=True)

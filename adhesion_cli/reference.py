@@ -89,7 +89,9 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     for column in (force, sigma, tolerance):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
-    return Reference(method, METHODS[method].source, force, sigma, tolerance, largest)
+    return Reference(
+        method, METHODS[method].source, force, sigma, tolerance, record.saturated, largest
+    )
 
 
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:

@@ -384,6 +384,23 @@ def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
     assert "warning" in {f.severity for f in told}
 
 
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_path: Path) -> None:
+    whole = clean(name, 1, "as it is")
+    assert all(np.isfinite(a.reference.upper).sum() == np.isfinite(a.reference.force).sum()
+               for a in analysed(whole, tmp_path).axles)  # fmt: skip
+    result = analysed(simulated.saturated(whole, share), tmp_path)
+    assert "pressure-saturated" in warned(result.findings)
+    for a in result.axles:
+        assert a.record.pressure is not None
+        ends = a.record.pressure >= a.record.pressure.max()
+        known = np.isfinite(a.reference.force)
+        assert (ends & known).any()
+        assert (np.isfinite(a.reference.upper) == (known & ~ends)).all()
+    assert outside(result) < 0.1
+
+
 def test_milliseconds_taken_for_seconds_are_told_as_that(tmp_path: Path) -> None:
     told = found(simulated.slower(clean("service-brake", 1, "as it is"), 1e3), tmp_path)
     assert [(f.code, f.severity) for f in told] == [("unit-suspect", "warning")]

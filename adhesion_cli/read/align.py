@@ -95,7 +95,16 @@ def records(
         more: list[Finding] = []
         if len(sound.data.t) and len(pressing.data.t):
             record, more = _record(
-                log, vehicle, axle, window, sound, pressing, train, log.find("truth", axle), moving
+                log,
+                vehicle,
+                axle,
+                window,
+                sound,
+                pressing,
+                train,
+                log.find("truth", axle),
+                moving,
+                checks.limit(pressing, of_brake),
             )
         findings += [*told, *more] if axle in asked else []
         if record:
@@ -228,7 +237,7 @@ def _aligned(
 def _record(
     log: Log, vehicle: Vehicle, axle: int, window: Window,
     speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None,
-    others: Sequence[Channel],
+    others: Sequence[Channel], limit: float,
 ) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
     every = held.interval(brake)
@@ -298,6 +307,7 @@ def _record(
         at.truth[rows] if truth else None,
         brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
+        saturated=at.held[kept] >= limit if limit < math.inf else None,
     ), findings  # fmt: skip
 
 

@@ -74,6 +74,12 @@ def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault
     ]  # fmt: skip
 
 
+def limit(pressure: Channel, faults: Sequence[Fault]) -> float:
+    """Where the sensor's range ends, as its faults show; inf where they do not show it."""
+    ends = any(f.code == "pressure-saturated" and f.where.any() for f in faults)
+    return float(pressure.data.value.max()) if ends else math.inf
+
+
 class _Runs(NamedTuple):
     """Stretches of equal values without a gap: first and last index; shape (k,)."""
 
