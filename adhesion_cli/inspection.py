@@ -9,7 +9,7 @@ from .document import channel_document, findings_document, iso
 from .errors import UserError
 from .model import Finding, Log
 from .read import align
-from .read.log import open_source, survey
+from .read.log import open_source, survey, without_empty
 from .settings import Settings
 
 
@@ -63,8 +63,9 @@ def inspect(
 
 def _of_records(log: Log, settings: Settings) -> list[Finding]:
     """What only the channels together show, as a frozen speed; or why there is no record."""
-    full = replace(log, channels=tuple(c for c in log.channels if len(c.data.t)))
+    meant = replace(log, channels=tuple(c for c in log.channels if c.meaning))
     try:
-        return align.records(full, settings.vehicle)[1]
+        full = without_empty(meant)
+        return [*full.findings, *align.records(full, settings.vehicle)[1]]
     except UserError as error:
         return [Finding("not-analysable", "info", f"{error.text}; {error.hint}")]

@@ -508,6 +508,9 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     assert log["start"] == "2024-11-05T07:12:00Z"
     (train,) = (c for c in log["channels"] if c["meaning"] == "train_speed")
     assert (train["rows"], train["valid"]) == (4, 0)
+    (empty,) = (f for f in log["findings"] if f["code"] == "empty-channel")
+    assert (empty["severity"], empty["channel"]) == ("warning", "train speed [km/h]")
+    assert done.returncode == 3
 
 
 @pytest.mark.parametrize(

@@ -646,6 +646,11 @@ REFUSED = {
         "beyond the year 2060",
         "unit",
     ),
+    "a time for each channel": (
+        b"x [s];p;x [s];v\n0;1;0;1\n1;2;0.5;2\n2;3;1;2\n3;3;;\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
     "numbered times": (
         b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
         "both times, and differ",

@@ -183,6 +183,12 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             if is_counter_name(name) or not _rises(dialect, i):
                 continue
             if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
+                same = [
+                    k
+                    for k, other in enumerate(dialect.names)
+                    if _unnumbered(other) == _unnumbered(name) and _rises(dialect, k, whole=False)
+                ]
+                _others(dialect, i, same, path)
                 return _guessed(clock, name)
     raise UserError(
         f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
@@ -241,10 +247,13 @@ def _share(cells: Sequence[str], pattern: str) -> float:
     return sum(bool(re.fullmatch(pattern, c)) for c in cells) / max(len(cells), 1)
 
 
-def _rises(dialect: Dialect, i: int) -> bool:
+def _rises(dialect: Dialect, i: int, whole: bool = True) -> bool:
+    """Whether a column's numbers rise strictly; without a missing one if `whole`."""
     cells = dialect.column(i)
     number = dialect.number()
-    if len(cells) < 3 or len(cells) < len(dialect.rows) or not all(map(number.fullmatch, cells)):
+    if len(cells) < 3 or (whole and len(cells) < len(dialect.rows)):
+        return False
+    if not all(map(number.fullmatch, cells)):
         return False
     values = [float(c.replace(",", ".")) for c in cells]
     return all(b > a for a, b in pairwise(values))

@@ -79,7 +79,7 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
         else:
             _unit_of(m, source.path)
     log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
-    return _without_empty(log)
+    return without_empty(log)
 
 
 def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meaning]) -> None:
@@ -106,8 +106,8 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     return understood(fields, () if "adhesion.settings" in source.metadata else mappings)
 
 
-def _without_empty(log: Log) -> Log:
-    """The log without channels that hold no number, told.
+def without_empty(log: Log) -> Log:
+    """The log, of channels with a meaning, without those that hold no number, told.
 
     Raises:
         UserError: where nothing is left of something that is needed.
