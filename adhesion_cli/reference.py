@@ -99,14 +99,14 @@ def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
 
     Every parameter varies on its own, at measured ω and p (or K, where the log has that itself:
     then the cylinder does not matter). A speed in m/s or km/h is ω R already: the reader has
-    divided by R, and an error in R counts twice there; the band takes it once.
+    divided by R, and an error in R counts twice there.
     """
     K, dw = parts.clamping_force, parts.acceleration
     R, I, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction  # noqa: E741
     terms: list[Any] = [
         K * phi.tolerance,
         dw / R.value * I.tolerance,
-        dw * I.value / R.value**2 * R.tolerance,
+        (2.0 if record.of_rim else 1.0) * dw * I.value / R.value**2 * R.tolerance,
     ]
     if record.pressure is not None:
         chain = [vehicle.discs, vehicle.efficiency, vehicle.lever_ratio, vehicle.radius_ratio]

@@ -477,6 +477,20 @@ def test_each_tolerance_moves_the_band_as_it_moves_the_force(name: str, share: f
     assert half[used] / Z95 == pytest.approx(10.0 * moved[used], rel=0.05, abs=3.0)
 
 
+def test_a_radius_counts_twice_where_the_log_has_the_rims_speed() -> None:
+    record, _ = logged("low-adhesion", 20.0, noise=1e-12)
+    known = exact(wheel_radius=0.02 * VEHICLE.wheel_radius[0].value)
+    w, by = physics.wheelset(VEHICLE, 1), 1.002  # a tenth of the tolerance
+    turning, rim = (
+        reference.compute(replace(record, of_rim=of_rim), known) for of_rim in (False, True)
+    )
+    acceleration = w.a * (turning.force - w.phi * record.clamping_force_smooth)
+    used = np.isfinite(acceleration)
+    for F, power in ((turning, 1), (rim, 2)):
+        moved = np.abs(acceleration / w.a * (by**-power - 1.0))
+        assert F.tolerance[used] == pytest.approx(10.0 * moved[used], rel=0.05, abs=3.0)
+
+
 def test_the_cylinder_does_not_matter_where_the_log_has_the_clamping_force() -> None:
     record, _ = logged("service-brake", 20.0)
     given_K = replace(record, pressure=None)

@@ -189,7 +189,7 @@ def test_sparse_result(tmp_path: Path) -> None:
 
 def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
-    monkeypatch.setattr(rrd, "_OVERVIEW_ROWS", 100)
+    monkeypatch.setattr(results, "_OVERVIEW_ROWS", 100)
     path = tmp_path / "a.rrd"
     rrd.write_result(path, result(1, 2000), ALGORITHMS)
     t, full = column(path, "/axle/1/force/estimates", "scalars")

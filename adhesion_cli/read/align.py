@@ -24,7 +24,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force, force_line, wheelset
-from . import braking, checks, held, plausible, timeaxis, trainclock
+from . import braking, checks, held, plausible, timeaxis, trainclock, units
 from .grid import Axle, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -307,6 +307,7 @@ def _record(
         at.truth[rows] if truth else None,
         brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
+        of_rim=(logged := units.unit(speed.unit)) is not None and logged.dimension == "speed",
         saturated=at.held[kept] >= limit if limit < math.inf else None,
     ), findings  # fmt: skip
 
