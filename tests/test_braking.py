@@ -127,7 +127,7 @@ def test_as_stated(rate: float, applications: int, noise: float, gradient: float
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("applications", [1, 3])
-@pytest.mark.parametrize("late", [-2.0, -0.7, -0.3, -0.2, 0.06, 0.2, 0.26, 0.4, 1.0, 2.0])
+@pytest.mark.parametrize("late", [-2.0, -0.7, -0.3, -0.2, 0.12, 0.2, 0.26, 0.4, 1.0, 2.0])
 def test_a_late_pressure(rate: float, applications: int, late: float) -> None:
     e = told(axle(rate, applications, Fault(late)))
     if abs(late) < 1.0 / rate:

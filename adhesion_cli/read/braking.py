@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..model import Bools, Floats, Parameter, Vehicle
 from ..physics import braked, force_line, wheelset
 from ..signals import true_runs, white_noise
-from .grid import LEAST, Axle, Explanation, Line, far, grid
+from .grid import LEAST, Axle, Explanation, Grid, Line, far, grid
 
 _FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
@@ -38,6 +38,7 @@ _NOISY = 2.0  # times its noise is left of a speed that is explained
 _SURE = 4.0  # sigma from zero is a clock that is off
 _SHARE = 0.75  # of the longer sampling interval: less may be the sampling's own
 _SMALL = 0.03  # wheels and rails delay a force by as much [s]
+_CREEP = 0.002  # creep of 0.2 % at 1 m/s² makes a wheel early by this share of its speed [s²/m]
 _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
 SIGMAS = 2.5  # of the stated tolerances are no other vehicle
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
@@ -80,6 +81,7 @@ class _Log(NamedTuple):
     size: Floats  # how many each has
     time: Floats  # from the piece's middle, (m,) [s]
     v: Floats  # speed without the piece's straight line, (m,) [m/s]
+    speed: float  # mean of that [m/s]
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
     floor: float  # 1 sigma of what no noise shows: rounding, and what (1) leaves out [m/s]
@@ -108,12 +110,28 @@ def explained(axles: Sequence[Axle], vehicle: Vehicle) -> Explanation:
         axles: all axles of the log, on one clock each.
         vehicle: what is stated of it.
     """
-    log = _log(axles, vehicle)
+    coarse, fine = grid(axles, vehicle), grid(axles, vehicle, _FINE)
+    if coarse is None or fine is None:
+        return AS_STATED
+    e = _explained(axles, vehicle, coarse, fine, np.mean(fine.rim, axis=0))
+    # A wheel on its way into a slide slows harder than (1) says; the train does not.
+    if e.line and fine.train is not None:
+        trains = _explained(axles, vehicle, coarse, fine, fine.train)
+        if trains.line is None:
+            return AS_STATED if e.either else e._replace(line=None)
+    return e
+
+
+def _explained(
+    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats
+) -> Explanation:
+    """What explains this speed."""
+    log = _log(axles, vehicle, coarse, fine, v)
     if log is None:
         return AS_STATED
     spring, tolerances = force_line(vehicle).at_zero / log.top, vehicle.spring_force
     uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
-    late = max(_SMALL, _SHARE * max(_interval(a) for a in axles))
+    late = max(_SMALL, _CREEP * log.speed, _SHARE * max(_interval(a) for a in axles))
     least = _Sigmas(late, max(_SLIGHT, uncertain), math.log1p(SIGMAS * tolerance(vehicle)))
     known = _Sigmas(*(x / math.sqrt(_CLEARLY) for x in least))
     free = _Sigmas(math.inf, max(_SPRING, spring), math.inf)
@@ -189,11 +207,10 @@ def _interval(a: Axle) -> float:
     return max(float(np.median(np.diff(a.record.t))), pressure) * 1e-9
 
 
-def _log(axles: Sequence[Axle], vehicle: Vehicle) -> _Log | None:
+def _log(
+    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats
+) -> _Log | None:
     """None where no brake application of wheels that roll is seen."""
-    coarse, fine = grid(axles, vehicle), grid(axles, vehicle, _FINE)
-    if coarse is None or fine is None:
-        return None
     t: Floats = fine.step * np.arange(fine.rim.shape[1], dtype=np.float64)
     K: Floats = np.mean(fine.clamping, axis=0)
     line = force_line(vehicle)
@@ -210,7 +227,6 @@ def _log(axles: Sequence[Axle], vehicle: Vehicle) -> _Log | None:
     near = ~far(change < _CHANGE, round(_AROUND / fine.step))
     rolls: Bools = np.all(coarse.rolling, axis=0)
     place = np.clip(np.rint(t / coarse.step).astype(int), 0, len(rolls) - 1)
-    v: Floats = np.mean(fine.rim, axis=0)
     used: Bools = near & rolls[place] & known & (np.nan_to_num(v) > _CRAWL)
     pieces: list[NDArray[np.int64]] = []
     for begin, end in true_runs(used):
@@ -226,8 +242,8 @@ def _log(axles: Sequence[Axle], vehicle: Vehicle) -> _Log | None:
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
     floor = math.hypot(_FLOOR, max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles))
     log = _Log(
-        t, K, top, at, first, size.astype(np.float64), since, v[at], float(braked(top, w)), noise,
-        floor, fine.train is not None,
+        t, K, top, at, first, size.astype(np.float64), since, v[at], float(v[at].mean()),
+        float(braked(top, w)), noise, floor, fine.train is not None,
     )  # fmt: skip
     return log._replace(v=_detrended(log, log.v))
 
