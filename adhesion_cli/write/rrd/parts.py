@@ -1,8 +1,11 @@
 """What every recording is made of: one way to write it, charts, states, the window's layout."""
 
 import hashlib
+import os
+import shutil
 import warnings
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol
@@ -25,6 +28,7 @@ ESTIMATORS = (
     0xEBD03CFF, 0x6FB7FFFF, 0xA8794FFF, 0xE070E8FF, 0x7C83FFFF,
 )  # fmt: skip
 MARKDOWN = rr.MediaType.MARKDOWN
+_PIPED = 1 << 20  # bytes copied at a time
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
 
@@ -54,20 +58,38 @@ def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(made_from.encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
-    try:
-        rec.save(path, default_blueprint=Layout(pages))
-        rec.send_recording_name(name)
-        rows = sum(page.send(rec) for page in pages)
-        rec.flush()
-    except RuntimeError as error:  # the binding's word for a file that cannot be written
-        raise OSError(str(error)) from error
-    finally:
-        rec.disconnect()
+    source, sink = os.pipe()  # the SDK waits for ever for its writing thread, which errors end
+    with ThreadPoolExecutor(1) as pool:
+        copied = pool.submit(_copy, source, path)
+        try:
+            try:
+                rec.save(f"/dev/fd/{sink}", default_blueprint=Layout(pages))
+            finally:
+                os.close(sink)  # the SDK has opened it for itself
+            rec.send_recording_name(name)
+            rows = sum(page.send(rec) for page in pages)
+            rec.flush()
+        except RuntimeError as error:  # the binding's word for what cannot be written
+            raise OSError(str(error)) from error
+        finally:
+            rec.disconnect()
+        copied.result()
     verify(path, rows)
 
 
+def _copy(source: int, path: Path) -> None:
+    """From a pipe to a file; whatever becomes of the file, the pipe is read to its end."""
+    with open(source, "rb", buffering=0) as pipe:
+        try:
+            with path.open("wb") as file:
+                shutil.copyfileobj(pipe, file, _PIPED)
+        finally:
+            while pipe.read(_PIPED):
+                pass
+
+
 def verify(path: Path, rows: int) -> None:
-    """Read the file once: the SDK's writing thread keeps a full disk to itself."""
+    """Read the file once: not every mistake of the SDK is an error."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # a missing footer is only a warning
