@@ -115,7 +115,10 @@ def numbers(text: str) -> list[float]:
     return [float(x) for x in re.findall(r"[-+]?\d+\.?\d*", text)]
 
 
-def test_the_page_on_the_paper_shows_what_comes_out(made: reproduce.Reproduction) -> None:
+def test_the_page_on_the_paper_shows_what_comes_out(
+    made: reproduce.Reproduction, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")  # tables fold to the terminal
     page = (DOCS / "paper.md").read_text("utf-8")
     blocks = [b.strip() for b in page.split("```")[1::2]]
     tables = [t for b in blocks if b.startswith(("Table 2", "varying")) for t in b.split("\n\n")]
