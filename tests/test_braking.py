@@ -13,7 +13,7 @@ from adhesion_cli import analysis, settings
 from adhesion_cli.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
 from adhesion_cli.read import braking
-from adhesion_cli.read.grid import Axle, Explanation
+from adhesion_cli.read.grid import Axle, Explanation, grid
 
 VEHICLE = settings.load(None, ["vehicle.lever_ratio=2.4"]).vehicle
 AS_STATED = braking.AS_STATED
@@ -69,7 +69,7 @@ def axle(
 
 
 def told(one: Axle) -> Explanation:
-    return braking.explained([one], VEHICLE)
+    return braking.explained([one], grid([one], VEHICLE), VEHICLE)
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])

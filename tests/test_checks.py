@@ -493,15 +493,22 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
 MANY = ["four-axles", "low-adhesion", "slippery-stop"]
 
 
+def with_dead(
+    name: str, signal: str, share: float, train: bool
+) -> tuple[simulated.Recordings, simulated.Recordings]:
+    """A log, and the same with axle 2's sensor always at a share of its highest value."""
+    log = simulated.recordings(name, train=train)
+    top = float(log[simulated.which(log, signal, 2)[0]].value.max())
+    return log, simulated.put(log, signal, 2, ALWAYS, share * top)
+
+
 @pytest.mark.parametrize("train", [True, False])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
 @pytest.mark.parametrize("name", MANY)
 def test_a_speed_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
-    log = simulated.recordings(name, train=train)
-    top = float(log[simulated.which(log, "wheel_speed", 2)[0]].value.max())
-    dead = simulated.put(log, "wheel_speed", 2, ALWAYS, share * top)
+    log, dead = with_dead(name, "wheel_speed", share, train)
     told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
     assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
         ("speed-frozen", "warning", True)
@@ -523,9 +530,7 @@ def test_a_speed_that_never_changes_is_dead(
 def test_a_pressure_that_never_changes_is_dead(
     name: str, share: float, train: bool, tmp_path: Path
 ) -> None:
-    log = simulated.recordings(name, train=train)
-    top = float(log[simulated.which(log, "pressure", 2)[0]].value.max())
-    dead = simulated.put(log, "pressure", 2, ALWAYS, share * top)
+    _, dead = with_dead(name, "pressure", share, train)
     assert ("pressure-frozen", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
     assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
 

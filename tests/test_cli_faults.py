@@ -51,14 +51,17 @@ STRUCK = [
 pytestmark = pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 
 
-def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
-    """The command under strace, in a folder that holds what it reads."""
+def ran(folder: Path, command: str, *under: str) -> subprocess.CompletedProcess[str]:
+    """The command, `under` another if one is given, in a folder that holds what it reads."""
     return subprocess.run(
-        ["strace", "-f", "-qq", *options, sys.executable, "-B", "-m", "adhesion_cli",
-         *COMMANDS[command].split(), "--force"],
+        [*under, sys.executable, "-B", "-m", "adhesion_cli", *COMMANDS[command].split(), "--force"],
         cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
         text=True, timeout=300, check=False,
     )  # fmt: skip
+
+
+def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
+    return ran(folder, command, "strace", "-f", "-qq", *options)
 
 
 def prepared(folder: Path, command: str) -> dict[str, bytes]:
@@ -151,11 +154,7 @@ def fills_up(folder: Path, command: str, share: float) -> None:
     with mounted(folder, f"size={size + room}") as disk:
         for name, content in inputs.items():
             (disk / name).write_bytes(content)
-        done = subprocess.run(
-            [sys.executable, "-B", "-m", "adhesion_cli", *COMMANDS[command].split()], cwd=disk,
-            env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
-            timeout=300, check=False,
-        )  # fmt: skip
+        done = ran(disk, command)
         assert done.returncode == 1
         assert "No space left on device" in done.stderr
         assert {p.name for p in disk.iterdir()} == set(inputs)

@@ -25,7 +25,7 @@ from ..model import (
 )  # fmt: skip
 from ..physics import clamping_force, force_line, wheelset
 from . import braking, checks, held, plausible, timeaxis, trainclock, units
-from .grid import Axle, grid
+from .grid import Axle, Grid, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -111,23 +111,25 @@ def records(
             found.append(Axle(record, speed, brake, train))
     if not any(a.record.axle in asked for a in found):
         raise _nothing(log, speeds, pressures or forces, window, findings)
-    found, told = _on_one_clock(found, vehicle, log.start_ns())
+    together = grid(found, vehicle)
+    found, told = _on_one_clock(found, together, vehicle, log.start_ns())
     findings += told
-    why = braking.explained(found, vehicle)
+    if told:  # the train speed is another one
+        together = grid(found, vehicle)
+    why = braking.explained(found, together, vehicle)
     found = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in found]
     chosen = [a for a in found if a.record.axle in asked]
     theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}
-    together = plausible.findings(found, vehicle, log.start_ns(), why)
-    findings += [f for f in together if f.channel in theirs]
+    odd = plausible.findings(found, together, vehicle, log.start_ns(), why)
+    findings += [f for f in odd if f.channel in theirs]
     return [a.record for a in chosen], findings
 
 
 def _on_one_clock(
-    axles: Sequence[Axle], vehicle: Vehicle, start_ns: int
+    axles: Sequence[Axle], g: Grid | None, vehicle: Vehicle, start_ns: int
 ) -> tuple[list[Axle], list[Finding]]:
     """The axles with a train speed shifted by what it is late, where that is told from zero."""
     train = axles[0].train
-    g = grid(axles, vehicle) if train else None
     wheels = [wheelset(vehicle, a.record.axle) for a in axles]
     late = trainclock.delay(g, wheels, axles[0].record.train_speed_interval) if g else None
     if late is None or train is None:

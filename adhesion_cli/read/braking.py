@@ -103,14 +103,15 @@ def tolerance(v: Vehicle) -> float:
     return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
 
 
-def explained(axles: Sequence[Axle], vehicle: Vehicle) -> Explanation:
+def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
     """What explains best how the train slows; that it is as stated, where the log tells nothing.
 
     Args:
         axles: all axles of the log, on one clock each.
+        coarse: the same on one time axis, where they have one.
         vehicle: what is stated of it.
     """
-    coarse, fine = grid(axles, vehicle), grid(axles, vehicle, _FINE)
+    fine = grid(axles, vehicle, _FINE) if coarse else None
     if coarse is None or fine is None:
         return AS_STATED
     e = _explained(axles, vehicle, coarse, fine, np.mean(fine.rim, axis=0))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from ..model import Finding, Vehicle
 from . import deceleration, wheels
-from .grid import Axle, Explanation, Scene, grid
+from .grid import Axle, Explanation, Grid, Scene
 
 Check = Callable[[Scene], Iterator[Finding]]
 
@@ -28,7 +28,7 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
 
 
 def findings(
-    axles: Sequence[Axle], vehicle: Vehicle, start_ns: int, explanation: Explanation
+    axles: Sequence[Axle], g: Grid | None, vehicle: Vehicle, start_ns: int, explanation: Explanation
 ) -> list[Finding]:
     """Everything that cannot be true, or hardly.
 
@@ -36,11 +36,11 @@ def findings(
 
     Args:
         axles: all axles of the log that have a record.
+        g: the same on one time axis, where they have one.
         vehicle: what the user states of it.
         start_ns: the log's start.
         explanation: of how the train slows.
     """
-    g = grid(axles, vehicle)
     if g is None:
         return []
     scene = Scene(axles, g, vehicle, start_ns, explanation)

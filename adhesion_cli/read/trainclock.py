@@ -30,6 +30,7 @@ from .grid import LEAST, Grid, far
 
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]
+_TAUS = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN)
 _CRAWL = 1.0  # slower, speeds say little about each other [m/s]
 _FLOOR = 0.03  # 1 sigma by which a rolling wheel may differ, whatever the noise [m/s]
 _CUT = 4.0  # sigma that are no noise
@@ -69,6 +70,32 @@ class _Fit(NamedTuple):
     loss: float  # mean square of what is left, cut off
 
 
+class _Scan(NamedTuple):
+    """How well each of `_TAUS` fits."""
+
+    losses: Floats
+
+    @property
+    def place(self) -> int:
+        """Of the least loss."""
+        return int(np.argmin(self.losses))
+
+    @property
+    def best(self) -> float:
+        """Its τ [s]."""
+        return float(_TAUS[self.place])
+
+    @property
+    def has_least(self) -> bool:
+        """Whether it lies between others."""
+        return math.isfinite(self.losses[self.place]) and 0 < self.place < len(_TAUS) - 1
+
+    def unclear(self, tau: float, times: float) -> bool:
+        """Whether another τ, far from this one, has less than so many times the least loss."""
+        others = self.losses[np.abs(_TAUS - tau) > _APART]
+        return bool(others.min() < times * self.losses[self.place])
+
+
 def delay(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Parameter | None:
     """τ [s] with its 1 sigma, above 0 where the train speed is behind; None where it is not clear.
 
@@ -105,27 +132,23 @@ def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter 
         left = at(tau)[1]
         return float(np.mean(left**2)) if len(left) >= 2 * LEAST else math.inf
 
-    taus = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN)
-    losses = np.array([loss(tau) for tau in taus])
-    best = int(np.argmin(losses))
-    if not math.isfinite(losses[best]) or best in (0, len(taus) - 1):
+    scan = _Scan(np.array([loss(tau) for tau in _TAUS]))
+    if not scan.has_least:
         return None
-    tau = float(taus[best])
+    tau = scan.best
     for _ in range(5):
         X, left, late = at(tau)
         if np.ptp(late) < _SLOWING or np.linalg.cond(X) > 1e7 or len(left) < 2 * LEAST:
             return None
         x = np.linalg.lstsq(X.T, left, rcond=None)[0]
         tau += float(x[2])
-        if not abs(tau - taus[best]) <= 2.0 * _SCAN:
+        if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
     rest, alike = left - x @ X, 2 * g.half + 1
     variance = float(np.mean(rest**2)) * alike * float(np.linalg.inv(X @ X.T)[2, 2])
     sigma = math.hypot(math.sqrt(variance), _OTHERS)
-    unclear = losses[np.abs(taus - tau) > _APART].min() < _CLEAR * losses[best]
-    if unclear or left.var() > (1.0 - _EXPLAINED) * late.var() or sigma > _SUREST:
-        return None
-    return Parameter(tau, sigma)
+    unclear = scan.unclear(tau, _CLEAR) or left.var() > (1.0 - _EXPLAINED) * late.var()
+    return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
 
 
 def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
@@ -141,13 +164,12 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
     def at(tau: float, column: Floats) -> Floats:
         return np.interp(s.t + tau, t[known], column[known], left=np.nan, right=np.nan)
 
-    taus, first = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN), _start(g, train)
-    fits = [_fit(s, at(tau, train), first) for tau in taus]
-    losses = np.array([f.loss for f in fits])
-    best = int(np.argmin(losses))
-    if not math.isfinite(losses[best]) or best in (0, len(taus) - 1):
+    first = _start(g, train)
+    fits = [_fit(s, at(tau, train), first) for tau in _TAUS]
+    scan = _Scan(np.array([f.loss for f in fits]))
+    if not scan.has_least:
         return None
-    tau, f = float(taus[best]), fits[best]
+    tau, f = scan.best, fits[scan.place]
     slows = np.nan_to_num(at(tau, falling)) > _SLOWING
     rolls = (f.used & slows).sum(axis=1)
     if rolls.max() < max(_LEAST / (g.step * every), _SHARE * slows.sum()):
@@ -160,10 +182,9 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
         f = _fit(s, at(tau, train), x)
         change, sigma = _step(s, f, at(tau, falling), alike)
         tau, x = tau + change, f.x
-        if not abs(tau - taus[best]) <= 2.0 * _SCAN:
+        if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
-    unclear = losses[np.abs(taus - tau) > _APART].min() < _AS_GOOD * losses[best]
-    return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
+    return None if scan.unclear(tau, _AS_GOOD) or sigma > _SUREST else Parameter(tau, sigma)
 
 
 def _start(g: Grid, train: Floats) -> Floats:
