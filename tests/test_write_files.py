@@ -200,7 +200,7 @@ def test_folder_that_takes_no_files(tmp_path: Path) -> None:
 # ---- real processes
 
 CHILD = """
-import os, signal, sys
+import os, signal, sys, time
 from pathlib import Path
 from adhesion_cli.errors import UserError
 from adhesion_cli.write import files
@@ -294,7 +294,7 @@ def test_kill_at_random_many_times(tmp_path: Path) -> None:
 def test_signal_while_writing(tmp_path: Path, number: signal.Signals) -> None:
     wait = WRITE.replace(
         "path.write_text(text)",
-        "path.write_text(text)\n        print(flush=True)\n        signal.pause()",
+        "path.write_text(text)\n        print(flush=True)\n        while True: time.sleep(0.01)",
     )
     process = child(wait, tmp_path, "new", "")
     assert process.stdout is not None
