@@ -461,8 +461,8 @@ def test_a_steady_pressure_is_not_a_stuck_one(
     rate: float, noise: float, step: float, bottom: float
 ) -> None:
     channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
-    assert not checks.stuck_pressure(channel).any()
-    assert not checks.saturated(channel).any()
+    assert not checks.standing_pressure(channel).stuck.any()
+    assert not checks.standing_pressure(channel).saturated.any()
 
 
 @pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
@@ -470,7 +470,7 @@ def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
     p = application(100.0, 1000.0, 1000.0)
     stuck = slice(round(100 * at), round(100 * at) + 300)
     p[stuck] = p[stuck.start]
-    mask = checks.stuck_pressure(pressure(p, 100.0, 1000.0))
+    mask = checks.standing_pressure(pressure(p, 100.0, 1000.0)).stuck
     assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
     assert mask[stuck.start + 1 : stuck.stop].all()
     assert mask[stuck.stop + 2 :].sum() == 0
@@ -482,10 +482,10 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
     dead[70:] = dead[70]
     dead[40:70] = np.linspace(dead[39], dead[70], 30)
     others = [pressure(p, 10.0, 1000.0), pressure(0.9 * p, 10.0, 900.0)]
-    mask = checks.stuck_pressure(pressure(dead, 10.0, 1000.0), others)
+    mask = checks.standing_pressure(pressure(dead, 10.0, 1000.0), others).stuck
     assert mask[71:].all()
     assert not mask[:70].any()
-    assert not checks.stuck_pressure(pressure(dead, 10.0, 1000.0)).any()
+    assert not checks.standing_pressure(pressure(dead, 10.0, 1000.0)).stuck.any()
 
 
 # --- sensors that are dead all along ------------------------------------------------------------

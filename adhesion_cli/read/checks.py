@@ -51,12 +51,13 @@ def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault
     """What a pressure [Pa] or K [N] shows by itself and beside the other axles'."""
     below = pressure.data.value < _VACUUM
     spikes = pressure_spikes(pressure) & ~below
+    stuck, saturated = standing_pressure(pressure, others)
     return [
         Fault(
             "pressure-frozen",
             "repeats one value while its noise or the other axles say it must change: left out; "
             "check the sensor, or name another channel in [channels]",
-            stuck_pressure(pressure, others) & ~spikes, True,
+            stuck & ~spikes, True,
         ),
         Fault(
             "pressure-impossible", "is far below zero: a broken sensor or wire; left out",
@@ -69,7 +70,7 @@ def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault
             "pressure-saturated",
             "stands at its highest value without its noise: the sensor's range ends there, the "
             "true one is higher and so is the force; leave it out with --from and --to",
-            saturated(pressure), False,
+            saturated, False,
         ),
     ]  # fmt: skip
 
@@ -81,23 +82,29 @@ def limit(pressure: Channel, faults: Sequence[Fault]) -> float:
 
 
 class _Runs(NamedTuple):
-    """Stretches of equal values without a gap: first and last index; shape (k,)."""
+    """Stretches of equal values without a gap: where they begin, and the end; shape (k + 1,)."""
 
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    edges: NDArray[np.int64]
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        return self.edges[:-1]
+
+    @property
+    def last(self) -> NDArray[np.int64]:
+        return self.edges[1:] - 1
 
     @property
     def length(self) -> NDArray[np.int64]:
-        return self.last - self.first + 1
+        return np.diff(self.edges)
 
 
 def _runs(c: Channel) -> _Runs:
     t, x = c.data.t, c.data.value
-    new = np.ones(len(t), dtype=np.bool_)
+    new = np.ones(len(t) + 1, dtype=np.bool_)
     dt = np.diff(t)
-    new[1:] = (np.diff(x) != 0.0) | (dt <= 0) | (dt > c.gap_ns)
-    first = np.flatnonzero(new)
-    return _Runs(first, np.append(first[1:], len(t)) - 1)
+    new[1:-1] = (x[1:] != x[:-1]) | (dt <= 0) | (dt > c.gap_ns)
+    return _Runs(np.flatnonzero(new))
 
 
 def _leap(x: Floats, runs: _Runs) -> Floats:
@@ -256,19 +263,20 @@ def _noise(c: Channel) -> float:
 
 
 def locked(speed: Channel, others: Sequence[Channel], faster: float = 2.0 * _SLOW) -> Bools:
-    """Samples at which the wheel stands while most of the rest of the train moves, shape (n,).
+    """Samples at which the wheel stands while half of the rest of the train moves, shape (n,).
 
     Args:
         speed: wheel speed [rad/s].
         others: speeds of other axles [rad/s] and the train [m/s].
         faster: than this, they move.
     """
-    if not others or not len(speed.data.t):
-        return np.zeros(len(speed.data.t), dtype=np.bool_)
-    rest = np.array([timeaxis.interpolated(timeaxis.Over(speed.data.t, 0, 1), c) for c in others])
-    known = np.isfinite(rest).any(axis=0)
-    moves = np.zeros(len(speed.data.t), dtype=np.bool_)
-    moves[known] = np.nanmedian(rest[:, known], axis=0) > faster
+    at = timeaxis.Over(speed.data.t, 0, 1)
+    moving, known = np.zeros((2, len(at.t)), dtype=np.int16)
+    for other in others:
+        x = timeaxis.interpolated(at, other)
+        moving += x > faster
+        known += np.isfinite(x)
+    moves: Bools = (moving > 0) & (2 * moving >= known)
     return moves & _still(speed)
 
 
@@ -298,11 +306,18 @@ def _expected(speed: Channel, clamping: Floats, runs: _Runs) -> Floats:
     return expected
 
 
-def stuck_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Bools:
-    """Samples at which a stuck pressure sensor repeats its last value, shape (n,).
+class Standing(NamedTuple):
+    """Samples at which a pressure sensor repeats its last value; shape (n,)."""
 
-    Seen by its noise, which ends; or by the other axles' pressures, which go on, if it then leaps
-    or never changes again. Where it reads its lowest value it may be cut off there.
+    stuck: Bools
+    saturated: Bools  # at its highest value, the end of its range
+
+
+def standing_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Standing:
+    """Where a pressure sensor stands.
+
+    Stuck is seen by its noise, which ends; or by the other axles' pressures, which go on, if it
+    then leaps or never changes again. Where it reads its lowest value it may be cut off there.
 
     Args:
         pressure: of one axle [Pa], or its K [N].
@@ -310,27 +325,24 @@ def stuck_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Bools:
     """
     x = pressure.data.value
     runs = _runs(pressure)
-    value = x[runs.first]
+    silent = _silent(pressure, runs)
+    flat = _flat_top(pressure, runs, silent)
+    saturated = _repeats(len(x), runs, flat)
     alone = _left_alone(pressure, runs, others)
     if alone.any() and not np.ptp(x):
-        return np.ones(len(x), dtype=np.bool_)
-    silent = _silent(pressure, runs) & ~_flat_top(pressure, runs)
-    if _cut_off(pressure, runs):
-        silent &= value > x.min()
-    return _repeats(len(x), runs, silent | alone)
+        return Standing(np.ones(len(x), dtype=np.bool_), saturated)
+    silent &= ~flat
+    if silent.any() and _cut_off(pressure, runs):
+        silent[silent] = x[runs.first[silent]] > x.min()
+    return Standing(_repeats(len(x), runs, silent | alone), saturated)
 
 
-def saturated(pressure: Channel) -> Bools:
-    """Samples at which a pressure sensor reads its highest value and has no noise, shape (n,)."""
-    runs = _runs(pressure)
-    return _repeats(len(pressure.data.t), runs, _flat_top(pressure, runs))
-
-
-def _flat_top(pressure: Channel, runs: _Runs) -> Bools:
+def _flat_top(pressure: Channel, runs: _Runs, silent: Bools) -> Bools:
     """Silent runs at the highest value, reached steeply or more than once; shape (k,)."""
     x = pressure.data.value
     top = float(x.max())
-    found: Bools = _silent(pressure, runs) & (x[runs.first] == top)
+    found = silent.copy()
+    found[silent] = x[runs.first[silent]] == top
     if found.sum() == 1:
         first = runs.first[found]
         before = np.maximum(first - max(2, round((pressure.rate_hz or 1.0) / 2.0)), 0)
@@ -356,14 +368,15 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     """
     x = pressure.data.value
     top, step = float(x.max()), pressure.step
-    changes = np.diff(x[runs.first])
-    small = np.abs(changes) <= max(0.02 * top, 2.5 * step)
-    turns = (changes[1:] * changes[:-1] < 0.0) & small[1:] & small[:-1]
-    turns &= np.maximum(np.abs(changes[1:]), np.abs(changes[:-1])) > 1.5 * step
     repeats = max(1, round(held.interval(pressure) * (pressure.rate_hz or 0.0)))
+    value = x[runs.first]
+    changes = np.diff(value)
+    up, down, size = changes > 0.0, changes < 0.0, np.abs(changes)
+    small, clear = size <= max(0.02 * top, 2.5 * step), size > 1.5 * step
+    turns = (up[1:] & down[:-1] | down[1:] & up[:-1]) & small[1:] & small[:-1]
+    turns &= clear[1:] | clear[:-1]
     length = np.maximum(runs.length // repeats, 1)
-    short = length < 30
-    free = short & (x[runs.first] > x.min())
+    free = (length < 30) & (value > x.min())
     samples = int(length[free].sum())
     if samples < 20 or turns.sum() < max(6.0, 0.03 * samples):
         return np.zeros(len(runs.first), dtype=np.bool_)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..model import Channel, Column, Floats
 
@@ -23,16 +24,18 @@ def interval(channel: Channel) -> float:
     longer where it does not change. A rounded signal that moves slowly stands, too, but goes on by
     a single step.
     """
-    seconds, samples = [np.zeros(0)], [np.zeros(0)]
+    stands = []  # index of the first sample of each, and of the next one's
     for piece in _pieces(channel):
-        t, x = _seconds(channel, piece), channel.data.value[piece]
-        first = np.flatnonzero(np.diff(x, prepend=np.nan))
-        clear = np.abs(np.diff(x[first])) > 1.5 * channel.step
-        seconds.append(np.diff(t[first])[clear])
-        samples.append(np.diff(first)[clear])
-    stood, count = np.concatenate(seconds), np.concatenate(samples)
-    short = stood < 1.5 * np.median(stood) if len(stood) else stood > 0.0
-    if short.sum() < _LEAST or np.mean(count < 2) > 0.05:
+        first = piece.start + _changes(channel.data.value[piece])
+        clear = np.abs(np.diff(channel.data.value[first])) > 1.5 * channel.step
+        stands.append((first[:-1][clear], first[1:][clear]))
+    begin, end = (np.concatenate(side) for side in zip(*stands, strict=True))
+    count = end - begin
+    if len(count) < _LEAST or np.mean(count < 2) > 0.05:
+        return 0.0
+    stood = (channel.data.t[end] - channel.data.t[begin]) * 1e-9
+    short = stood < 1.5 * np.median(stood)
+    if short.sum() < _LEAST:
         return 0.0
     every = float(np.mean(stood[short]))
     away = np.abs(stood - every)[short]
@@ -48,7 +51,7 @@ def straightened(channel: Channel, interval: float) -> Channel:
     value = channel.data.value.copy()
     for piece in _pieces(channel):
         t, x = _seconds(channel, piece), channel.data.value[piece]
-        first = np.flatnonzero(np.diff(x, prepend=np.nan))
+        first = _changes(x)
         equal = np.maximum(np.rint(np.diff(t[first], append=t[-1]) / interval), 1.0).astype(int)
         nth = np.arange(equal.sum()) - np.repeat(np.cumsum(equal) - equal, equal)
         own = np.searchsorted(t, t[np.repeat(first, equal)] + nth * interval * (1.0 - 1e-9))
@@ -62,6 +65,11 @@ def _pieces(channel: Channel) -> Iterator[slice]:
     cuts = np.flatnonzero((np.diff(t) <= 0) | (np.diff(t) > channel.gap_ns)) + 1
     for a, b in zip([0, *cuts], [*cuts, len(t)], strict=True):
         yield slice(int(a), int(b))
+
+
+def _changes(x: Floats) -> NDArray[np.int64]:
+    """Index of each sample that is another value than the one before, the first one too."""
+    return np.concatenate([[0], np.flatnonzero(x[1:] != x[:-1]) + 1])
 
 
 def _seconds(channel: Channel, piece: slice) -> Floats:

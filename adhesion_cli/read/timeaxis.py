@@ -293,6 +293,8 @@ def _samples(at: Over, of: Channel) -> tuple[Times, Floats]:
     was logged along cannot be known.
     """
     own = pieces(of.starts, len(of.data.t))
+    if len(own) == at.n == 1:
+        return of.data.t, of.data.value
     if len(own) != at.n:
         t = of.data.t
         own = [p for p in own if t[p][0] <= at.t[-1] and t[p][-1] >= at.t[0]]
