@@ -32,6 +32,7 @@ _CLEARLY = 15.0  # nats by which they must be likelier
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
+_SHARE = 1e-3  # square of what rolling misses of φK's whole rise; known to a factor of ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +146,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     rounding = _rounding(runs[0].wheel_speed_step, together)
     white = white_noise((r.t, r.y) for r in (telling if together > 1 else wheel))
     white = max(white - rounding, 1e-3 * rounding)
-    rolling = smoother.Noise(white, 1e-3, scale**2 * np.array([1e-5]))
+    rolling = smoother.Noise(white, _SHARE * scale, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
     fitted, regimes = _fit_either(telling, _step(wheel), scale, rolling, changing)
     found = []
@@ -290,11 +291,11 @@ def _fit_either(
     """
     some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
-    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 2.0, 2.0])
+    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 1.0, 2.0])
     if interval > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
-    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 2.0, 2.0, 1.5, 0.7])
+    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 1.0, 2.0, 1.5, 0.7])
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
 
 

@@ -2,11 +2,12 @@
 
 The level x is measured with white noise of variance r; its rate is a known input u plus an unknown
 part δ: ẋ = u + δ, δ a random walk. How rough δ is depends on a hidden regime that switches at
-random (a Markov chain in continuous time): within each regime the smoother is Rauch, Tung and
-Striebel's, and after each step the regimes' mixtures are merged to one Gaussian each, forwards as
-Kim does. Backwards, Kim weighs the regime before a step by its filtered probability alone; then a
-regime can be chosen whose state does not fit what came after it. Barber's correction adds how well
-it fits: regime i before j weighs
+random (a Markov chain in continuous time). In the calm one δ also follows another signal s, by a
+variance per |Δs|, so that a ramp of s does the same at any rate of samples. Within each regime the
+smoother is Rauch, Tung and Striebel's, and after each step the regimes' mixtures are merged to one
+Gaussian each, forwards as Kim does. Backwards, Kim weighs the regime before a step by its filtered
+probability alone; then a regime can be chosen whose state does not fit what came after it. Barber's
+correction adds how well it fits: regime i before j weighs
 
     w_ij ∝ p_i T_ij N(x̂_j; m_ij, P_ij),
 
@@ -53,7 +54,7 @@ class Noise(NamedTuple):
     """Noise levels: what `fit` finds."""
 
     measurement: float  # r, variance of y
-    coupling: float  # calm regime: variance of what δ takes up of Δs, per Δs²
+    coupling: float  # calm regime: variance of what δ takes up of s as s changes, per |Δs|
     rough: Floats  # (M,) variance rate of δ in each regime: [y²/s³]; of a wheel speed rad²/s⁵
 
 
@@ -215,7 +216,7 @@ def _filter(
         least = math.inf
         for i in range(M):
             for j in range(M):
-                q = rough[j] + (coupling * ds * ds / h if j == 0 else 0.0)
+                q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
                 m0, m1, P00, P01, P11 = _predict(
                     now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4],
                     h, gain, ds, follow[j], q,
@@ -283,7 +284,7 @@ def _backward(
                 _switching(leave, h, T)
                 last_h = h
             for j in range(M):  # the regime after the step
-                q = rough[j] + (coupling * ds * ds / h if j == 0 else 0.0)
+                q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
                 top = -math.inf
                 for i in range(M):  # before it
                     f0, f1, F00, F01, F11 = (

@@ -580,6 +580,15 @@ def test_the_fit_never_goes_below_the_quantisation() -> None:
     assert noise.measurement >= 0.003
 
 
+@pytest.mark.parametrize("n", [10, 1000])
+def test_what_follows_a_ramp_does_not_depend_on_the_rate(n: int) -> None:
+    t = np.linspace(0.0, 1.0, n)
+    zero = np.zeros(n)
+    run = smoother.Run(t, zero, zero, 3.0 * t, zero, np.full(n, 1e9))  # says nothing
+    found = smoother.smooth(run, ONE, smoother.Noise(1e9, 0.5, np.zeros(1)))
+    assert found.rate_sigma[-1] ** 2 == pytest.approx(ONE.spread**2 + 0.5 * 3.0, rel=1e-3)
+
+
 def test_sigma_tells_calm_from_rough() -> None:
     """δ is rough for a while: errors are larger there, and sigma knows where."""
     random = np.random.default_rng(4)
