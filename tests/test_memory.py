@@ -144,14 +144,15 @@ def test_recovering(tmp_path: Path) -> None:
 WRITE_LOG = """
 import numpy as np
 from adhesion_cli.model import Channel, Column, Log
-from adhesion_cli.write import mcap
-mcap.CHUNK = 1 << 18
+from adhesion_cli.write import csv, mcap
+mcap.CHUNK, csv._ROWS = 1 << 18, 1 << 14
+write_log = (mcap if path.suffix == ".mcap" else csv).write_log
 t = np.arange(n) * 10**6
 data = Column(t, np.sin(t), np.ones(n, bool))
 log = Log("", "csv", "", True, n, (Channel("a", "", None, None, "N", "", data),), ())
-mcap.write_log(path, Log("", "csv", "", True, 0, (), ()))  # all is loaded
+write_log(path, Log("", "csv", "", True, 0, (), ()))  # all is loaded
 before = begin()
-mcap.write_log(path, log)
+write_log(path, log)
 print(peak() - before)
 """
 WRITE_RESULT = """
@@ -171,9 +172,10 @@ print(write(n))
 """
 
 
-def test_writing_a_log(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["mcap", "csv"])
+def test_writing_a_log(tmp_path: Path, suffix: str) -> None:
     """11 MiB of columns."""
-    assert grown(WRITE_LOG, tmp_path / "log.mcap", 700_000) < 8 * MIB
+    assert grown(WRITE_LOG, tmp_path / f"log.{suffix}", 700_000) < 8 * MIB
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "rrd"])

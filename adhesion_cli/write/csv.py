@@ -6,6 +6,7 @@ Rows that reading left out, too.
 import csv
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -34,23 +35,22 @@ def write_log(path: Path, log: Log) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    time, places = _rows([c.data.t for c in log.channels])
+    axes = {id(c.data.t): _Axis.of(c.data.t) for c in log.channels}
     headers = ["time" if log.absolute else "time [s]"]
     for name, unit in names.channels(log):
         headers.append(_cell(name if not unit or name.endswith((f"[{unit}]", f"({unit})"))
                              else f"{name} [{unit}]"))  # fmt: skip
     types = [pa.timestamp("ns", "UTC") if log.absolute else pa.float64()]
-    schema = pa.schema(list(zip(headers, types + [pa.float64()] * len(places), strict=True)))
+    schema = pa.schema(list(zip(headers, types + [pa.float64()] * len(log.channels), strict=True)))
     with path.open("wb") as file, CSVWriter(file, schema) as writer:
-        for part in _parts(len(time)):
-            t = time[part]
+        for parts in _parts(axes):
+            t, rows = _rows(axes, parts)
             columns = [pa.array(t, types[0]) if log.absolute else pa.array(t / 1e9)]
-            for channel, place in zip(log.channels, places, strict=True):
-                first, last = np.searchsorted(place, (part.start, part.stop))
+            for channel in log.channels:
                 values, known = np.zeros(len(t)), np.zeros(len(t), bool)
-                rows = place[first:last] - part.start
-                values[rows] = channel.data.value[first:last]
-                known[rows] = channel.data.valid[first:last]
+                row, part = rows[id(channel.data.t)], parts[id(channel.data.t)]
+                values[row] = channel.data.value[part]
+                known[row] = channel.data.valid[part]
                 columns.append(pa.array(values, mask=~known | np.isnan(values)))
             writer.write_batch(pa.record_batch(columns, schema=schema))
 
@@ -78,39 +78,60 @@ def write_rejects(path: Path, logs: Iterable[Log]) -> int:
     return count
 
 
-def _rows(axes: list[Times]) -> tuple[Times, list[NDArray[np.int64]]]:
-    """One row per distinct time stamp, and the row of each sample of each channel.
+class _Axis(NamedTuple):
+    """The time of channels, and its passes: it jumps back between two."""
 
-    A stamp that a channel repeats, or comes back to, gets a row of its own: rows are told apart
-    by (how often the channel's time has jumped back, stamp, how often it repeated just now).
+    t: Times
+    edges: NDArray[np.int64]  # where each begins, and the end
+
+    @classmethod
+    def of(cls, t: Times) -> "_Axis":
+        return cls(t, np.concatenate([[0], np.flatnonzero(t[1:] < t[:-1]) + 1, [len(t)]]))
+
+    def place(self, at: int) -> tuple[int, int]:
+        """The pass of a sample, and its stamp."""
+        return int(np.searchsorted(self.edges, at, side="right")) - 1, int(self.t[at])
+
+    def past(self, place: tuple[int, int]) -> int:
+        """The first sample behind a place."""
+        first, end = self.edges[np.minimum([place[0], place[0] + 1], len(self.edges) - 1)]
+        return int(first + np.searchsorted(self.t[first:end], place[1], side="right"))
+
+
+def _parts(axes: dict[int, _Axis]) -> Iterator[dict[int, slice]]:
+    """The samples of each axis that are written at once, to the same place in all of them."""
+    at = dict.fromkeys(axes, 0)
+    while left := [key for key, axis in axes.items() if at[key] < len(axis.t)]:
+        last = min(axes[key].place(min(at[key] + _ROWS, len(axes[key].t)) - 1) for key in left)
+        ends = {key: axis.past(last) for key, axis in axes.items()}
+        yield {key: slice(at[key], end) for key, end in ends.items()}
+        at = ends
+
+
+def _rows(
+    axes: dict[int, _Axis], parts: dict[int, slice]
+) -> tuple[Times, dict[int, NDArray[np.int64]]]:
+    """One row per distinct time stamp, and the row of each sample of each axis.
+
+    A stamp that an axis repeats, or comes back to, gets a row of its own: rows are told apart by
+    (how often the time has jumped back, stamp, how often it repeated just now).
     """
-    keys = {id(t): _keys(t) for t in axes}
-    if not keys:
-        return np.empty(0, np.int64), []
-    table = np.concatenate(list(keys.values()), axis=1)
+    table = np.concatenate([_keys(axes[key], part) for key, part in parts.items()], axis=1)
     order = np.lexsort(table[::-1])
     table = table[:, order]
     new = np.ones(len(order), bool)
     new[1:] = (np.diff(table, axis=1) != 0).any(axis=0)
     row = np.empty(len(order), np.int64)
     row[order] = np.cumsum(new) - 1
-    ends = np.cumsum([k.shape[1] for k in keys.values()])
-    of = dict(zip(keys, np.split(row, ends[:-1]), strict=True))
-    return table[1, new], [of[id(t)] for t in axes]
+    ends = np.cumsum([part.stop - part.start for part in parts.values()])
+    return table[1, new], dict(zip(parts, np.split(row, ends[:-1]), strict=True))
 
 
-def _keys(t: Times) -> NDArray[np.int64]:
-    step = np.diff(t, prepend=t[:1])
-    number = np.arange(len(t))
-    new = step != 0
-    new[:1] = True
+def _keys(axis: _Axis, part: slice) -> NDArray[np.int64]:
+    t, number = axis.t[part], np.arange(part.start, part.stop)
+    new = np.diff(t, prepend=t[:1] - 1) != 0
     repeated = number - np.maximum.accumulate(np.where(new, number, 0))
-    return np.stack([np.cumsum(step < 0), t, repeated])
-
-
-def _parts(rows: int) -> Iterator[slice]:
-    for at in range(0, rows, _ROWS):
-        yield slice(at, min(at + _ROWS, rows))
+    return np.stack([np.searchsorted(axis.edges, number, side="right"), t, repeated])
 
 
 def _cell(text: str) -> str:
