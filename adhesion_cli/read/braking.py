@@ -132,7 +132,7 @@ def _explained(
         return AS_STATED
     spring, tolerances = force_line(vehicle).at_zero / log.top, vehicle.spring_force
     uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
-    late = max(_SMALL, _CREEP * log.speed, _SHARE * max(_interval(a) for a in axles))
+    late = max(_SMALL, _CREEP * log.speed, _SHARE * max(interval(a) for a in axles))
     least = _Sigmas(late, max(_SLIGHT, uncertain), math.log1p(SIGMAS * tolerance(vehicle)))
     known = _Sigmas(*(x / math.sqrt(_CLEARLY) for x in least))
     free = _Sigmas(math.inf, max(_SPRING, spring), math.inf)
@@ -200,7 +200,7 @@ def _unexplained(log: _Log, telling: Floats, p: _Point) -> float:
     return float(telling @ np.maximum(left - log.floor**2, 0.0) / (telling @ whole))
 
 
-def _interval(a: Axle) -> float:
+def interval(a: Axle) -> float:
     """The longer of both channels' usual intervals [s]."""
     t, x = a.brake.data.t, a.brake.data.value
     own = t[np.flatnonzero(np.diff(x) != 0.0)]

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
-from ..signals import true_runs
 from . import braking
-from .grid import FREE, LEAST, Grid, Scene, far, largest
+from .grid import FREE, LEAST, Grid, Scene, far, largest, lasting
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
@@ -83,7 +82,7 @@ def unbraked(s: Scene) -> Iterator[Finding]:
     g, brake, top = s.grid, s.axles[0].brake, float(np.nanmax(s.grid.pressure, initial=0.0))
     alone = (g.braking > _UNBRAKED) & (g.braking < _HARDEST) & g.rolling.any(axis=0)
     alone &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * _UNBRAKED
-    long = _lasting(alone, _LASTS, g)
+    long = lasting(alone, _LASTS, g)
     if not long.any():
         return
     text = f"the wheels slow by {float(np.median(g.braking[long])):.1f} m/s²"
@@ -213,7 +212,7 @@ def unexplained(s: Scene) -> Iterator[Finding]:
         (known & g.rolling.any(axis=0) & (off > allowed), "more"),
         (rolls & (off < -allowed) & (x > FREE * np.nanmax(x, initial=0.0)), "less"),
     ):
-        long = _lasting(where, _LASTS, g)
+        long = lasting(where, _LASTS, g)
         if not long.any():
             continue
         most = float(np.median(np.abs(off[long])))
@@ -257,14 +256,6 @@ def _fitted(x: Floats, y: Floats) -> tuple[float, float]:
     spread = float(np.var(x))
     slope = float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread else 0.0
     return slope, float(y.mean() - slope * x.mean())
-
-
-def _lasting(mask: Bools, seconds: float, g: Grid) -> Bools:
-    """The runs of True that last longer than that, shape (n,)."""
-    long = np.zeros(len(mask), dtype=np.bool_)
-    for first, past in true_runs(mask):
-        long[first:past] = (past - first) * g.step > seconds
-    return long
 
 
 class _Fit(NamedTuple):

@@ -19,6 +19,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import rolling_deceleration, wheelset
+from ..signals import true_runs
 
 LEAST = 8  # samples on it that show anything
 _STEP = 0.25  # where the log is fast enough [s]
@@ -231,6 +232,14 @@ def far(mask: Bools, j: int) -> Bools:
     wide = np.pad(mask, j, mode="edge")
     far = np.lib.stride_tricks.sliding_window_view(wide, 2 * j + 1).all(axis=-1)
     return np.asarray(far)
+
+
+def lasting(mask: Bools, seconds: float, g: Grid) -> Bools:
+    """The runs of True that last longer than that, shape (n,)."""
+    long = np.zeros(len(mask), dtype=np.bool_)
+    for first, past in true_runs(mask):
+        long[first:past] = (past - first) * g.step > seconds
+    return long
 
 
 def _of_usual(share: Floats, where: Bools) -> Floats:

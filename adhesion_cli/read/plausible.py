@@ -6,7 +6,7 @@ Nothing is changed here: every finding names what to state so that the log is un
 from collections.abc import Callable, Iterator, Sequence
 
 from ..model import Finding, Vehicle
-from . import deceleration, wheels
+from . import deceleration, pressures, wheels
 from .grid import Axle, Explanation, Grid, Scene
 
 Check = Callable[[Scene], Iterator[Finding]]
@@ -22,6 +22,7 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
         deceleration.unexplained,
     ),
     (deceleration.late_pressure,),
+    (pressures.odd,),
     (wheels.speeds,),
     (wheels.swapped,),
 )

@@ -1,0 +1,181 @@
+"""Each axle's pressure against the others': one brake feeds all of them.
+
+Axles may be braked unlike each other, each by its own constant share, a little later, or some of
+them together by a law of their own; and a slide protection vents the cylinder of an axle that
+slides. Nothing else makes one pressure alone depart from all others for seconds.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..model import Bools, Finding, Floats
+from ..signals import true_runs
+from . import braking
+from .grid import FREE, LEAST, Axle, Grid, Scene, lasting
+from .units import listed, others
+
+_APART = 0.08  # of the highest pressure: more than transducers and cylinders differ
+_UNLIKE = 0.5  # so much later may one cylinder fill or vent than another [s]
+_LASTS = 1.5  # so long must it depart [s]
+_ALIKE = 0.04  # ratios within this are one
+_SHARE = 0.2  # of the time: that often is a ratio the axle's own
+_RATIOS = 0.3, 3.0  # no axle is braked by less, or more, of what the others are
+_SLIDES = 0.97  # of the train's speed
+_CRAWL = 1.0  # slower, no force is known either [m/s]
+_REACH = 5.0  # the largest offset of clocks that is looked for [s]
+_LATE = 0.25  # smaller ones may be the cylinder's [s]
+_INTERVALS = 0.75  # and the sampling's
+_BETTER = 0.25  # so much less must a shift leave than anything else
+_SLIGHT = 0.02  # of the highest pressure is left of alike ones
+
+
+class _Odd(NamedTuple):
+    """Where one pressure departs from the others'."""
+
+    axle: int  # its place
+    off: Floats  # by how much, (n,) [Pa or N]
+    where: Bools  # (n,)
+    ratio: float  # what it is of the others', most of the time
+    late: float  # what it is behind them, 0 where that does not explain it [s]
+
+    @property
+    def size(self) -> float:
+        """How much of it there is."""
+        return float(np.abs(self.off[self.where]).sum())
+
+
+def odd(s: Scene) -> Iterator[Finding]:
+    """Pressures that are stuck, lost, offset, drift or late while the others say something else."""
+    measured = np.isfinite(s.grid.pressure).any(axis=1).all()
+    x = s.grid.pressure if measured else s.grid.clamping
+    slid = _slid(s.grid, x)
+    left = list(range(len(x)))
+    while len(left) > 1:
+        found = [o for i in left if (o := _departs(s, x, slid, i, [j for j in left if j != i]))]
+        either = len(left) == 2
+        for o in found if either else sorted(found, key=lambda o: -o.size)[:1]:
+            yield _told(s, o, either)
+            left.remove(o.axle)
+        if not found:
+            return
+
+
+def _told(s: Scene, o: _Odd, either: bool) -> Finding:
+    a = s.axles[o.axle]
+    name = str(a.brake.meaning).replace("_", " ")
+    whose = "the other axle's, or that is wrong" if either else "the others'"
+    if o.late:
+        way = "behind" if o.late > 0.0 else "ahead of"
+        text = (
+            f"the {name} is {abs(o.late):.1f} s {way} {whose}, and the force is wrong by that "
+            "wherever it changes: correct its time stamps, unless its brake answers that much later"
+        )
+        return s.told("pressure-clock-offset", "warning", text, a.brake, o.where, o.axle)
+    likely = others(a.brake, s.vehicle, lambda f: 0.8 < f * o.ratio < 1.25)
+    if likely and not _RATIOS[0] < o.ratio < _RATIOS[1]:
+        text = (
+            f"the {name} is {o.ratio:.2g} times {whose}: "
+            f"state the unit in [channels] {a.brake.meaning}{listed(likely)}"
+        )
+        return s.told("unit-suspect", "warning", text, a.brake, o.where, o.axle)
+    most = float(np.median(o.off[o.where]))
+    what = f"{abs(most):.0f} N" if a.record.pressure is None else f"{abs(most) / 1e5:.2g} bar"
+    text = (
+        f"the {name} is {what} {'above' if most > 0.0 else 'below'} {whose}, and no slide explains "
+        "it: a stuck, lost, offset or drifting sensor, or a brake of its own; this axle's force is "
+        "wrong there, or its brake is; leave these times out with --from and --to, or the axle "
+        "with --axle"
+    )
+    return s.told("pressure-suspect", "warning", text, a.brake, o.where, o.axle)
+
+
+def _slid(g: Grid, x: Floats) -> Bools:
+    """Whether each axle has slid since the brake was applied, (k, n)."""
+    level = np.nan_to_num(np.median(x, axis=0))
+    slid = g.share < _SLIDES
+    for a, b in true_runs(level > FREE * level.max()):
+        slid[:, a:b] = np.logical_or.accumulate(slid[:, a:b], axis=1)
+    return slid
+
+
+def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _Odd | None:
+    """Where axle i has another pressure than the others that have not slid; None where nowhere."""
+    g = s.grid
+    beside = np.where(slid[rest], np.nan, x[rest])
+    known = np.isfinite(x[i]) & np.isfinite(beside).any(axis=0) & (g.fastest > _CRAWL)
+    if known.sum() < LEAST:
+        return None
+    level = np.full(len(known), np.nan)
+    level[known] = np.nanmedian(beside[:, known], axis=0)
+    top = float(np.nanmax(level))
+    if top <= 0.0:
+        return None
+    ratio = _ratio(x[i], level, known & ~slid[i] & (level > 0.3 * top))
+    level *= ratio if _RATIOS[0] < ratio < _RATIOS[1] else 1.0
+    off = x[i] - level
+    steep = np.fmax(np.abs(g.slope(level)), np.abs(g.slope(x[i])))
+    allowed = _APART * top + _UNLIKE * _nearby(steep, g.half)
+    alike = np.abs(x[rest] - x[i]) < allowed / 2.0
+    # A vented cylinder has less than the brake gives, never more.
+    vented = slid[rest] & (x[rest] > x[i] - allowed)
+    alone = ~alike.any(axis=0) & ((off > 0.0) & ~vented.any(axis=0) | (off < 0.0) & ~slid[i])
+    late = _late(g, x[i], level, known & ~slid[i], s.axles[i])
+    where = known & (np.abs(off) > _SLIGHT * top)
+    if not late or alike.any(axis=0)[where].mean() > 0.5:
+        late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), _LASTS, g)
+    return _Odd(i, off, where, ratio, late) if where.any() else None
+
+
+def _nearby(x: Floats, j: int) -> Floats:
+    """Largest value within j samples, (n,)."""
+    wide = np.pad(np.nan_to_num(x), j)
+    largest: Floats = np.lib.stride_tricks.sliding_window_view(wide, 2 * j + 1).max(axis=-1)
+    return largest
+
+
+def _ratio(x: Floats, level: Floats, used: Bools) -> float:
+    """The share of the others' pressure that an axle has most of the time, 1 if at all."""
+    ratios = np.sort(x[used] / level[used])
+    if len(ratios) < LEAST:
+        return 1.0
+    low, high = (np.searchsorted(ratios, (1.0 + sign * _ALIKE) * np.append(ratios, 1.0))
+                 for sign in (-1.0, 1.0))  # fmt: skip
+    near = high - low
+    return 1.0 if near[-1] >= _SHARE * len(ratios) else float(ratios[int(np.argmax(near[:-1]))])
+
+
+def _late(g: Grid, x: Floats, level: Floats, used: Bools, axle: Axle) -> float:
+    """By what x is behind the others [s], 0 where a shift does not explain best how it differs.
+
+    A cylinder that fills and vents more slowly is later the longer it takes: x + T ẋ is the others'
+    then, or theirs with their own T is x.
+    """
+    t = g.step * np.arange(len(x))
+    own = np.isfinite(x)
+    if used.sum() < 2 * LEAST:
+        return 0.0
+
+    def left(tau: float) -> float:
+        off = np.interp(t + tau, t[own], x[own], left=math.nan, right=math.nan) - level
+        off = off[used & np.isfinite(off)]
+        return float(np.mean(off**2)) if len(off) > LEAST else math.inf
+
+    unmoved = left(0.0)
+    slight = _SLIGHT * float(np.nanmax(level))
+    if unmoved < slight**2:
+        return 0.0
+    taus = np.arange(-_REACH, _REACH + g.step / 4.0, g.step / 2.0)
+    losses = [left(tau) for tau in taus]
+    best = int(np.argmin(losses))
+    slower = [unmoved]
+    for rate in (np.gradient(x, g.step), np.gradient(level, g.step)):
+        known = used & np.isfinite(rate)
+        off, r = (x - level)[known], rate[known]
+        slower.append(float(np.mean(off**2) - np.mean(off * r) ** 2 / max(np.mean(r * r), 1e-9)))
+    late = float(taus[best])
+    clear = losses[best] < min(_BETTER * min(slower), slight**2) and 0 < best < len(taus) - 1
+    least = max(_LATE, _INTERVALS * braking.interval(axle))
+    return late if clear and abs(late) > least else 0.0

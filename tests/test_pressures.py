@@ -1,0 +1,150 @@
+"""One pressure against the other axles': told where it is wrong, by its name, and only there."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated
+from simulated import Recordings
+
+from adhesion_cli import settings
+from adhesion_cli.model import Finding
+from adhesion_cli.read import align
+from adhesion_cli.read.log import open_source, read
+from adhesion_cli.simulate import Recording
+
+DEFAULT = settings.load()
+AXLE = 3  # does not slide in low-adhesion
+
+
+def warned(log: Recordings, folder: Path) -> list[Finding]:
+    path = simulated.write(folder / "log.csv", log)
+    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+    known = {"pressure-suspect", "pressure-clock-offset", "unit-suspect"}
+    told = align.records(one, DEFAULT.vehicle)[1]
+    return [f for f in told if f.severity == "warning" and f.code in known]
+
+
+@cache
+def clean(name: str, rate: float, seed: int = 1) -> Recordings:
+    return simulated.recordings(name, rate=rate, seed=seed)
+
+
+def of(log: Recordings, axle: int, change: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> Recordings:  # fmt: skip
+    """One pressure changed: its time as a share of the log's, its value as one of the highest."""
+
+    def changed(r: Recording) -> Recording:
+        top = float(r.value.max())
+        return replace(r, value=top * change(r.t / r.t[-1], r.value / top))
+
+    return simulated.changed(log, "pressure", changed, axle)
+
+
+def later(log: Recordings, axle: int, seconds: float) -> Recordings:
+    return simulated.changed(
+        log, "pressure", lambda r: replace(r, t=r.t + round(1e9 * seconds)), axle
+    )
+
+
+FAULTS: dict[str, Callable[[Recordings, int], Recordings]] = {
+    "offset up": lambda log, i: of(log, i, lambda _, p: p + 0.3),
+    "drift up": lambda log, i: of(log, i, lambda t, p: p + 0.4 * t),
+    "drift down": lambda log, i: of(log, i, lambda t, p: np.maximum(p - 0.4 * t, 0.0)),
+    "lost": lambda log, i: simulated.put(log, "pressure", i, simulated.during(8.0, 2.5), 0.0),
+    "held": lambda log, i: simulated.stuck(log, "pressure", i, 3.2, 5.0),
+    "cut off": lambda log, i: of(log, i, lambda _, p: np.minimum(p, 0.6)),
+    "1 s late": lambda log, i: later(log, i, 1.0),
+    "0.5 s early": lambda log, i: later(log, i, -0.5),
+    "another unit": lambda log, i: simulated.changed(
+        log, "pressure", lambda r: replace(r, unit="kPa"), i
+    ),
+}
+EXPECTED = {
+    "late": "pressure-clock-offset",
+    "early": "pressure-clock-offset",
+    "unit": "unit-suspect",
+}
+NAMES = ["four-axles", "low-adhesion"]
+
+
+def told_of_the_axle(name: str, fault: str, rate: float, seed: int, folder: Path) -> None:
+    bad = FAULTS[fault](clean(name, rate, seed), AXLE)
+    told = warned(bad, folder)
+    of_axle = [f for f in told if f.channel.startswith(f"bc_pressure_{AXLE}")]
+    code = EXPECTED.get(fault.split()[-1])
+    frozen = fault in ("lost", "held", "cut off")  # checks of one channel may have found these
+    assert frozen or [f for f in of_axle if code in (None, f.code)], told
+    others = [f for f in told if f not in of_axle and "wheels" not in f.message]
+    assert not [f for f in others if f.code == "pressure-suspect"], others
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_pressure_apart_from_all_others_is_told(fault: str, tmp_path: Path) -> None:
+    k = list(FAULTS).index(fault)
+    told_of_the_axle(NAMES[k % 2], fault, (5.0, 20.0)[k // 2 % 2], 1, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("rate", [1.0, 5.0, 20.0, 100.0])
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_pressure_apart_is_told(
+    fault: str, name: str, rate: float, seed: int, tmp_path: Path
+) -> None:
+    told_of_the_axle(name, fault, rate, seed, tmp_path)
+
+
+def slower(log: Recordings, axle: int, seconds: float) -> Recordings:
+    """A cylinder that fills and vents through a smaller hole."""
+
+    def change(r: Recording) -> Recording:
+        step, y = float(np.median(np.diff(r.t))) * 1e-9, r.value.copy()
+        for k in range(1, len(y)):
+            y[k] = y[k - 1] + (r.value[k] - y[k - 1]) * min(step / seconds, 1.0)
+        return replace(r, value=y)
+
+    return simulated.changed(log, "pressure", change, axle)
+
+
+@pytest.mark.parametrize(
+    ("what", "change"),
+    {
+        "own share": lambda log: of(log, AXLE, lambda _, p: 0.7 * p),
+        "slower cylinder": lambda log: slower(log, AXLE, 0.4),
+        "a bogie of its own": lambda log: of(
+            of(log, 3, lambda t, p: p * (1.0 - 0.5 * t)), 4, lambda t, p: p * (1.0 - 0.5 * t)
+        ),
+        "a bogie far behind": lambda log: later(later(log, 3, 0.8), 4, 0.8),
+    }.items(),
+)
+def test_axles_braked_unlike_each_other_are_no_fault(
+    what: str, change: Callable[[Recordings], Recordings], tmp_path: Path
+) -> None:
+    bad = change(clean("four-axles", 20.0))
+    assert not [f for f in warned(bad, tmp_path) if "others'" in f.message], what
+
+
+def test_two_axles_that_differ_are_both_in_doubt(tmp_path: Path) -> None:
+    two = [r for r in clean("four-axles", 20.0) if r.axle in (None, 1, 2)]
+    told = warned(FAULTS["offset up"](two, 2), tmp_path)
+    of_one = [f for f in told if f.code == "pressure-suspect"]
+    assert {f.channel[:13] for f in of_one} == {"bc_pressure_1", "bc_pressure_2"}
+    assert all("or that is wrong" in f.message for f in of_one)
+
+
+def test_the_first_time_is_the_faults(tmp_path: Path) -> None:
+    end = float(clean("four-axles", 5.0)[0].t[-1]) * 1e-9
+
+    def dips(t: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return p * (1.0 - 0.6 * np.maximum(1.0 - np.abs(t * end - 18.0) / 3.0, 0.0))
+
+    bad = of(clean("four-axles", 5.0), 2, dips)
+    (told,) = [f for f in warned(bad, tmp_path) if f.channel.startswith("bc_pressure_2")]
+    assert told.code == "pressure-suspect"
+    assert 15.0 < told.first_s < 17.0
+    assert 5 * 1.5 < told.count < 5 * 6.0
