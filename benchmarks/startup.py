@@ -6,12 +6,13 @@ Median of whole processes, caches warm. The rival of `analyze` is a process that
 must: numpy, pyarrow.csv, rerun, numba and its cached loops, each called on three samples.
 """
 
+import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from table import Row, show
@@ -30,28 +31,32 @@ reference.compute(AxleRecord(1, t, x, x, x, (slice(0, 3),)), Vehicle())
 """
 
 
-def seconds(*arguments: str) -> float:
-    """Median wall time of a Python process."""
-    times = []
+def seconds(*commands: Sequence[str]) -> list[float]:
+    """Median wall time of each Python process; they take turns, so that a slow minute hits all."""
+    # As installed: with the bytecode that pip writes.
+    env = {name: x for name, x in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    times: list[list[float]] = [[] for _ in commands]
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(RUNS + 1):
-            start = time.perf_counter()
-            subprocess.run(
-                [sys.executable, *arguments], cwd=folder, check=True, capture_output=True
-            )
-            times.append(time.perf_counter() - start)
-    return statistics.median(times[1:])
+            for command, taken in zip(commands, times, strict=True):
+                start = time.perf_counter()
+                subprocess.run(
+                    [sys.executable, *command], cwd=folder, env=env, check=True,
+                    capture_output=True,
+                )  # fmt: skip
+                taken.append(time.perf_counter() - start)
+    return [statistics.median(taken[1:]) for taken in times]
 
 
 def rows() -> Iterator[Row]:
     adhesion = ("-m", "adhesion_cli")
-    bare = seconds("-c", "pass")
-    for command in (["--help"], ["analyze", "--help"], ["estimators"]):
-        name = " ".join(["adhesion", *command])
-        yield Row(name, seconds(*adhesion, *command), bare, "s", "python -c pass")
-    own = seconds(*adhesion, "analyze", str(SAMPLE), "--force")
+    light = (["--help"], ["analyze", "--help"], ["estimators"])
+    bare, *took = seconds(["-c", "pass"], *([*adhesion, *command] for command in light))
+    for command, own in zip(light, took, strict=True):
+        yield Row(" ".join(["adhesion", *command]), own, bare, "s", "python -c pass")
+    own, loading = seconds([*adhesion, "analyze", str(SAMPLE), "--force"], ["-c", LOADING])
     against = "loading numpy, pyarrow.csv, rerun, numba's cache"
-    yield Row("adhesion analyze SAMPLE", own, seconds("-c", LOADING), "s", against, most=1.5)
+    yield Row("adhesion analyze SAMPLE", own, loading, "s", against, most=1.5)
 
 
 if __name__ == "__main__":
