@@ -1,9 +1,10 @@
 """What slides say of the rail: Polach's constants and the peak of the curve, each with an interval.
 
-The curve (3) with the patent's friction law is laid through the s–μ points of the slides by least
-squares. Unknown are f0, A, B, kA and kS, in logarithms or logits, as kS ≤ kA and A lies between 0
-and 1; and the wheel's radius and the train speed's delay, whose errors are in every point. What is
-known of them beforehand, little of the constants, holds those that the points do not decide.
+[S2]: the curve (3) with the patent's friction law is laid by least squares through the s–μ points
+of the slides, and of what lies between them, where a wheel that was caught is on the rising flank.
+Unknown are f0, A, B, kA and kS, in logarithms or logits, as kS ≤ kA and A lies between 0 and 1; and
+the wheel's radius and the train speed's delay, whose errors are in every point. What is known of
+them beforehand, little of the constants, holds those that the points do not decide.
 
 Noise is in both, s and μ. Where the curve is steep or bends, noise of s is not noise of μ about the
 curve: a point that is seen at s lay at s + N(0, σ_s), so it is compared with the mean of the curve
@@ -18,8 +19,12 @@ left, correlated as they are, of what is known beforehand as wide as it is (rand
 likelihood). Where constants exchange for one another the draws lie along the valley, and what the
 points do not decide keeps the width that it had. A true μ that is c times that computed has c f0,
 c kA and c kS, and the same A and B, exactly: the error by the vehicle's tolerances is put in
-afterwards. A constant is told if its 95 % interval is narrower than a factor of `_TOLD`; the peak,
-at the slides' middle speed, if its interval ends where there are points. Where no curve goes
+afterwards.
+
+A constant is told if its 95 % interval is narrower than a factor of `_TOLD`. So are slip and μ of
+the peak, at the slides' middle speed, if there are points beyond it. The slip must have points on
+both sides. μ needs none before it: friction that falls with sliding leads back to the peak's height
+where the flank is not seen, and then the slip is told to be less than so much. Where no curve goes
 through the points, because the rail changed under the slides, there is no fit.
 
 Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over time of
@@ -34,12 +39,12 @@ from typing import NamedTuple
 import numpy as np
 
 from . import compiled
-from .model import Floats, Vehicle
+from .model import Bools, Floats, Vehicle
 from .physics import G
 from .rail import Condition, Contact, Patch, conditions, creep_force
 
 _MOST = 400  # points of a fit
-_SHORTEST = 8.0  # slides that are shorter together show no spread of errors [s]
+_SHORTEST = 8.0  # points of less time show no spread of errors [s]
 _STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be alike [s]
 _INDEPENDENT = 100.0  # points that count at most: (3) is no better than that
 _TOLD = 3.0  # widest interval of a constant that is told, high over low
@@ -53,10 +58,11 @@ _CLOSE = 1e-4  # relative change at which a search ends
 _STEP = 1e-6  # of an unknown, for the errors' slope with it
 _DRAWS = 200
 _SPEEDS = 8  # at which the peak is found, for all
-_EDGE = 1.01  # a peak that is as near to the last point is not seen
+_ENDS = 0.01, 0.98  # shares of the points that may lie outside of what they show
+_SLIPS = 1e-4, 1.0  # between which it is looked for
 _RMS = 0.02  # noise of μ that is expected, over the largest μ
 _NODES = (1.0 / 6.0, -math.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, math.sqrt(3.0))
-_CLEAR = 0.1  # noise of slip over slip: points with more tell little, and bend the curve
+_CLEAR = 0.3  # noise of slip over slip: points with more tell little, and bend the curve
 _CENTRE = (2.5, 97.5)
 _HALVINGS = 40  # that find a peak
 
@@ -78,9 +84,11 @@ class RailFit(NamedTuple):
         scales: what each draw took for the true μ over the one computed; of one seed, the same for
             every axle, as φ's error is.
         told: the constants whose interval is narrow enough, by name.
+        below: slip below which μ is largest, at 97.5 %; None where no point is beyond it.
         peak_slip: slip of the largest μ; None where the points do not show it.
         peak_mu: that μ; None where the points do not show it.
-        utilisation: mean μ over the mean of the largest at the same speeds; None as the peak.
+        utilisation: mean μ of the slides over the mean of the largest at the same speeds; None as
+            `peak_mu`.
         speed: at which the peak stands [m/s].
     """
 
@@ -88,6 +96,7 @@ class RailFit(NamedTuple):
     draws: tuple[Condition, ...]
     scales: tuple[float, ...]
     told: dict[str, Interval]
+    below: float | None
     peak_slip: Interval | None
     peak_mu: Interval | None
     utilisation: Interval | None
@@ -95,7 +104,7 @@ class RailFit(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Operating points of slides on one rail, in the order of time; shape (n,) each."""
+    """Operating points on one rail, in the order of time; shape (n,) each."""
 
     t: Floats  # [s]
     speed: Floats  # v [m/s]
@@ -103,6 +112,7 @@ class Points(NamedTuple):
     mu: Floats
     noise: Floats  # σ_s, 1 sigma of the slip's noise
     clock: Floats  # 1 sigma of slip by the train speed's delay, one error for all
+    sliding: Bools  # the others lie between slides
 
 
 _RADIUS, _DELAY = 5, 6  # places among the unknowns, in sigma, behind the coded constants
@@ -144,14 +154,12 @@ def _slopes(
             slopes[i, m] = (more[i] - less[i]) / _STEP
 
 
-def _peaks(
-    rails: Floats, patch: Patch, speed: Floats, low: float, high: float, found: Floats
-) -> None:
-    """Fills slip and μ of the largest adhesion between two slips, shape (rails, speeds, 2)."""
+def _peaks(rails: Floats, patch: Patch, speed: Floats, found: Floats) -> None:
+    """Fills slip and μ of the largest adhesion, shape (rails, speeds, 2)."""
     for i in range(len(rails)):
         rail = _rail(rails[i])
         for j in range(len(speed)):
-            a, b, v = math.log(low), math.log(high), speed[j]
+            a, b, v = math.log(_SLIPS[0]), math.log(_SLIPS[1]), speed[j]
             for _ in range(_HALVINGS):
                 middle = 0.5 * (a + b)
                 if creep_force(math.exp(middle) * v, v, rail, patch)[1] > 0.0:
@@ -168,7 +176,7 @@ def fit(
     """The rail under the points; None where there are too few, or no curve goes through them.
 
     Args:
-        points: of slides, without NaN.
+        points: of slides and between them, without NaN.
         vehicle: for the load; the contact is `rail.Contact`'s.
         radius_error: 1 sigma of wheel radius over train speed, as a share of it.
         mu_error: 1 sigma of μ's scale over μ.
@@ -178,10 +186,10 @@ def fit(
     clear = points.noise < _CLEAR * points.slip
     h = np.diff(points.t, append=points.t[-1:])
     h = np.minimum(h, 2.0 * np.median(h))  # not from slide to slide
-    if h[clear].sum() < _SHORTEST:
+    if h[clear].sum() < _SHORTEST or not points.sliding.any():
         return None
     some = np.flatnonzero(clear)[:: max(1, -(-int(clear.sum()) // _MOST))]
-    p = Points(*(np.ascontiguousarray(column[some]) for column in points))
+    p = Points._make(column[some] for column in points)
     level, n = max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6), len(some)
     size = len(_WIDE) + 2
     known, wide = np.zeros(size), np.ones(size)
@@ -209,31 +217,29 @@ def fit(
     told = {}
     for name in Condition._fields:
         spread = _interval([getattr(rail, name) for rail in rails])
-        if spread.high < _TOLD * spread.low:
+        if _narrow(spread):
             told[name] = spread
-    speed = float(np.median(points.speed))
-    low, high = (float(s) for s in np.quantile(p.slip, [0.01, 0.98]))
-    peaks = np.empty((_DRAWS, 1, 2))
-    peak = compiled.function(_peaks)
-    peak(draws, patch, np.array([speed]), max(low, 1e-4), max(high, 2e-4), peaks)
+
+    slides = points.speed[points.sliding]
+    speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
+    peaks = np.empty((_DRAWS, 1 + _SPEEDS, 2))
+    compiled.function(_peaks)(draws, patch, np.append(speed, speeds), peaks)
     at, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
-    shown = low * _EDGE < at.low and at.high < high / _EDGE
-    used = None
-    if shown:
-        speeds = np.linspace(points.speed.min(), points.speed.max(), _SPEEDS)
-        peaks = np.empty((_DRAWS, _SPEEDS, 2))
-        peak(draws, patch, speeds, 1e-4, 1.0, peaks)
-        hats = [np.interp(points.speed, speeds, unit) for unit in np.eye(_SPEEDS)]
-        could = peaks[:, :, 1] @ np.average(hats, axis=1, weights=h)
-        used = _interval(scales * np.average(points.mu, weights=h) / could)
+    low, high = np.quantile(p.slip, _ENDS).tolist()
+    passed = at.high < high
+    hats = [np.interp(slides, speeds, unit) for unit in np.eye(_SPEEDS)]
+    h = h[points.sliding]
+    could = peaks[:, 1:, 1] @ np.average(hats, axis=1, weights=h)
+    used = _interval(scales * np.average(points.mu[points.sliding], weights=h) / could)
     return RailFit(
         _rail(best),
         tuple(rails),
         tuple(scales.tolist()),
         told,
-        at if shown else None,
-        mu if shown else None,
-        used,
+        at.high if passed else None,
+        at if passed and low < at.value and _narrow(at) else None,
+        mu if passed and _narrow(mu) else None,
+        used if passed and _narrow(mu) else None,
         speed,
     )
 
@@ -297,6 +303,10 @@ def _coded(rail: Condition) -> Floats:
     share, log = rail.k_s / rail.k_a, math.log
     odds = log(share / (1.0 - share)), log(rail.A / (1.0 - rail.A))
     return np.array([log(rail.k_a), odds[0], log(rail.f0), odds[1], log(rail.B)])
+
+
+def _narrow(x: Interval) -> bool:
+    return x.high < _TOLD * x.low
 
 
 def _interval(draws: Sequence[float] | Floats) -> Interval:

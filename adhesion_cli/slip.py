@@ -6,6 +6,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,7 @@ _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
 _SHORT = 0.1  # a slide lasts longer [s]
+_BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
 _LASTS = 0.5  # and so does a change of region that is an event [s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
@@ -407,7 +409,11 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     if rail is None:
         return told(None, "slides too short, or on a rail that changed: no curve fits them")
     missing = [n for n in rail.best._fields if n not in rail.told]
-    text = "" if rail.peak_mu else "the slides do not show both sides of the peak. "
+    text = ""
+    if rail.below is None:
+        text = "the slides do not go past the peak. "
+    elif rail.peak_slip is None:
+        text = f"the peak lies below {rail.below:.2%} slip, the slides do not show where. "
     if missing:
         names = ", ".join(missing)
         text += f"{names}: not to be told from the other constants or from the wheel's diameter"
@@ -417,12 +423,22 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
 def _points(
     axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
 ) -> tuple[railfit.Points, float]:
-    """Operating points of the slides, and the 1 sigma of μ's scale by the vehicle's tolerances."""
+    """Operating points of the slides and between them, and the 1 sigma of μ's scale.
+
+    Before the first slide the rail may have been another one, and so in a long time between two.
+    """
     record, ref = axle.record, axle.reference
     assert axle.slip is not None
     assert record.train_speed is not None
-    at = np.concatenate([np.arange(x.where.start, x.where.stop) for x in found])
-    at = at[np.isfinite(ref.force[at]) & np.isfinite(axle.slip[at])]
+    sliding, near = np.zeros((2, len(record)), dtype=np.bool_)
+    for x in found:
+        sliding[x.where] = near[x.where] = True
+    for segment in record.segments:
+        inside = [x.where for x in found if segment.start <= x.where.start < segment.stop]
+        for before, after in pairwise(inside):
+            if record.t[after.start] - record.t[before.stop - 1] < _BETWEEN * 1e9:
+                near[before.stop : after.start] = True
+    at = np.flatnonzero(near & np.isfinite(ref.force) & np.isfinite(axle.slip))
     mu = physics.coefficient(ref.force[at], vehicle)
     scale = ref.tolerance[at] / np.maximum(ref.force[at], 1.0)
     mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
@@ -430,4 +446,4 @@ def _points(
     t = (record.t[at] - record.t[0]) * 1e-9
     v, clock = record.train_speed[at], _clock_error(record, _DELAY)[at]
     noise = speed_noise(record, radius)[at] / v  # of (2)
-    return railfit.Points(t, v, axle.slip[at], mu, noise, clock), error
+    return railfit.Points(t, v, axle.slip[at], mu, noise, clock, sliding[at]), error

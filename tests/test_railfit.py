@@ -51,7 +51,8 @@ def drawn(seed: int) -> tuple[rail.Condition, railfit.Points, float, float]:
     measured = mu + 0.01 * mu.mean() * np.interp(t, own, random.standard_normal(len(own)))
     measured /= 1.0 + scale * random.standard_normal()
     sigma = math.sqrt(2.0 / 3.0) * speed_noise / v
-    return condition, railfit.Points(t, v, seen, measured, sigma, clock), radius, scale
+    points = railfit.Points(t, v, seen, measured, sigma, clock, np.ones(len(t), dtype=np.bool_))
+    return condition, points, radius, scale
 
 
 @pytest.mark.parametrize("rails", [4, pytest.param(80, marks=pytest.mark.slow)])
@@ -69,6 +70,8 @@ def test_the_intervals_hold(rails: int) -> None:
         for name, x in told.items():
             if x is not None:
                 held.setdefault(name, []).append(x.low <= true[name] <= x.high)
+        if found.below is not None:
+            held.setdefault("below", []).append(slip < found.below)
     print({name: f"{sum(hits)} of {len(hits)}" for name, hits in sorted(held.items())})
     for name, hits in held.items():
         n = len(hits)

@@ -149,18 +149,39 @@ def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
     patch, wet = rail.Contact().patch(load), rail.condition("wet")
     mu = np.array([rail.creep_force(s * 15.0, 15.0, wet, patch)[0] / load for s in creep])
     mu += np.random.default_rng(1).normal(0.0, 1e-3, len(mu))
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
     found = railfit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
+    assert found.peak_mu is None
+    assert found.below is None
     assert not {"A", "B"} & set(found.told)
+
+
+@pytest.mark.parametrize("name", ["low", "dry"])
+def test_points_beyond_the_peak_alone_bound_it(name: str) -> None:
+    t, speed = np.arange(0.0, 20.0, 0.02), 15.0
+    creep = 0.1 * np.exp(0.7 * np.sin(2.0 * t))
+    load = Vehicle().axle_mass.value * G
+    patch, condition = rail.Contact().patch(load), rail.condition(name)
+    mu = np.array([rail.creep_force(s * speed, speed, condition, patch)[0] / load for s in creep])
+    mu += np.random.default_rng(1).normal(0.0, 5e-4, len(mu))
+    points = railfit.Points(t, np.full(len(t), speed), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
+    found = railfit.fit(points, Vehicle(), 0.0, 0.0)
+    assert found is not None
+    assert found.peak_slip is None
+    at, height = true_curve(name, 1.0, speed)
+    assert found.below is not None
+    assert at < found.below < creep.max()
+    assert found.peak_mu is not None
+    assert found.peak_mu.low < height < found.peak_mu.high < 1.2 * found.peak_mu.low
 
 
 def test_a_rail_that_changes_has_no_curve() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
     assert railfit.fit(points, Vehicle(), 0.0, 0.0) is None
 
 

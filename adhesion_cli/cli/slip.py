@@ -7,6 +7,7 @@ from . import results
 from .options import EVERY, Logs, Shared, shared
 
 if TYPE_CHECKING:
+    from ..railfit import RailFit
     from ..slip import Summary
 
 
@@ -62,14 +63,19 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         value, low, high = (show.number(factor * v, digits) for v in x)
         return f"{value} ({low} to {high})"
 
+    def peak(rail: "RailFit | None") -> str:
+        if rail and rail.below and not rail.peak_slip:
+            return f"below {show.number(100.0 * rail.below, 2)}"
+        return spread(rail.peak_slip if rail else None, 2, 100.0)
+
     regions, width = (REGIONS, None) if shares else ((), show.NARROW)
     head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
     head += [f"{r} [%]" for r in regions]
     rows = [
         [
-            str(s.axle), spread(s.rail.peak_slip if s.rail else None, 2, 100.0),
+            str(s.axle), peak(s.rail),
             spread(s.rail.peak_mu if s.rail else None, 3),
-            show.number(s.rail.speed if s.rail and s.rail.peak_slip else None, 1),
+            show.number(s.rail.speed if s.rail and s.rail.below else None, 1),
             spread(s.rail.utilisation if s.rail else None, 3),
             str(len(s.slides)),
             *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
