@@ -178,6 +178,12 @@ def test_reads_every_form_of_absolute_time(log, name):
 RELATIVE = {
     "time of day": ("Time;p\n13:05:07,000;1\n13:05:07,250;2\n", {}, 47_107 * S),
     "minutes and seconds": ("Time;p\n05:07.000;1\n05:07.250;2\n", {}, 307 * S),
+    "seconds, MATLAB": ("Time,p\n75.000 sec,1\n75.25 sec,2\n", {}, 75 * S),
+    "days, pandas": (
+        "time,p\n1 days 00:00:12.500000,1\n1 days 00:00:12.750000,2\n",
+        {},
+        86_412_500_000_000,
+    ),
     "minutes": ("Zeit [min];p\n0.5;1\n0.75;2\n", {}, 30 * S),
     "stated ms": ("x;p\n1000;1\n1250;2\n", {"time_channel": "x", "time_unit": "ms"}, S),
     "by number": ("1;7\n1.25;8\n1.5;9\n", {"time_channel": "column 1", "time_unit": "s"}, S),
@@ -191,6 +197,13 @@ def test_reads_every_form_of_relative_time(log, name):
     (column,) = columns.values()
     assert column.t[0] == start
     assert not source.absolute
+
+
+def test_a_time_in_an_unknown_form_is_refused_and_no_measured_column_taken_for_it(log):
+    log.write_text("time,p [bar]\n" + "".join(f"PT{k}S,{k / 10}\n" for k in range(9)))
+    with pytest.raises(UserError, match="'time' holds no times, as 'PT0S'") as error:
+        open_csv(log, ReadOptions())
+    assert "export it in seconds" in error.value.hint
 
 
 def rows(step: float, n: int, form: str = "g") -> str:
@@ -633,7 +646,7 @@ REFUSED = {
     ),
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
-        "no column is a time",
+        "'Date' holds no times, as '2026-01-01'",
         "time = {channel",
     ),
     "two different times": (

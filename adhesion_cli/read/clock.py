@@ -19,6 +19,7 @@ import pyarrow as pa
 from ..errors import UserError
 from ..model import Bools, Finding, Times
 from . import arrow as pc
+from . import units
 from .sniff import INFINITE, NULLS, Dialect, number_grammar
 from .source import ReadOptions
 from .words import (
@@ -47,6 +48,10 @@ _CLOCK = (
     r"(?:\s*(?P<p>[AaPp])[Mm])?"
 )
 _SHORT_CLOCK = r"(?P<M>[0-9]{1,2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]+)"
+_DURATIONS = (
+    r"(?P<S>[0-9]{1,9})(?:[.,](?P<f>[0-9]+))?\s*s(?:ec)?",  # MATLAB
+    r"(?P<D>[0-9]{1,5}) days?,?\s+" + _CLOCK,  # pandas, Python
+)
 _ZONE = r"\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{2})?"
 _GAP = r"(?:[Tt]|[\s,_]+)"
 _DATES = {
@@ -148,12 +153,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
         i = column_index(dialect, options.time_channel, path)
         clock = _clock_of(dialect, i, unit, rows, path, "stated")
         if clock is None:
-            cells = dialect.column(i)
-            raise UserError(
-                f"{path}: column {dialect.names[i]!r} holds no times"
-                + (f", as {cells[0][:40]!r}" if cells else ""),
-                'state another, as time = {channel = "…", unit = "s"} under [channels]',
-            )
+            raise _unreadable(dialect, i, path)
         return clock
     named = []
     for i in range(len(dialect.names)):
@@ -180,7 +180,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             ):
                 return _guessed(clock, name)
         for i, name in enumerate(dialect.names):
-            if is_counter_name(name) or not _rises(dialect, i):
+            if is_counter_name(name) or _measured(dialect, i) or not _rises(dialect, i):
                 continue
             if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
                 same = [
@@ -190,6 +190,9 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
                 ]
                 _others(dialect, i, same, path)
                 return _guessed(clock, name)
+    for _, _, i in sorted(named):
+        if dialect.column(i):
+            raise _unreadable(dialect, i, path)
     raise UserError(
         f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
         'state it, as time = {channel = "…", unit = "s"} under [channels]',
@@ -225,6 +228,24 @@ def column_index(dialect: Dialect, name: str, path: Any) -> int:
         f"{path}: no column {name!r}",
         f'columns: {", ".join(map(repr, names[:20]))}; or by number, as "column 1"',
     )
+
+
+def _unreadable(dialect: Dialect, i: int, path: Any) -> UserError:
+    """The refusal of a column that is stated, or called, a time."""
+    cells = dialect.column(i)
+    return UserError(
+        f"{path}: column {dialect.names[i]!r} holds no times"
+        + (f", as {cells[0][:40]!r}" if cells else ""),
+        "export it in seconds or as date and time, or state another, as "
+        'time = {channel = "…", unit = "s"} under [channels]',
+    )
+
+
+def _measured(dialect: Dialect, i: int) -> bool:
+    """Whether a column's unit is one that no time has."""
+    in_row = dialect.units[i] if dialect.units else ""
+    unit = units.unit(in_row or units.in_name(dialect.names[i])[1])
+    return unit is not None and unit.dimension != "time"
 
 
 def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
@@ -494,6 +515,9 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
             )
     elif _share(cells, _SHORT_CLOCK) >= _READABLE:
         pattern = _SHORT_CLOCK
+    elif found := next((d for d in _DURATIONS if _share(cells, d) >= _READABLE), None):
+        reason = f"{why}; durations in {names}"
+        return Clock((i,), "", found, dialect.decimal, False, reason, (pa.string(),))
     else:
         return None
     reason = f"{why}; time of day in {names}, without a date"
@@ -634,8 +658,8 @@ def _stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
         ok &= ~said | ((hour >= 1) & (hour <= 12))
         afternoon = np.asarray(pc.equal(pc.utf8_lower(half), "p"))
         hour = np.where(said, hour % 12 + 12 * afternoon, hour)
-    ok &= (hour < 24) & (minute < 60) & (second <= 60)
-    ns = (hour * 3600 + minute * 60 + second) * _S + fraction
+    ok &= (hour < 24) & (minute < 60) & ((second <= 60) | ("M" not in names))
+    ns = (hour * 3600 + minute * 60 + second) * _S + fraction + number("D") * _DAY
     if "y" in names:
         year, day = number("y", 1970), number("d", 1)
         year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
