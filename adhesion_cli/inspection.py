@@ -66,6 +66,9 @@ def _of_records(log: Log, settings: Settings) -> list[Finding]:
     meant = replace(log, channels=tuple(c for c in log.channels if c.meaning))
     try:
         full = without_empty(meant)
+    except UserError as error:  # all of what is needed is lost; the hint leads here
+        return [Finding("not-analysable", "warning", error.text)]
+    try:
         return [*full.findings, *align.records(full, settings.vehicle)[1]]
     except UserError as error:
         return [Finding("not-analysable", "info", f"{error.text}; {error.hint}")]

@@ -510,6 +510,12 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     assert (train["rows"], train["valid"]) == (4, 0)
     (empty,) = (f for f in log["findings"] if f["code"] == "empty-channel")
     assert (empty["severity"], empty["channel"]) == ("info", "train speed [km/h]")
+    (tmp_path / "b.csv").write_text(
+        "time [s],p [bar],v [km/h]\n" + "".join(f"{i},,{70 - i}\n" for i in range(4))
+    )
+    done = run("inspect", "b.csv")
+    assert done.returncode == 3
+    assert "warning not-analysable: b.csv: channel 'p [bar]' has no usable sample" in done.stdout
 
 
 @pytest.mark.parametrize(
