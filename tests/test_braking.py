@@ -41,19 +41,24 @@ def pressure(t: Floats, applications: int) -> Floats:
 
 def axle(
     rate: float, applications: int, fault: Fault, *, noise: float = 3e-3, step: float = 0.0,
-    gradient: float = 10.0, seed: int = 1,
+    gradient: float = 10.0, seed: int = 1, fill: float = 0.0, begin: float = 0.0,
 ) -> Axle:  # fmt: skip
     """A rolling wheel and a pressure, as a log has them."""
     t = np.arange(0.0, 20.0 if applications == 1 else 25.0 * applications, 1.0 / rate)
     fine = np.arange(-10.0, t[-1] + 10.0, min(1.0 / rate, 0.01))
     w = wheelset(VEHICLE, 1)
-    K = fault.scale * clamping_force(pressure(fine, applications) - 1e5 * fault.offset, VEHICLE)
+    true = pressure(fine - begin, applications)
+    if fill:  # a hole that fills the cylinder with this time constant, after the valve
+        steps = np.round(true / 3e5) * 3e5
+        for i in range(1, len(fine)):
+            true[i] = true[i - 1] + (steps[i] - true[i - 1]) * min((fine[1] - fine[0]) / fill, 1.0)
+    K = fault.scale * clamping_force(true - 1e5 * fault.offset, VEHICLE)
     slows = rolling_deceleration(w) * K + w.rolling * G * gradient / 1000.0 / w.radius
     speed = np.concatenate([[0.0], np.cumsum((slows[1:] + slows[:-1]) / 2.0 * np.diff(fine))])
     y = 40.0 + speed[-1] - np.interp(t, fine, speed)
     y += noise * np.random.default_rng(seed).standard_normal(len(t))
     y = np.round(y / step) * step if step else y
-    p = pressure(t - fault.late, applications)
+    p = np.interp(t - fault.late, fine, true)
     ns = np.round(t * 1e9).astype(np.int64)
 
     def channel(meaning: str, x: Floats, step: float = 0.0) -> Channel:
@@ -123,6 +128,12 @@ RATES = [2.0, 5.0, 20.0, 100.0, 1000.0]
 @pytest.mark.parametrize("gradient", [-20.0, 15.0])
 def test_as_stated(rate: float, applications: int, noise: float, gradient: float) -> None:
     assert told(axle(rate, applications, Fault(), noise=noise, gradient=gradient)) == AS_STATED
+
+
+@pytest.mark.parametrize("fill", [0.2, 0.5])
+@pytest.mark.parametrize("begin", [0.0, 0.4, 0.8])
+def test_what_happens_between_two_samples_is_no_other_line(fill: float, begin: float) -> None:
+    assert told(axle(1.0, 2, Fault(), fill=fill, begin=begin)).line is None
 
 
 @pytest.mark.parametrize("rate", RATES)

@@ -241,12 +241,20 @@ def _log(
     w = wheelset(vehicle, axles[0].record.axle)
     since = np.concatenate([t[p] - t[p].mean() for p in pieces])
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
-    floor = math.hypot(_FLOOR, max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles))
+    rounding = max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles)
+    c = float(braked(top, w))
+    floor = math.hypot(_FLOOR, rounding, c * _untold(t, on, max(interval(a) for a in axles)))
     log = _Log(
         t, K, top, at, first, size.astype(np.float64), since, v[at], float(v[at].mean()),
-        float(braked(top, w)), noise, floor, fine.train is not None,
+        c, noise, floor, fine.train is not None,
     )  # fmt: skip
     return log._replace(v=_detrended(log, log.v))
+
+
+def _untold(t: Floats, K: Floats, every: float) -> float:
+    """What straight lines through samples so far apart miss of ∫K dt, by a kink half way."""
+    before, after = (np.interp(t + x, t, K) for x in (-every, every))
+    return every * float(np.max(np.abs(before - 2.0 * K + after))) / 8.0
 
 
 def _stands(a: Axle) -> float:
