@@ -18,7 +18,7 @@ from .text import utf8
 if TYPE_CHECKING:
     from . import unit
     from .plant import Track
-    from .scenario import Scenario
+    from .scenario import Limit, Scenario
     from .sweep import Row
 
 Kind = Literal[
@@ -124,6 +124,7 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         "peak_mu": mu and mu.value,
         "peak_mu_ci": mu and [mu.low, mu.high],
         "peak_speed_mps": rail.speed if rail and rail.below else None,
+        "slip_rmse": summary.slip_rmse,
         "regions": summary.regions,
         "utilisation": used and used.value,
         "utilisation_ci": used and [used.low, used.high],
@@ -134,6 +135,7 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
                 "distance_m": x.distance,
                 "max_slip": x.max_slip,
                 "energy_j": x.energy,
+                "at_least": x.at_least,
             }
             for x in summary.slides
         ],
@@ -157,21 +159,23 @@ def antiskid_document(
         parameters: in force, from `unit.parameters`.
         dry: stopping distance on dry rail [m].
         controllers: fields of each controller's `Verdict`.
-        more: entries of a replayed log.
+        more: limits, or entries of a replayed log.
     """
     return tagged(
         "antiskid", scenario=scenario, seed=stop.seed, estimator=stop.algo, parameters=parameters,
-        dry_distance_m=dry, controllers=verdicts(controllers), **more,
+        dry_distance_m=dry, controllers=controllers, **more,
     )  # fmt: skip
 
 
-def verdicts(of: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What the document tells of each controller's verdict."""
-    keys = (
-        "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
-        "mean_slip_error",
-    )  # fmt: skip
-    return {law: {k: values[k] for k in keys} for law, values in of.items()}
+def limits_document(kept: "Sequence[tuple[str, Limit, bool]]") -> list[dict[str, Any]]:
+    """Which controller keeps which limit; an end that is not stated is None."""
+    return [
+        {
+            "controller": law, "quantity": x.quantity, "least": finite(x.least),
+            "most": finite(x.most), "source": x.source, "kept": ok,
+        }
+        for law, x, ok in kept
+    ]  # fmt: skip
 
 
 def stop_settings(
@@ -235,7 +239,8 @@ def sweep_document(
 
 def channel_document(channel: Channel) -> dict[str, Any]:
     """What a channel was taken for, and why."""
-    return {k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")}
+    known = {k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")}
+    return known | ({"meaning": "truth"} if channel.meaning == "true_slip" else {})  # by its unit
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:

@@ -20,7 +20,9 @@ Regions = NDArray[np.int8]
 
 Z95 = 1.959963984540054  # half-width of a normal distribution's 95 % in sigma
 
-Meaning = Literal["time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth"]
+Meaning = Literal[
+    "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
+]  # fmt: skip
 Severity = Literal["info", "warning", "error"]
 
 
@@ -174,6 +176,7 @@ class AxleRecord:
     pressure: Floats | None = None
     train_speed: Floats | None = None  # NaN where not known
     truth: Floats | None = None  # true adhesion force [N], NaN where not known
+    true_slip: Floats | None = None  # NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
@@ -189,7 +192,7 @@ class AxleRecord:
         """An uninterrupted part as a record of its own."""
         some = {
             name: None if (column := getattr(self, name)) is None else column[s]
-            for name in ("pressure", "train_speed", "truth", "saturated")
+            for name in ("pressure", "train_speed", "truth", "true_slip", "saturated")
         }
         return AxleRecord(
             self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],

@@ -21,7 +21,7 @@ import numpy as np
 
 from . import antiskid, slip
 from .controller import registry
-from .document import antiskid_document, findings_document, verdicts
+from .document import antiskid_document, findings_document
 from .errors import UserError
 from .model import Finding, Floats, Result, Times
 from .plant import Track
@@ -184,7 +184,7 @@ def document(
     return antiskid_document(
         stop, case.scenario.name, parameters(found, stop.algo, settings), dry, median,
         log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
-        intervals=verdicts(spread), findings=findings_document(findings),
+        intervals=spread, findings=findings_document(findings),
     )  # fmt: skip
 
 

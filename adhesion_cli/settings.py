@@ -40,6 +40,7 @@ MEANINGS = {
     "train_speed": "train_speed",
     "clamping_force": "clamping_force",
     "truth": "truth",
+    "true_slip": "true_slip",
 }
 
 

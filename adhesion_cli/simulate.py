@@ -283,7 +283,8 @@ def _recorded(
     if axle is not None and scenario.train.axles > 1:
         name = f"{name}_{axle}"
     t = np.round(stamp * 1e9).astype(np.int64)
-    return Recording(name, sensor.signal, axle, sensor.unit, t[kept], value[kept], decimals)
+    unit_name = "-" if sensor.signal == "slip" else sensor.unit
+    return Recording(name, sensor.signal, axle, unit_name, t[kept], value[kept], decimals)
 
 
 def _pulses(

@@ -45,7 +45,10 @@ _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
 
 
 class Slide(NamedTuple):
-    """One slide of one axle, from `_CAUGHT` to `_CAUGHT` with more than `_SLIDE` between."""
+    """One slide of one axle, from `_CAUGHT` to `_CAUGHT` with more than `_SLIDE` between.
+
+    On a train speed made of the axles it is at least that: where all slide, the train is faster.
+    """
 
     where: slice  # of the record
     start: int  # [ns]
@@ -53,6 +56,7 @@ class Slide(NamedTuple):
     distance: float  # run by the train meanwhile [m]
     max_slip: float  # [-]
     energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
+    at_least: bool  # the train speed is made of the axles
 
 
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
@@ -317,6 +321,7 @@ def _events(axle: AxleResult) -> tuple[Event, ...]:
             f"{name}: slide of {x.duration:.2f} s over {x.distance:.0f} m, slip up to "
             f"{x.max_slip:.0%}, {heat} into tread and rail"
         )
+        text += " (at least: the train speed is made of the axles)" if x.at_least else ""
         found.append(Event(x.start, "slide", text, x.start + round(x.duration * 1e9)))
     for segment in axle.record.segments:
         t, code = axle.record.t[segment], axle.region[segment]
@@ -358,6 +363,7 @@ def slides(axle: AxleResult) -> list[Slide]:
                 Slide(
                     where, int(record.t[where.start]), float(t[-1]), float(np.trapezoid(v, t)),
                     float(s[where].max()), float(np.trapezoid(heat, t)) if known else None,
+                    record.train_speed_made,
                 )
             )  # fmt: skip
     return found
@@ -385,6 +391,7 @@ class Summary(NamedTuple):
     regions: dict[str, float]  # shares of the braked time
     slides: list[Slide]
     rail: railfit.RailFit | None
+    slip_rmse: float | None  # against the log's own true slip, while braked
 
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
@@ -393,7 +400,8 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
 
     def told(rail: railfit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
         findings = [Finding("rail-not-observable", "info", text, name)] if text else []
-        return Summary(axle.record.axle, shares(axle), found, rail), findings
+        of = axle.record.axle, shares(axle), found, rail, _rmse(axle)
+        return Summary(*of), findings
 
     if not found:
         return told(None, "no slide: neither peak nor rail can be told")
@@ -418,6 +426,16 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
         names = ", ".join(missing)
         text += f"{names}: not to be told from the other constants or from the wheel's diameter"
     return told(rail, text)
+
+
+def _rmse(axle: AxleResult) -> float | None:
+    """Rms of slip less the true slip that the log holds, while braked; None where it holds none."""
+    true, s = axle.record.true_slip, axle.slip
+    if true is None or s is None:
+        return None
+    error = np.concatenate([(s - true)[x] for x in axle.applications] or [np.empty(0)])
+    error = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
 
 def _points(

@@ -28,47 +28,53 @@ signals that are straight lines between samples, stable for every interval, and 
 
 Where the curve bends. k is constant over the memory only as long as the point stays where the curve
 is straight; one memory over both flanks of the peak draws a chord through them, and a wheel that is
-caught would keep the slope of its slide. Two things against it. The memory is also one of distance
-in slip. The curve's scale is slip itself (the peak lies at some slip, friction falls with the
-sliding), so with
+caught would keep the slope of its slide. Three things against it. The curve's scale is slip itself:
+the peak lies at some slip, friction falls with the sliding, and from half that slip to twice it is
+as far. So all of the above is done in
 
-    L² = max(λ²s², least² + (g σ_s)²),
+    x = asinh(s/a),  dx/ds = 1/√(s² + a²),
+
+which is s/a for slip much below a, `knee`, and ln(2s/a) above: Δμ = κ Δx with κ = dμ/dx, and
+k = κ dx/ds; every slip below, and its noise, is one of x. a large is the patent's form. The memory
+is also one of distance: with
+
+    L² = max(λ², least² + (g σ_s)²),
 
 λ `straight`, the rest noise as below, both corners grow with how far the point has come:
 
-    δ' = δ (1 + 5 (Δs/L)²),  ρ' = ρ (1 + 5 (Δs/L)²).
+    δ' = δ (1 + 5 (Δx/L)²),  ρ' = ρ (1 + 5 (Δx/L)²).
 
-Δμ = k Δs holds as before, for any corner that is the same on both sides; at rest it is the patent's
-filter, and in a fast sweep Δs stays near L/√5. And the bend is a second unknown. About the present
-slip s, μ(u) = μ(s) + k (u − s) + c (u − s)²; the high-pass of (u − s)² is q = Δ(s²) − 2 s Δs, so
+Δμ = κ Δx holds as before, for any corner that is the same on both sides; at rest it is the patent's
+filter, and in a fast sweep Δx stays near L/√5. And the bend is a second unknown. About the present
+x, μ(u) = μ(x) + κ (u − x) + c (u − x)²; the high-pass of (u − x)² is q = Δ(x²) − 2 x Δx, so
 
-    Δμ = k Δs + c q,  J = ∫ w (Δμ − kΔs − cq)² dτ + r c²,
+    Δμ = κ Δx + c q,  J = ∫ w (Δμ − κΔx − cq)² dτ + r c²,
 
-five sums in place of two, carried with Δ(s²) for q, as s moves. Where a slope is steep the curve
-bends soon: c is expected to be 0 with 1 sigma c0 = √(k² + k0²)/(1.4 λ s), and r = (Q + Y)/c0² with
+five sums in place of two, carried with Δ(x²) for q, as x moves. Where a slope is steep the curve
+bends soon: c is expected to be 0 with 1 sigma c0 = √(κ² + κ0²)/(1.4 λ), and r = (Q + Y)/c0² with
 what a straight line leaves, Q + Y as below: on a curve that is seen clearly r is small and c free,
-in noise c stays 0. With T = ∫ w Δs q, B = ∫ w q², D = ∫ w q Δμ, ∂J/∂k = ∂J/∂c = 0 gives
+in noise c stays 0. With T = ∫ w Δx q, B = ∫ w q², D = ∫ w q Δμ, ∂J/∂κ = ∂J/∂c = 0 gives
 
-    k = (C − T D/(B + r))/E,  E = S − T²/(B + r):
+    κ = (C − T D/(B + r))/E,  E = S − T²/(B + r):
 
-E is the excitation that is left for k; where slip came one way only, k and c are the same to it,
-and E is small. c has its own error where the memory reaches far: a point that came from u to s has
-q ≈ −2 Δs (s − (s + u)/2), so B/(4 S) is the mean square distance from s at which Δs was seen.
-λ large turns all of this off.
+E is the excitation that is left for κ; where slip came one way only, κ and c are the same to it,
+and E is small. c has its own error where the memory reaches far: a point that came from u to x has
+q ≈ −2 Δx (x − (x + u)/2), so B/(4 S) is the mean square distance from x at which Δx was seen.
+λ large turns memory and bend off.
 
-How sure. M = ∫ w Δμ² dτ leaves Q = M − kC − cD unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what
+How sure. M = ∫ w Δμ² dτ leaves Q = M − κC − cD unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what
 S is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
 1/v. g > 1 because a memory of 1/ρ holds few independent values, and few are often larger than their
 rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/E is a
-slope squared, the error's scale, ε `doubt` its share that may be k's, and
+slope squared, the error's scale, ε `doubt` its share that may be κ's, and
 
-    confidence = (1 − Z/E) (k² + k0²)/(k² + k0² + ε (Q + Y)/E) / (1 + B/(4 S (7 λ s)²)):
+    confidence = (1 − Z/E) (κ² + κ0²)/(κ² + κ0² + ε (Q + Y)/E) / (1 + B/(4 S (7 λ)²)):
 
-no more than noise in the slip gives 0, else, but for k0 and ε, the squared correlation of Δμ and
-Δs; k0 keeps it up at the peak, where μ does not move and no correlation can be. Noise in the slip
-draws k towards 0, by at most the share Z/(g² E). Below `surest`, the slope is not observable. The
-5, 1.4, 7 and the defaults were found by search over simulated slides; docs/slip.md has what is told
-of others.
+no more than noise in the slip gives 0, else, but for κ0 and ε, the squared correlation of Δμ and
+Δx; κ0, of the slope k0 `small`, keeps it up at the peak, where μ does not move and no correlation
+can be. Noise in the slip draws κ towards 0, by at most the share Z/(g² E). Below `surest`, the
+slope is not observable. The 5, 1.4, 7 and the defaults were found by search over simulated slides;
+docs/slip.md has what is told of others.
 """
 
 import math
@@ -77,7 +83,7 @@ from typing import Annotated, NamedTuple
 from .model import Quantity
 
 _FADE = 5.0  # by which both corners grow once the point has come by L
-_BEND = 1.4  # times λs from the present slip, the slope is expected to be another
+_BEND = 1.4  # times λ from the present x, the slope is expected to be another
 _FAR = 7.0  # and what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
@@ -94,7 +100,10 @@ class Params(NamedTuple):
     ] = 2.7
     straight: Annotated[
         float, Quantity("-", "share λ of slip over which the curve is straight", 1e-3, 1e9)
-    ] = 0.16
+    ] = 0.18
+    knee: Annotated[
+        float, Quantity("-", "slip a above which the curve's scale is slip itself", 1e-6, 1e6)
+    ] = 0.005
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
     doubt: Annotated[
         float, Quantity("-", "share ε of the unexplained that may be the slope's", 0.0, 1.0)
@@ -116,16 +125,16 @@ class State(NamedTuple):
 
     slip: float
     mu: float
-    dslip: float  # Δs
-    dsquare: float  # Δ(s²)
+    dx: float  # Δx
+    dsquare: float  # Δ(x²)
     dmu: float  # Δμ
-    S: float  # ∫ w Δs² [s]
-    U: float  # ∫ w Δs Δ(s²) [s]
-    V: float  # ∫ w Δ(s²)² [s]
-    C: float  # ∫ w Δs Δμ [s]
-    N: float  # ∫ w Δ(s²) Δμ [s]
+    S: float  # ∫ w Δx² [s]
+    U: float  # ∫ w Δx Δ(x²) [s]
+    V: float  # ∫ w Δ(x²)² [s]
+    C: float  # ∫ w Δx Δμ [s]
+    N: float  # ∫ w Δ(x²) Δμ [s]
     M: float  # ∫ w Δμ² [s]
-    Z: float  # ∫ w (least² + (guard σ_s)²) [s]
+    Z: float  # ∫ w (least² + (guard σ_s)²) [s], of x
     Y: float  # ∫ w σ_μ² [s]
     confidence: float  # 0 not observable, 1 certain
     slope: float  # k = dμ/ds; NaN where not observable
@@ -153,45 +162,46 @@ def step(
     """
     if not (math.isfinite(slip) and math.isfinite(mu) and math.isfinite(s.slip)):
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
-    least = p.least * p.least + p.guard * p.guard * slip_noise * slip_noise
-    come = s.dslip * s.dslip / max((p.straight * slip) ** 2, least)  # (Δs/L)²
+    per = 1.0 / math.hypot(slip, p.knee)  # dx/ds
+    least = (p.least * p.least + p.guard * p.guard * slip_noise * slip_noise) * per * per
+    come = s.dx * s.dx / max(p.straight * p.straight, least)  # (Δx/L)²
     faster = 1.0 + _FADE * come
     delta, rho = p.delta * faster, p.rho * faster
     decay = math.exp(-delta * h)
     ramp = -math.expm1(-delta * h) / (delta * h) if h > 0.0 else 1.0
-    x0, q0, y0 = s.dslip, s.dsquare, s.dmu
-    x = decay * x0 + ramp * (slip - s.slip)  # Δs
-    q = decay * q0 + ramp * (slip * slip - s.slip * s.slip)  # Δ(s²)
-    y = decay * y0 + ramp * (mu - s.mu)  # Δμ
+    was, at = math.asinh(s.slip / p.knee), math.asinh(slip / p.knee)  # x
+    dx = decay * s.dx + ramp * (at - was)  # Δx
+    q = decay * s.dsquare + ramp * (at * at - was * was)  # Δ(x²)
+    y = decay * s.dmu + ramp * (mu - s.mu)  # Δμ
     keep = math.exp(-rho * h)
     new = -math.expm1(-rho * h) / rho  # ∫ w over the interval
-    S = keep * s.S + new * _mean(x0, x, x0, x)
-    U = keep * s.U + new * _mean(x0, x, q0, q)
-    V = keep * s.V + new * _mean(q0, q, q0, q)
-    C = keep * s.C + new * _mean(x0, x, y0, y)
-    N = keep * s.N + new * _mean(q0, q, y0, y)
-    M = keep * s.M + new * _mean(y0, y, y0, y)
+    S = keep * s.S + new * _mean(s.dx, dx, s.dx, dx)
+    U = keep * s.U + new * _mean(s.dx, dx, s.dsquare, q)
+    V = keep * s.V + new * _mean(s.dsquare, q, s.dsquare, q)
+    C = keep * s.C + new * _mean(s.dx, dx, s.dmu, y)
+    N = keep * s.N + new * _mean(s.dsquare, q, s.dmu, y)
+    M = keep * s.M + new * _mean(s.dmu, y, s.dmu, y)
     Z = keep * s.Z + new * least
     Y = keep * s.Y + new * mu_noise * mu_noise
     confidence, slope = 0.0, math.nan
     if Z < S and slip != 0.0:
-        T = U - 2.0 * slip * S
-        B = max(V - 4.0 * slip * U + 4.0 * slip * slip * S, 0.0)
-        D = N - 2.0 * slip * C
-        none, straight = p.small * p.small, p.straight * slip
+        T = U - 2.0 * at * S
+        B = max(V - 4.0 * at * U + 4.0 * at * at * S, 0.0)
+        D = N - 2.0 * at * C
+        none = (p.small / per) ** 2  # κ0²
         chord = C / S
-        r = (max(M - chord * C, 0.0) + Y) * (_BEND * straight) ** 2 / (chord * chord + none)
+        r = (max(M - chord * C, 0.0) + Y) * (_BEND * p.straight) ** 2 / (chord * chord + none)
         E = S - T * T / (B + r) if B + r > 0.0 else S
         if Z < E:
             c = (D - T * chord) / (B + r - T * T / S) if B + r > 0.0 else 0.0
-            k = (C - T * c) / S  # [S3]
-            left = (max(M - k * C - c * D, 0.0) + Y) / E
-            known = k * k + none
-            near = 1.0 + B / (4.0 * S * (_FAR * straight) ** 2)
+            kappa = (C - T * c) / S  # [S3]
+            left = (max(M - kappa * C - c * D, 0.0) + Y) / E
+            known = kappa * kappa + none
+            near = 1.0 + B / (4.0 * S * (_FAR * p.straight) ** 2)
             confidence = (1.0 - Z / E) * known / (known + p.doubt * left) / near
             if confidence >= p.surest:
-                slope = k
-    return State(slip, mu, x, q, y, S, U, V, C, N, M, Z, Y, confidence, slope)
+                slope = kappa * per
+    return State(slip, mu, dx, q, y, S, U, V, C, N, M, Z, Y, confidence, slope)
 
 
 def _mean(a: float, b: float, c: float, d: float) -> float:

@@ -39,9 +39,11 @@ class Named(NamedTuple):
 
 
 SLOPE = Named("slope", slope.Params)
-# Found by search: slower than what suits a log, and forgetting by time alone. The law wants to
-# know which way the curve bends from where the wheel came.
-SLOPE_IN_LOOP = {"delta": 1.2, "rho": 0.5, "straight": 1e9, "guard": 3.0, "doubt": 1.0}
+# Found by search: slower than what suits a log, forgetting by time alone, and in slip as it is: the
+# patent's form. The law wants to know which way the curve bends from where the wheel came.
+SLOPE_IN_LOOP = {
+    "delta": 1.2, "rho": 0.5, "straight": 1e9, "knee": 1e3, "guard": 3.0, "doubt": 1.0,
+}  # fmt: skip
 
 
 class Constants(NamedTuple):

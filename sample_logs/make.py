@@ -34,7 +34,7 @@ def as_csv(recordings: list[simulate.Recording]) -> bytes:
             rows.setdefault(t, [""] * len(recordings))[column] = text
     out = io.StringIO()
     table = csv.writer(out, lineterminator="\n")
-    table.writerow(["time [s]", *(f"{r.name} [{r.unit or '-'}]" for r in recordings)])
+    table.writerow(["time [s]", *(f"{r.name} [{r.unit}]" for r in recordings)])
     table.writerows([f"{t / 1e9:.3f}", *rows[t]] for t in sorted(rows))
     return out.getvalue().encode()
 
@@ -51,7 +51,7 @@ def as_mcap(recordings: list[simulate.Recording]) -> bytes:
         channel = writer.register_channel(topic, "json", schema)
         for t, text in zip(r.t.tolist(), r.texts(), strict=True):
             if text:  # a logger that has no value sends nothing
-                data = f'{{"value": {text}, "unit": "{r.unit or "-"}"}}'
+                data = f'{{"value": {text}, "unit": "{r.unit}"}}'
                 messages.append((START_NS + t, channel, data.encode()))
     for number, (t, channel, data) in enumerate(sorted(messages)):
         writer.add_message(channel, log_time=t, publish_time=t, data=data, sequence=number)

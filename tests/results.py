@@ -51,7 +51,7 @@ def axle_result(axle: int, n: int, rate: float, start: int) -> AxleResult:
         column[gap] = np.nan
     record = AxleRecord(
         axle, t, K, K, wheel_speed, (slice(0, gap.start), slice(gap.stop, n)),
-        pressure=pressure, train_speed=v, truth=truth,
+        pressure=pressure, train_speed=v, truth=truth, true_slip=s,
     )  # fmt: skip
     reference = Reference("rts", "Rauch, Tung, Striebel 1965", force, sigma, 0.1 * np.abs(force))
     scores = []

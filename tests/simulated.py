@@ -68,7 +68,7 @@ def write(path: Path, log: Recordings) -> Path:
     cells = np.full((len(times), len(log)), "", dtype=object)
     for column, r in zip(cells.T, log, strict=True):
         column[np.searchsorted(times, r.t)] = r.texts()
-    head = ",".join(["time [s]", *(f"{r.name} [{r.unit or '-'}]" for r in log)])
+    head = ",".join(["time [s]", *(f"{r.name} [{r.unit}]" for r in log)])
     rows = (f"{t / 1e9:.6f},{','.join(row)}" for t, row in zip(times, cells, strict=True))
     path.write_text("\n".join([head, *rows]) + "\n")
     return path

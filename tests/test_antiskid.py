@@ -18,6 +18,7 @@ from adhesion_cli import (
     antiskid,
     compiled,
     controller,
+    estimator,
     methods,
     physics,
     rail,
@@ -200,25 +201,40 @@ class Switches:
         self.seen.append((hold, vent))
 
 
-@pytest.mark.parametrize(
-    ("controller", "train_speed"), [("patent", "measured"), ("rule", "measured"), ("rule", "axles")]
-)
-def test_sample_by_sample_is_the_compiled_loop(controller: str, train_speed: str) -> None:
+def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
+    """Valves of a stop, which are those of the same unit fed with the stop's measured values."""
     s = replace(case("slippery-stop"), train=replace(case("slippery-stop").train, speed=9.0))
     s = replace(s, antiskid=replace(s.antiskid, train_speed=train_speed))
-    stop, switches = antiskid.run(s, controller), [Switches() for _ in range(4)]
+    stop, switches = antiskid.run(s, controller, algo=algo), [Switches() for _ in range(4)]
     speed = [None] * len(stop.t) if train_speed == "axles" else stop.measured_train_speed.tolist()
     samples = zip(
         stop.t.tolist(), speed, stop.measured_wheel_speed.tolist(),
         stop.measured_clamping_force.tolist(), strict=True,
     )  # fmt: skip
-    chosen = unit.choose(controller, antiskid.ESTIMATOR, {}, s.vehicle)
+    chosen = unit.choose(controller, algo, {}, s.vehicle)
     valves = np.array(list(unit.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
-    assert np.unique(valves).tolist() == [APPLY, HOLD, VENT]
-    assert (np.ptp(valves, axis=1) > 0).any()  # not every axle alike
     for seen, valve in zip(switches, valves.T.tolist(), strict=True):
         assert seen.seen == [(x != APPLY, x == VENT) for x in valve]
+    return valves
+
+
+@pytest.mark.parametrize(
+    ("controller", "train_speed"), [("patent", "measured"), ("rule", "measured"), ("rule", "axles")]
+)
+def test_sample_by_sample_is_the_compiled_loop(controller: str, train_speed: str) -> None:
+    valves = fed_back(controller, antiskid.ESTIMATOR, train_speed)
+    assert np.unique(valves).tolist() == [APPLY, HOLD, VENT]
+    assert (np.ptp(valves, axis=1) > 0).any()  # not every axle alike
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("train_speed", ["measured", "axles"])
+@pytest.mark.parametrize("algo", estimator.registry())
+@pytest.mark.parametrize("controller", registry())
+def test_so_is_every_unit(controller: str, algo: str, train_speed: str) -> None:
+    valves = fed_back(controller, algo, train_speed)
+    assert (np.unique(valves).tolist() == [APPLY]) == (controller == "none")
 
 
 def test_a_sample_that_lacks_an_axle_is_refused() -> None:
@@ -428,7 +444,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
     doc = json.loads(done.stdout)
     assert set(doc) == {
         "schema", "scenario", "seed", "estimator", "parameters", "dry_distance_m", "controllers",
-        "outputs",
+        "limits", "outputs",
     }  # fmt: skip
     assert doc["estimator"] == "kalman"
     assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap"]
@@ -438,7 +454,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
     for verdict in doc["controllers"].values():
         assert list(verdict) == [
             "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
-            "mean_slip_error",
+            "mean_slip_error", "slide_s", "limited_s",
         ]  # fmt: skip
         ratio = verdict["stopping_distance_m"] / doc["dry_distance_m"] - 1.0
         assert verdict["extension"] == pytest.approx(ratio)
@@ -465,7 +481,8 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("short.toml").write_text(SLIPPERY)
+    limits = '[[limit]]\nquantity = "{}"\nmost = 0.0\nsource = "a test"\n'
+    Path("short.toml").write_text(SLIPPERY + "".join(map(limits.format, ("locked_s", "air_nl"))))
     Path("adhesion.toml").write_text(
         "[patent]\nslip_low = 0.01\nslip_high = 0.06\n[slope]\nrho = 0.7\n[vehicle]\nphi = 0.2\n"
     )
@@ -500,6 +517,12 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         assert loop["scenario"]["antiskid"]["period"] == best.antiskid.period
         assert records["adhesion.provenance"]["input_format"] == "closed loop"
         assert "outputs" not in json.loads(records["adhesion.metrics"]["json"])
+    kept = {(x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
+    for law, verdict in doc["controllers"].items():
+        for quantity in ("locked_s", "air_nl"):
+            assert kept.pop((law, quantity)) == (verdict[quantity] <= 0.0)
+    assert not kept
+    assert {(x["least"], x["most"], x["source"]) for x in doc["limits"]} == {(None, 0.0, "a test")}
     found = doc["controllers"]["patent"]["stopping_distance_m"]
     assert found == antiskid.verdict(again, best, 1.0).stopping_distance_m
     read = analysis.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load, ["neso"])

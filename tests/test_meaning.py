@@ -169,7 +169,7 @@ def test_a_result_says_by_its_types_what_it_holds_whatever_its_topics_begin_with
     meant, findings = understood(fields, ())
     assert [(m.meaning, m.axle, m.unit) for m in meant] == [
         ("pressure", 2, "Pa"), ("clamping_force", 2, "N"), (WHEEL, 2, "rad/s"), (TRAIN, 2, "m/s"),
-        ("truth", 2, "N"), (None, 2, ""), (None, 2, ""),
+        ("truth", 2, "N"), ("true_slip", 2, "-"), (None, 2, ""),
     ]  # fmt: skip
     assert not findings
 
@@ -197,6 +197,19 @@ def test_a_result_says_by_its_types_what_it_holds_whatever_its_topics_begin_with
 def test_only_a_force_that_is_called_adhesion_or_true_is_the_truth(
     name: str, meaning: str | None
 ) -> None:
+    ((found, _, _),) = seen(name)
+    assert found == meaning
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("slip_true_1 [-]", "true_slip"), ("true slip axle 2 [%]", "true_slip"),
+        ("滑移率真值 [%]", "true_slip"), ("slip_true_1", None), ("slip true [km/h]", None),
+        ("slip_1 [-]", None), ("estimated true slip [-]", None), ("true slip sigma [-]", None),
+    ],
+)  # fmt: skip
+def test_a_true_slip_says_so_and_has_a_unit(name: str, meaning: str | None) -> None:
     ((found, _, _),) = seen(name)
     assert found == meaning
 

@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +14,7 @@ import pytest
 from simulated import late, recordings, simulation, write
 
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
+from adhesion_cli.cli.slip import table
 from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
 from adhesion_cli.read.log import open_source
@@ -61,6 +63,11 @@ def test_slip_follows_the_true_one() -> None:
     known = np.isfinite(axle.slip)
     error = (axle.slip - true_slip("low-adhesion", axle))[known & (axle.record.train_speed > 3.0)]
     assert np.sqrt(np.mean(error**2)) < 3e-3
+    carried = axle.record.true_slip - true_slip("low-adhesion", axle)
+    assert np.abs(carried[known]).max() < 0.02  # read at another rate
+    braked = np.concatenate([(axle.slip - axle.record.true_slip)[s] for s in axle.applications])
+    rms = np.sqrt(np.nanmean(braked**2))
+    assert told("low-adhesion", 1).slip_rmse == pytest.approx(rms)
     assert not np.isfinite(axle.slip[axle.record.train_speed < 1.0]).any()
 
 
@@ -226,6 +233,23 @@ def test_all_axles_sliding_is_told() -> None:
     assert 3.9 < findings[1].first_s < 5.5
     assert np.abs(made[0].train_speed - v)[seconds < 4.0].max() < 0.01
     assert (made[0].train_speed > 0.8 * v).all()
+    shown = []
+    for record in (made[0], replace(records[0], train_speed=v)):
+        force = np.full(len(t), 1500.0)
+        ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
+        axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
+        axle, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+        summary, _ = slip.summary(axle, Vehicle())
+        (event,) = [e for e in axle.events if e.code == "slide"]
+        shown.append((summary.slides[0], table([summary], 0), event.message))
+    (bound, *text), (whole, *plain) = shown
+    assert (bound.at_least, whole.at_least) == (True, False)
+    for name in ("duration", "distance", "max_slip", "energy"):
+        assert getattr(bound, name) < getattr(whole, name), name
+    assert f"≥ {100.0 * bound.max_slip:.1f}" in text[0]
+    assert "at least" in text[1]
+    assert "≥" not in plain[0]
+    assert "at least" not in plain[1]
 
 
 def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
@@ -377,6 +401,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert set(first["regions"]) == set(slope.REGIONS)
     assert first["fit"]["f0"]["ci"][0] < 0.06 < first["fit"]["f0"]["ci"][1]
     assert first["slides"][0]["energy_j"] > 5e4
+    assert 0.0 < first["slip_rmse"] < 3e-3
     assert third["peak_slip"] is None
     assert third["fit"] is None
     assert third["slides"] == []
@@ -389,6 +414,9 @@ def test_the_command(tmp_path: Path) -> None:
     assert sum(known) > 0.4 * len(known)
     assert {m.region for m in messages} == set(slope.REGIONS)
     assert all(0.0 <= m.slope_confidence <= 1.0 for m in messages)
+    truth = _messages(tmp_path / "stop.slip.mcap", "/axle/1/truth")
+    moves = [m.slip for m in truth if m.HasField("slip") and m.timestamp.seconds < 30]
+    assert max(moves) == pytest.approx(0.156, abs=0.005)
     told = {m.code for m in _messages(tmp_path / "stop.slip.mcap", "/events")}
     assert {"slide", "region-change"} <= told
 

@@ -15,7 +15,7 @@ SPEED = 15.0  # m/s
 LOAD = 4797.0 * G  # N
 PATCH = scenario.Contact().patch(LOAD)
 
-BY_TIME = slope.Params(straight=1e9)  # forgets by time alone
+BY_TIME = slope.Params(straight=1e9, knee=1e3)  # the patent's: in slip, forgets by time alone
 
 Samples = list[tuple[float, float, float]]  # time [s], slip, μ
 
@@ -47,7 +47,7 @@ def test_slope_is_the_curves_derivative(name: str, middle: float) -> None:
     samples = swing(name, middle, middle / 50.0, np.arange(0.0, 6.0, 0.01))
     final = march(slope.Params(least=1e-6), samples)[-1]
     true = curve(name, final.slip)[1]
-    assert final.slope == pytest.approx(true, rel=0.03, abs=2e-3)
+    assert final.slope == pytest.approx(true, rel=0.035, abs=2e-3)
     assert final.confidence > 0.9
 
 
@@ -62,7 +62,9 @@ def test_a_line_gives_its_slope_at_any_rate(h: float, jitter: float, k: float, s
     times = h * (np.arange(n) + jitter * rng.uniform(-0.5, 0.5, n))
     slips = (0.05 + 0.02 * np.sin(2.0 * times)).tolist()
     samples = [(t, s, 0.05 + k * s) for t, s in zip(times.tolist(), slips, strict=True)]
-    assert march(slope.Params(), samples)[-1].slope == pytest.approx(k, rel=1e-6, abs=1e-9)
+    assert march(BY_TIME, samples)[-1].slope == pytest.approx(k, rel=1e-6, abs=1e-9)
+    # What is a line in slip is bent in ln s.
+    assert march(slope.Params(), samples)[-1].slope == pytest.approx(k, rel=0.06, abs=1e-9)
 
 
 @pytest.mark.parametrize(("p", "within"), [(BY_TIME, 2e-3), (slope.Params(), 0.02)])
@@ -78,12 +80,14 @@ def test_the_recursion_is_the_forgetting_least_squares() -> None:
     p, h = BY_TIME, 1e-4
     states = march(p, swing("wet", 0.05, 0.02, np.arange(0.0, 3.0, h)))
     at = int(1.0 / h)
-    P, k = 1.0 / states[at].S, states[at].slope
+    unit = p.knee**2  # S is of s/a
+    P, k = 1.0 / (states[at].S * unit), states[at].slope
     for s in states[at:-1]:
-        k += h * P * s.dslip * (s.dmu - k * s.dslip)
-        P += h * (p.rho * P - P * P * s.dslip * s.dslip)
+        ds = s.dx * p.knee
+        k += h * P * ds * (s.dmu - k * ds)
+        P += h * (p.rho * P - P * P * ds * ds)
     assert k == pytest.approx(states[-1].slope, rel=1e-3)
-    assert pytest.approx(1.0 / states[-1].S, rel=1e-3) == P
+    assert pytest.approx(1.0 / (states[-1].S * unit), rel=1e-3) == P
 
 
 def test_without_excitation_there_is_no_slope_and_nothing_grows() -> None:
@@ -95,7 +99,7 @@ def test_without_excitation_there_is_no_slope_and_nothing_grows() -> None:
     assert math.isfinite(states[399].slope)
     rest = states[1000:]
     assert all(math.isnan(s.slope) and s.confidence == 0.0 for s in rest)
-    assert max(abs(s.C) + s.S for s in rest) < 1e-5
+    assert max(abs(s.C) + s.S for s in rest) < 1e-5 / (0.05**2 + slope.Params().knee ** 2)
 
 
 @settings(derandomize=True, max_examples=30, deadline=None)
@@ -154,10 +158,9 @@ def test_what_is_told_of_slides_is_right(on: float, off: float, name: str, rate:
         assert not known[slip < 0.01].any(), seed
         if not on:
             continue
-        deep = slip > 0.03
-        assert not wrong[slip < 0.03].any(), seed
-        assert wrong[deep].mean() < (0.04 if name == "wet" else 0.01), seed  # it bends to 8 % slip
-        assert known[deep].mean() > (0.05 if name == "wet" else 0.34), seed
+        deep, bends = slip > 0.03, name == "wet"  # up to 8 % slip
+        assert wrong.sum() <= (0.03 if bends else 0.0) * known.sum(), seed
+        assert known[deep].mean() > (0.36 if bends else 0.5), seed
 
 
 def test_noise_in_mu_makes_a_slope_less_sure() -> None:

@@ -98,7 +98,7 @@ def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:
     analysed = result(1, 50)
     axle = analysed.axles[0]
     axle = replace(
-        axle, record=replace(axle.record, truth=None, train_speed=None), slip=None,
+        axle, record=replace(axle.record, truth=None, true_slip=None, train_speed=None), slip=None,
         scores=tuple(replace(s, against="reference") for s in axle.scores),
     )  # fmt: skip
     path = tmp_path / "a.mcap"

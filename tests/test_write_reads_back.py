@@ -56,6 +56,7 @@ def test_result(tmp_path: Path) -> None:
             ("pressure", N, f"/axle/{N}/input", "brake_cylinder_pressure"),
             ("wheel_speed", N, f"/axle/{N}/input", "wheel_speed"),
             ("truth", N, f"/axle/{N}/truth", "force"),
+            ("true_slip", N, f"/axle/{N}/truth", "slip"),
         } <= found
     (speed,) = [m.field for m in meant if m.meaning == "wheel_speed" and m.axle == 2]
     (column,) = source.columns([speed])

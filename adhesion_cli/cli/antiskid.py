@@ -13,7 +13,7 @@ from .options import Shared, completes, estimators, loader, scenarios, shared
 
 if TYPE_CHECKING:
     from ..scenario import Limit, Scenario
-    from ..stop import Stop, Verdict
+    from ..stop import Stop
     from ..sweep import Row
     from ..unit import Settings as Stated
 
@@ -72,7 +72,7 @@ def command(
     """
     from .. import antiskid
     from ..controller import registry
-    from ..document import antiskid_document, dumps, stop_settings, sweep_document
+    from ..document import antiskid_document, dumps, limits_document, stop_settings, sweep_document
     from ..errors import UserError
     from ..model import Vehicle
     from ..scenario import load
@@ -118,10 +118,12 @@ def command(
     files.check(paths, shared.force, inputs=[Path(scenario)])
     dry, stops = antiskid.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
-    document = antiskid_document(stops["none"][0], case.name, made_with, dry, found)
-    table = _verdicts(found)
-    kept = [line for law, (_, v) in stops.items() for line in _limits(law, case.limit, v)]
-    text = "\n".join([f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}", table, *kept])
+    kept = [(law, *x) for law, (_, v) in stops.items() for x in antiskid.against(case.limit, v)]
+    document = antiskid_document(
+        stops["none"][0], case.name, made_with, dry, found, limits=limits_document(kept)
+    )
+    head = f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}"
+    text = "\n".join([head, _verdicts(found), *(_limit(*x) for x in kept)])
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
     _write(paths, shared, Path(scenario), case, made, settings, document, text)
     return 0
@@ -254,14 +256,9 @@ def _verdicts(of: "Mapping[str, Mapping[str, _Value]]") -> str:
     return table(["", *of], rows, width=NARROW)
 
 
-def _limits(controller: str, limits: "Sequence[Limit]", v: "Verdict") -> list[str]:
-    from ..antiskid import against
-
-    return [
-        f"{controller}: {limit.quantity} {'within' if kept else 'OUTSIDE'} "
-        f"{limit.least:g} to {limit.most:g} ({limit.source})"
-        for limit, kept in against(limits, v)
-    ]
+def _limit(controller: str, limit: "Limit", kept: bool) -> str:
+    where = f"{'within' if kept else 'OUTSIDE'} {limit.least:g} to {limit.most:g}"
+    return f"{controller}: {limit.quantity} {where} ({limit.source})"
 
 
 def _rails(rows: "Sequence[Row]") -> str:

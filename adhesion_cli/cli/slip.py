@@ -70,6 +70,8 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
 
     regions, width = (REGIONS, None) if shares else ((), show.NARROW)
     head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
+    scored = any(s.slip_rmse is not None for s in summaries)
+    head += ["slip rmse [%]"] if scored else []
     head += [f"{r} [%]" for r in regions]
     rows = [
         [
@@ -78,6 +80,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
             show.number(s.rail.speed if s.rail and s.rail.below else None, 1),
             spread(s.rail.utilisation if s.rail else None, 3),
             str(len(s.slides)),
+            *([show.number(s.slip_rmse and 100.0 * s.slip_rmse, 2)] if scored else []),
             *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
         ]
         for s in summaries
@@ -93,9 +96,14 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
     ]
     rows = [
         [
-            str(s.axle), show.number((x.start - start_ns) / 1e9, 2), show.number(x.duration, 2),
-            show.number(x.distance, 1), show.number(100.0 * x.max_slip, 1),
-            show.number(None if x.energy is None else x.energy / 1e3, 1),
+            str(s.axle), show.number((x.start - start_ns) / 1e9, 2),
+            *(
+                "≥ " * (x.at_least and value is not None) + show.number(value, digits)
+                for value, digits in (
+                    (x.duration, 2), (x.distance, 1), (100.0 * x.max_slip, 1),
+                    (x.energy and x.energy / 1e3, 1),
+                )
+            ),
         ]
         for s in summaries
         for x in s.slides

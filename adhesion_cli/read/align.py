@@ -102,7 +102,7 @@ def records(
                 sound,
                 pressing,
                 train,
-                log.find("truth", axle),
+                (log.find("truth", axle), log.find("true_slip", axle)),
                 moving,
                 checks.limit(pressing, of_brake),
             )
@@ -212,10 +212,11 @@ class _Aligned(NamedTuple):
     fresh: Bools  # whether the last value is recent enough
     train: Floats
     truth: Floats
+    true_slip: Floats
 
 
 def _aligned(
-    speed: Channel, brake: Channel, straight: Channel, train: Channel | None, truth: Channel | None
+    speed: Channel, brake: Channel, straight: Channel, *others: Channel | None
 ) -> _Aligned:
     parts: list[_Aligned] = []
     pieces = timeaxis.pieces(speed.starts, len(speed.data.t))
@@ -225,10 +226,10 @@ def _aligned(
         smooth = timeaxis.interpolated(at, straight)
         if not np.isfinite(smooth).all():
             smooth = np.where(np.isfinite(smooth), smooth, last)
-        # No online estimator sees these two: they may be interpolated.
+        # No online estimator sees these: they may be interpolated.
         known = [
             timeaxis.interpolated(at, c) if c else np.broadcast_to(math.nan, len(at.t))
-            for c in (train, truth)
+            for c in others
         ]
         parts.append(_Aligned(last, smooth, fresh, *known))
     if len(parts) == 1:
@@ -238,13 +239,13 @@ def _aligned(
 
 def _record(
     log: Log, vehicle: Vehicle, axle: int, window: Window,
-    speed: Channel, brake: Channel, train: Channel | None, truth: Channel | None,
-    others: Sequence[Channel], limit: float,
+    speed: Channel, brake: Channel, train: Channel | None,
+    true: tuple[Channel | None, Channel | None], others: Sequence[Channel], limit: float,
 ) -> tuple[AxleRecord | None, list[Finding]]:  # fmt: skip
     t, y = speed.data.t, speed.data.value
     every = held.interval(brake)
     straight = held.straightened(brake, every) if every else brake
-    at = _aligned(speed, brake, straight, train, truth)
+    at = _aligned(speed, brake, straight, train, *true)
     backwards = y < -max(_REVERSE, speed.step)
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
@@ -306,7 +307,8 @@ def _record(
         axle, t[rows], K[rows], K_smooth[rows], y[rows], segments, speed.step,
         at.held[rows] if is_pressure else None,
         at.train[rows] if train else None,
-        at.truth[rows] if truth else None,
+        at.truth[rows] if true[0] else None,
+        at.true_slip[rows] if true[1] else None,
         brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         of_rim=(logged := units.unit(speed.unit)) is not None and logged.dimension == "speed",

@@ -19,7 +19,7 @@ _KIND: dict[Meaning | None, str] = {
     "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
 }  # fmt: skip
 _NAMED = 5  # channels of one finding
-_WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth")  # what it can do without
+_WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")  # what it can do without
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
@@ -278,7 +278,7 @@ def _channel(
         whole = timeaxis.clean(told, stamps, start, max_gap)
         axis = replace(axis, findings=whole.findings, gaps=whole.gaps)
     data, starts, gap_ns = axis.data, axis.starts, axis.gap_ns
-    if (unit := units.unit(m.unit)) and _measures(unit, m):
+    if m.meaning and (unit := units.of(m.unit, m.meaning)):
         radius = vehicle.radius(m.axle or 1).value
         factor = unit.factor
         if m.meaning == "wheel_speed" and unit.dimension == "speed":
@@ -306,10 +306,6 @@ def _channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
     ), [*axis.findings, *findings]  # fmt: skip
-
-
-def _measures(unit: units.Unit, m: Meant) -> bool:
-    return bool(m.meaning) and unit.dimension in units.EXPECTED[m.meaning]  # type: ignore[index]
 
 
 def _from_vacuum(pressure: Floats) -> bool:

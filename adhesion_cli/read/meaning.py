@@ -83,6 +83,7 @@ _VOCABULARY = {
     "absolute": "abs absolute absolut 绝对 绝压",
     "bogie": "bogie bogies truck drehgestell dg 转向架",
     "true": "true truth wahr 真",
+    "slip": "slip schlupf 滑移率",
     "actual": "actual real 实际",
     "estimated": """
         estimate estimated est hat reference lower upper sigma error coefficient coeff mu max peak
@@ -112,6 +113,7 @@ _OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
     ("adhesion.AxleInput", "wheel_speed"): ("wheel_speed", "rad/s"),
     ("adhesion.AxleInput", "train_speed"): ("train_speed", "m/s"),
     ("adhesion.Truth", "force"): ("truth", "N"),
+    ("adhesion.Truth", "slip"): ("true_slip", "-"),
 }
 
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
@@ -178,6 +180,13 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
         return None, axle, text, "not a quantity we use"
     is_force = dimension == "force" or (not dimension and bool(_has("force", primary)))
     true = _has("true", words)
+    slip = _has("slip", primary)
+    if slip and true and not _has("estimated", [w for w in words if w != slip]):
+        text = field.unit or units.unknown_in(field.channel)  # a name states no ratio otherwise
+        if units.of(text, "true_slip"):
+            why = f"unit {text}: {reason or 'in the name'}"
+            return meant("true_slip", slip, true)
+        return None, axle, text, "a true slip, but no unit stated: - or %"
     adhesion = _adhesion_force(primary)
     clamping = _has("clamping", primary)
     if clamping == "k" and (adhesion or (true and _has("force", primary))):

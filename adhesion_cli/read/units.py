@@ -9,7 +9,7 @@ from ..errors import UserError
 from ..model import Channel, Meaning, Vehicle
 
 Dimension = Literal[
-    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time"
+    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time", "ratio"
 ]
 
 
@@ -78,6 +78,9 @@ UNITS: dict[str, Unit] = {
     for spelling in words.split()
 }
 
+# Apart: a name that ends on "-" or "[%]" states no unit of a pressure or speed.
+_RATIOS = {"-": Unit("-", "ratio", 1.0), "%": Unit("%", "ratio", 0.01)}
+
 EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "time": ("time",),
     "pressure": ("pressure",),
@@ -85,6 +88,7 @@ EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "train_speed": ("speed",),
     "clamping_force": ("force",),
     "truth": ("force",),
+    "true_slip": ("ratio",),
 }
 
 _USUAL: dict[Meaning, tuple[str, ...]] = {
@@ -119,9 +123,16 @@ def unit(text: str) -> Unit | None:
     return gauge._replace(name=f"{gauge.name} abs", offset=-ATMOSPHERE)
 
 
+def of(text: str, meaning: Meaning) -> Unit | None:
+    """The unit a text spells for a channel of this meaning, None where it cannot measure that."""
+    found = unit(text) or _RATIOS.get(text.strip())
+    return found if found and found.dimension in EXPECTED[meaning] else None
+
+
 def known_units(meaning: Meaning) -> list[str]:
     """First spelling of each unit a channel of this meaning may have."""
-    return list(dict.fromkeys(u.name for u in UNITS.values() if u.dimension in EXPECTED[meaning]))
+    known = (*UNITS.values(), *_RATIOS.values())
+    return list(dict.fromkeys(u.name for u in known if u.dimension in EXPECTED[meaning]))
 
 
 def stated(text: str, meaning: Meaning, channel: str) -> Unit:
@@ -130,9 +141,9 @@ def stated(text: str, meaning: Meaning, channel: str) -> Unit:
     Raises:
         UserError: for an unknown unit, or one that cannot measure this.
     """
-    found = unit(text)
-    if found is None or found.dimension not in EXPECTED[meaning]:
-        wrong = "unknown unit" if found is None else f"a {meaning} cannot be in"
+    found = of(text, meaning)
+    if found is None:
+        wrong = "unknown unit" if unit(text) is None else f"a {meaning} cannot be in"
         raise UserError(
             f"channel {channel!r}: {wrong} {text!r}",
             f"units of a {meaning.replace('_', ' ')}: {', '.join(known_units(meaning))}",

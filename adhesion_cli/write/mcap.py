@@ -303,8 +303,8 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
             force=("N", force), coefficient=("-", mu(force)),
             error=("N", partial(axle.error, algo)),
         )  # fmt: skip
-    if record.truth is not None:
-        yield stream("truth", "Truth", force=("N", record.truth))
+    if record.truth is not None or record.true_slip is not None:
+        yield stream("truth", "Truth", force=("N", record.truth), slip=("-", record.true_slip))
     if axle.slip is not None:
         slip = stream(
             "slip", "Slip",

@@ -17,6 +17,7 @@ SI: dict[Meaning, str] = {
     "train_speed": "m/s",
     "clamping_force": "N",
     "truth": "N",
+    "true_slip": "-",
 }
 
 
