@@ -224,6 +224,18 @@ def test_a_locked_wheel_is_told_from_a_train_that_stands() -> None:
     assert "wheel-locked" not in {f.code for f in findings}
 
 
+def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
+    t, p, y = brake()
+    step = 2.0 * np.pi / 8 * 100.0
+    counted = np.diff(np.floor(np.cumsum(y) / step), prepend=0.0) * step
+    for stops, told in ((np.inf, []), (5.0, [5.0])):
+        wheel = replace(channel("wheel_speed", t, np.where(t < stops, counted, 0.0)), step=step)
+        others = channel("train_speed", t, 0.4 * y)
+        _, findings = align.records(log(channel("pressure", t, p), wheel, others), Vehicle())
+        first = [f.first_s for f in findings if f.code == "wheel-locked"]
+        assert first == pytest.approx(told, abs=0.1)
+
+
 def test_spikes_and_broken_wires_are_left_out() -> None:
     t, p, y = brake()
     y, p = y + 0.003 * np.sin(1e3 * t), p.copy()

@@ -19,6 +19,7 @@ from .grid import FREE
 
 _SLOW = 1.0  # a wheel slower than this is about to stand [rad/s]
 _ZERO = 0.1  # and one below this stands, as far as any sensor tells [rad/s]
+_PULSES = 2.0  # of a counter that do not come where a wheel stands
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
@@ -272,12 +273,17 @@ def locked(speed: Channel, others: Sequence[Channel], faster: float = 2.0 * _SLO
     """
     at = timeaxis.Over(speed.data.t, 0, 1)
     moving, known = np.zeros((2, len(at.t)), dtype=np.int16)
+    slowest = np.full(len(at.t), np.inf)
     for other in others:
         x = timeaxis.interpolated(at, other)
         moving += x > faster
         known += np.isfinite(x)
-    moves: Bools = (moving > 0) & (2 * moving >= known)
-    return moves & _still(speed)
+        slowest = np.where(x > faster, np.minimum(slowest, x), slowest)
+    stands: Bools = (moving > 0) & (2 * moving >= known) & _still(speed)
+    for a, b in true_runs(stands):
+        # A zero of a counter is less than a pulse. Rad or m: a wheel turns more than it rolls.
+        stands[a:b] = np.sum(slowest[a:b]) > _PULSES * speed.step
+    return stands
 
 
 def _still(speed: Channel) -> Bools:
