@@ -129,6 +129,18 @@ def test_axles_braked_unlike_each_other_are_no_fault(
     assert not [f for f in warned(bad, tmp_path) if "others'" in f.message], what
 
 
+@pytest.mark.parametrize("share", [0.5, 0.7, 1.4])
+def test_a_share_of_its_own_is_said(share: float, tmp_path: Path) -> None:
+    log = of(clean("four-axles", 5.0), AXLE, lambda _, p: share * p)
+    path = simulated.write(tmp_path / "log.csv", log)
+    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+    findings = align.records(one, DEFAULT.vehicle)[1]
+    (told,) = [f for f in findings if f.code == "pressure-suspect"]
+    assert (told.severity, told.channel[:13]) == ("info", f"bc_pressure_{AXLE}")
+    stated = float(told.message.split(" times")[0].split()[-1])
+    assert stated == pytest.approx(share, rel=0.05)
+
+
 def test_two_axles_that_differ_are_both_in_doubt(tmp_path: Path) -> None:
     two = [r for r in clean("four-axles", 20.0) if r.axle in (None, 1, 2)]
     told = warned(FAULTS["offset up"](two, 2), tmp_path)

@@ -22,6 +22,7 @@ _UNLIKE = 0.5  # so much later may one cylinder fill or vent than another [s]
 _LASTS = 1.5  # so long must it depart [s]
 _ALIKE = 0.04  # ratios within this are one
 _SHARE = 0.2  # of the time: that often is a ratio the axle's own
+_OWN = 0.15  # another share of the others' pressure than 1 is worth a word
 _RATIOS = 0.3, 3.0  # no axle is braked by less, or more, of what the others are
 _SLIDES = 0.97  # of the train's speed
 _CRAWL = 1.0  # slower, no force is known either [m/s]
@@ -40,6 +41,7 @@ class _Odd(NamedTuple):
     where: Bools  # (n,)
     ratio: float  # what it is of the others', most of the time
     late: float  # what it is behind them, 0 where that does not explain it [s]
+    steady: bool  # nothing but that ratio is odd
 
     @property
     def size(self) -> float:
@@ -56,7 +58,7 @@ def odd(s: Scene) -> Iterator[Finding]:
     while len(left) > 1:
         found = [o for i in left if (o := _departs(s, x, slid, i, [j for j in left if j != i]))]
         either = len(left) == 2
-        for o in found if either else sorted(found, key=lambda o: -o.size)[:1]:
+        for o in found if either else sorted(found, key=lambda o: (o.steady, -o.size))[:1]:
             yield _told(s, o, either)
             left.remove(o.axle)
         if not found:
@@ -74,6 +76,13 @@ def _told(s: Scene, o: _Odd, either: bool) -> Finding:
             "wherever it changes: correct its time stamps, unless its brake answers that much later"
         )
         return s.told("pressure-clock-offset", "warning", text, a.brake, o.where, o.axle)
+    if o.steady:
+        text = (
+            f"the {name} is {o.ratio:.2g} times {whose} all along: an axle braked that much "
+            f"{'less' if o.ratio < 1.0 else 'more'}, or a sensor of another scale, and this axle's "
+            "force is wrong by that; nothing in the log tells which"
+        )
+        return s.told("pressure-suspect", "info", text, a.brake, o.where, o.axle)
     likely = others(a.brake, s.vehicle, lambda f: 0.8 < f * o.ratio < 1.25)
     if likely and not _RATIOS[0] < o.ratio < _RATIOS[1]:
         text = (
@@ -126,7 +135,11 @@ def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _
     where = known & (np.abs(off) > _SLIGHT * top)
     if not late or alike.any(axis=0)[where].mean() > 0.5:
         late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), _LASTS, g)
-    return _Odd(i, off, where, ratio, late) if where.any() else None
+    steady = not where.any()
+    if steady and abs(ratio - 1.0) > _OWN:
+        where = known & ~slid[i] & (level > 0.3 * top) & ~alike.any(axis=0)
+        where = lasting(where, _LASTS, g)
+    return _Odd(i, off, where, ratio, late, steady) if where.any() else None
 
 
 def _nearby(x: Floats, j: int) -> Floats:
