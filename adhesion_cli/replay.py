@@ -4,8 +4,10 @@ The rail under each axle that slid is the one `railfit` fits to its slides, from
 first of them on; before, and under an axle that never slid, it gave what was asked for and counts
 as dry. The train is the log's axles, the speed the log's at the start of the brake. The demand is
 the clamping force of the axles that never slid; where every axle did, the largest so far, because
-slide protection had let air out of each. Where the brake was released before the train stood, the
-demand goes on as it was. The track is level and the unit that of `scenario.Antiskid`.
+slide protection had let air out of each. It begins as much earlier as cylinders take to fill
+against their springs, before which there is no clamping force. Where the brake was released before
+the train stood, the demand goes on as it was. The track is level and the unit that of
+`scenario.Antiskid`.
 
 The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, and a true
 pad friction for all; each controller stops on `_DRAWS` of them. The intervals hold what the log
@@ -19,14 +21,14 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from . import antiskid, slip
+from . import antiskid, physics, slip
 from .controller import registry
 from .document import antiskid_document, findings_document
 from .errors import UserError
 from .model import Finding, Floats, Result, Times
 from .plant import Track
 from .rail import Condition, condition
-from .scenario import INF, Brake, Command, Scenario, Train
+from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
 from .slip import Summary
 from .stop import JUDGED_FROM, Stop, Verdict
 from .sweep import interval, on_all_cores
@@ -37,6 +39,7 @@ _EVERY = 0.1  # between two knots of the demand [s]
 _RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
 _DRAWS = 40  # of the fit that are run again
 _NOISE = 0.01  # share of the largest demand: less is no change of it
+_LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
@@ -189,7 +192,7 @@ def document(
 
 
 def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
-    """From the start of the brake in which the longest slide lies, to standstill or release."""
+    """From the demand of the brake in which the longest slide lies, to standstill or release."""
     slide = max((x for s in summaries for x in s.slides), key=lambda x: x.duration)
     start = min(
         int(a.record.t[s.start])
@@ -197,6 +200,9 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
         for s in a.applications
         if a.record.t[s.start] <= slide.start <= a.record.t[s.stop - 1]
     )
+    filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
+    start -= round(filled / Antiskid().fill_rate * 1e9)
+    start = max(start, *(int(a.record.t[0]) for a in result.axles))
     last = max(int(a.record.t[-1]) for a in result.axles)
     t = np.arange(start, last, round(_EVERY * 1e9), dtype=np.int64)
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
@@ -237,7 +243,8 @@ def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[tuple[Command, ..
         text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
         findings.append(Finding("stop-extended", "info", text))
     seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
-    asked, commands = float(K[0]), [Command(0.0, clamping_force=float(K[0]))]
+    asked = max(float(K[0]), _LEAST)
+    commands = [Command(0.0, clamping_force=asked)]
     for i, force in enumerate(K[1:].tolist()):
         if abs(force - asked) > _NOISE * K.max():  # noise would take air, again and again
             asked = force
@@ -255,6 +262,8 @@ def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) ->
         part = np.zeros(len(knots))
         if place is not None:
             part = np.clip((knots - place) / _BLEND, 0.0, 1.0)
-        under = dry + part[:, None] * (np.array(rail or dry) - dry)
+        there = np.array(rail or dry)
+        there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: steeper than dry rail says nothing more
+        under = dry + part[:, None] * (there - dry)
         values.append([*under, under[-1]])
     return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

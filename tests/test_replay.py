@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import recordings, simulation, write
 
-from adhesion_cli import analysis, antiskid, railfit, replay, scenario, settings, slip
+from adhesion_cli import analysis, antiskid, rail, railfit, replay, scenario, settings, slip
 from adhesion_cli.cli.app import app
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Result
@@ -73,11 +73,18 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         assert high < 1.2 * low, law  # and it says something
         value = document["controllers"][law]["stopping_distance_m"]
         assert low <= value <= high
+        assert value == pytest.approx(stop.distance[-1] - start, rel=0.02)
         true = antiskid.verdict(stop, s, antiskid.dry_distance(s))
         found = document["controllers"][law]
         assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
         assert found["extension"] == pytest.approx(true.extension, abs=0.02)
         assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.02)
+
+
+def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:
+    steep = rail.Condition(k_a=8.0, k_s=5.0, f0=0.04, A=0.5, B=0.2)
+    track = replay._track([10.0], [steep])
+    assert track.values[0, -1] == pytest.approx([1.0, 1.0, steep.f0, steep.A, steep.B])
 
 
 def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
