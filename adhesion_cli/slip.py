@@ -1,6 +1,12 @@
 """Slip of every axle, its slope and region, slides, and what they say of the rail: [S1] to [S4].
 
-μ is the offline reference's, F/(m g): the estimators lag, and a lag in μ alone bends every slope.
+[S1], whose formula is lost in the text that we have: at the rim the brake holds the wheelset with
+φK, the rail turns it with F, so I ω̇ = (F − φK) R, which is (1), and
+
+    μ = F/(m g) = (φK + I ω̇/R)/(m g).                                                        [S1]
+
+F is the offline reference's: the estimators lag, and a lag in μ alone bends every slope. [S2], the
+curve through the points, is `railfit`'s; [S3] and [S4] are `slope`'s.
 """
 
 import math
