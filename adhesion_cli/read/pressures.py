@@ -127,13 +127,14 @@ def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _
     off = x[i] - level
     steep = np.fmax(np.abs(g.slope(level)), np.abs(g.slope(x[i])))
     allowed = _APART * top + _UNLIKE * _nearby(steep, g.half)
-    alike = np.abs(x[rest] - x[i]) < allowed / 2.0
+    apart = np.abs(x[rest] - x[i])
+    alike = apart < allowed / 2.0
     # A vented cylinder has less than the brake gives, never more.
     vented = slid[rest] & (x[rest] > x[i] - allowed)
     alone = ~alike.any(axis=0) & ((off > 0.0) & ~vented.any(axis=0) | (off < 0.0) & ~slid[i])
     late = _late(g, x[i], level, known & ~slid[i], s.axles[i])
     where = known & (np.abs(off) > _SLIGHT * top)
-    if not late or alike.any(axis=0)[where].mean() > 0.5:
+    if not late or (apart < np.abs(off) / 2.0).any(axis=0)[where].mean() > 0.5:
         late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), _LASTS, g)
     steady = not where.any()
     if steady and abs(ratio - 1.0) > _OWN:
@@ -189,6 +190,8 @@ def _late(g: Grid, x: Floats, level: Floats, used: Bools, axle: Axle) -> float:
         off, r = (x - level)[known], rate[known]
         slower.append(float(np.mean(off**2) - np.mean(off * r) ** 2 / max(np.mean(r * r), 1e-9)))
     late = float(taus[best])
-    clear = losses[best] < min(_BETTER * min(slower), slight**2) and 0 < best < len(taus) - 1
+    clear = (
+        losses[best] < min(_BETTER * min(slower), (2.0 * slight) ** 2) and 0 < best < len(taus) - 1
+    )
     least = max(_LATE, _INTERVALS * braking.interval(axle))
     return late if clear and abs(late) > least else 0.0
