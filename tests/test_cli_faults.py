@@ -39,6 +39,7 @@ COMMANDS = {
     "antiskid": "antiskid short.toml",
 }
 MOST = 60  # strikes of a fault: of 60 calls every one, of more as many, spread
+PAGE = 4096  # bytes of a disk that are given out at once
 OLD = b"of an earlier run"
 # A write is struck whatever it goes to, and Rerun's SDK waits for ever for a thread of its own that
 # could not write to our pipe, which no real disk makes fail.
@@ -149,9 +150,9 @@ def fills_up(folder: Path, command: str, share: float) -> None:
     for name in made:
         (folder / name).unlink()
     inputs = {p.name: p.read_bytes() for p in folder.iterdir()}
-    size = sum(-(-len(x) // 4096) * 4096 for x in inputs.values())
-    room = int(share * sum(map(len, made.values())))
-    with mounted(folder, f"size={size + room}") as disk:
+    taken, needed = (sum(-(-len(x) // PAGE) for x in some.values()) for some in (inputs, made))
+    room = min(int(share * needed), needed - 1)
+    with mounted(folder, f"size={(taken + room) * PAGE}") as disk:
         for name, content in inputs.items():
             (disk / name).write_bytes(content)
         done = ran(disk, command)
