@@ -261,7 +261,12 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         for _ in range(5):
             viewer.take_screenshot(max_size=200)
         state = viewer.get_state()
-    assert len(state.views) == 2 * 7 + 2
+    names = sorted(v.name for v in state.views)
+    first, second = ([n for n in names if n.startswith(f"Axle {k}: ")] for k in (1, 2))
+    assert len(first) == 10
+    assert second == [n.replace("Axle 1", "Axle 2") for n in first]
+    rest = set(names) - {*first, *second}
+    assert rest == {"Events", "How this was made", "Scores and findings"}
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
     assert {t.name for t in shown.timelines} == {"time", "clock"}
