@@ -27,6 +27,7 @@ from .settings import Settings
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
 _BRAKED = 0.05  # of the highest K: less is no braking
+_FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not stand out from rounding
 _SLIGHT = 0.02  # of the highest φK: as little is an error of what the model leaves out
 
 
@@ -202,6 +203,13 @@ def _told(
             "that is not centred: taken out for the reference, estimators see it as logged"
         )
         findings.append(Finding("wheel-runout", "info", text, f"axle {record.axle}"))
+    if ref.pulses < _FEW:
+        text = (
+            f"the counter gives {ref.pulses:.1f} pulses in the 0.1 s in which a slide may change: "
+            "slides may not show, and the noise of the force is that of a wheel that rolls; "
+            "log more pulses per turn"
+        )
+        findings.append(Finding("few-pulses", "warning", text, f"axle {record.axle}"))
     if not applications:
         text = "no brake application found: estimators are not scored"
         findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))

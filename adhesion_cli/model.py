@@ -4,6 +4,7 @@ Data only, SI only. Times are int64 nanoseconds as the log states them: since 19
 has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
@@ -284,6 +285,7 @@ class Reference:
     tolerance: Floats  # 1 sigma by the vehicle's tolerances
     open: Bools | None = None  # the true pressure and force are higher, nobody knows by how much
     runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
+    pulses: float = math.inf  # of a counter, while a slide may change, if they are few
 
     @property
     def half(self) -> Floats:

@@ -90,8 +90,9 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     for column in (force, sigma, tolerance):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
+    pulses = _pulses(max(runs, key=len)) if runs else math.inf
     return Reference(
-        method, METHODS[method].source, force, sigma, tolerance, record.saturated, largest
+        method, METHODS[method].source, force, sigma, tolerance, record.saturated, largest, pulses
     )
 
 
@@ -195,6 +196,18 @@ def _counted(run: AxleRecord) -> int:
     interval = float(np.median(np.diff(t)))
     m = min(_PULSES * step / max(float(np.median(y)), step), _BRIEF / interval)
     return max(2 * math.ceil((m - 1.0) / 2.0) + 1, 1)
+
+
+def _pulses(run: AxleRecord) -> float:
+    """Mean number of a counter's pulses in `_BRIEF`; inf where `_PULSES` come, or it is no counter.
+
+    A speed that is less than its step is a counter's: no display rounds like that.
+    """
+    step, mean = run.wheel_speed_step, float(np.mean(run.wheel_speed))
+    if step == 0.0:
+        return math.inf
+    pulses = mean / step * _BRIEF / float(np.median(np.diff(_seconds(run))))
+    return pulses if pulses < _PULSES and (mean < step or _counted(run) > 1) else math.inf
 
 
 def _averaged(y: Floats, gained: Floats, step: float, m: int) -> tuple[Floats, Floats]:

@@ -27,7 +27,7 @@ def simulation(name: str, vehicle: Vehicle | None = None) -> simulate.Simulation
 
 def recordings(
     name: str, *, seed: int = 1, rate: float = 0.0, noise: float | None = None,
-    kmh: float = 0.0, train: bool | None = None, vehicle: Vehicle | None = None,
+    kmh: float = 0.0, teeth: int = 0, train: bool | None = None, vehicle: Vehicle | None = None,
 ) -> Recordings:  # fmt: skip
     """What the scenario's loggers write.
 
@@ -37,6 +37,7 @@ def recordings(
         rate: of all sensors [Hz], of a train speed at most its own; 0: the scenario's.
         noise: variance of the wheel speed's noise [rad²/s²], None: the scenario's.
         kmh: step of the wheel speed, 0: the scenario's.
+        teeth: of the wheel's pulse counter, 0: the scenario's.
         train: with or without a train speed, None: as the scenario has it.
         vehicle: in place of the scenario's.
     """
@@ -50,6 +51,8 @@ def recordings(
             s = replace(s, unit="km/h", resolution=kmh, teeth=0)
         if s.signal == "wheel_speed" and noise is not None:
             s = replace(s, noise_variance=noise, teeth=0)
+        if s.signal == "wheel_speed" and teeth:
+            s = replace(s, teeth=teeth)
         return s
 
     sensors = [varied(s) for s in true.scenario.sensor]

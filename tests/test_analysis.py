@@ -2,9 +2,11 @@
 
 import functools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import simulated
 
 from adhesion_cli import settings
 from adhesion_cli.analysis import analyze
@@ -17,6 +19,21 @@ SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
 
 def analysed(path: Path, **given: object) -> Result:
     return analyze(path, functools.partial(settings.load, None, ()), **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize(
+    ("sensor", "few"),
+    [({"teeth": 2}, True), ({"teeth": 16}, True), ({"teeth": 60}, False), ({"kmh": 1.0}, False)],
+)
+def test_pulses_too_few_to_show_slides_are_said(
+    tmp_path: Path, sensor: dict[str, Any], few: bool, rate: float
+) -> None:
+    log = simulated.write(
+        tmp_path / "a.csv", simulated.recordings("leaf-film", rate=rate, **sensor)
+    )
+    told = [f.severity for f in analysed(log, algos=["td"]).findings if f.code == "few-pulses"]
+    assert told == ["warning"] * few
 
 
 @pytest.mark.parametrize("pressure_every", [1, 20])
