@@ -204,6 +204,7 @@ import os, signal, sys, time
 from pathlib import Path
 from adhesion_cli.errors import UserError
 from adhesion_cli.write import files
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
 folder, text, force = Path(sys.argv[1]), sys.argv[2], sys.argv[3] == "force"
 paths = [folder / "a.adhesion.mcap", folder / "a.adhesion.rrd"]
 """
