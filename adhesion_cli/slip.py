@@ -406,8 +406,7 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
 
     def told(rail: railfit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
         findings = [Finding("rail-not-observable", "info", text, name)] if text else []
-        of = axle.record.axle, shares(axle), found, rail, _rmse(axle)
-        return Summary(*of), findings
+        return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle)), findings
 
     if not found:
         return told(None, "no slide: neither peak nor rail can be told")
