@@ -100,8 +100,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         findings += [f for f in told if summary.slides]
     if not any(s.slides for s in summaries):
         raise UserError(
-            f"{name}: no axle slides: the rail had more than was asked for, and how much more is "
-            "not known",
+            f"{name}: no axle slides: the rail had more than was asked for, or slide protection "
+            "kept every slip below 5 %; what it could give is not known",
             "replay a log with slides",
         )
     braking = _braking(result, summaries)
@@ -238,7 +238,7 @@ def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[tuple[Command, ..
         sliding = braking.t >= min(firsts)
         K = np.where(sliding, np.maximum.accumulate(K), K)
         text = "every axle slid: the largest clamping force so far counts as what was asked for"
-        findings.append(Finding("demand-guessed", "info", text))
+        findings.append(Finding("demand-guessed", "warning", text))
     if braking.speed[-1] >= _STANDS:
         text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
         findings.append(Finding("stop-extended", "info", text))

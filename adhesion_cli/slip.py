@@ -424,7 +424,7 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     missing = [n for n in rail.best._fields if n not in rail.told]
     text = ""
     if rail.below is None:
-        text = "the slides do not go past the peak. "
+        text = "whether the slides went past the peak cannot be told. "
     elif rail.peak_slip is None:
         text = f"the peak lies below {rail.below:.2%} slip, the slides do not show where. "
     if missing:

@@ -7,6 +7,7 @@ into the loop around a simulated train, `online` feeds it sample by sample from 
 rig.
 """
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -204,6 +205,9 @@ def online(
 ) -> Iterator[list[int]]:
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
+    After a sample with a value that is no number, both valves of every axle rest, and the unit
+    starts anew with the next one.
+
     Args:
         unit: from `choose`.
         samples: (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
@@ -214,23 +218,29 @@ def online(
         `controller.APPLY`, `HOLD` or `VENT` of every axle.
 
     Raises:
-        UserError: a sample with another number of axles.
+        UserError: a sample with another number of axles, or not after the one before.
     """
     first, then = (bound(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
     axles: list[Axle] = []
-    before, v = 0, float("nan")
+    before: float = -math.inf
+    v = math.nan
     for t, measured, y, K in samples:
         h, before = (t - before) * 1e-9, t
-        if not len(y) == len(K) == len(axles or y):
+        if not len(y) == len(K) == (n := len(axles or drives or y)):
             raise UserError(
-                f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces",
+                f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
                 "one of each for every axle in every sample",
             )
-        v = speed_of_axles(c.wheelset, v, h, y, K) if measured is None else measured
-        axles = then(c, axles, h, v, y, K) if axles else first(c, v, y, K)
-        valves = [axle.controller.valve for axle in axles]
-        for drive, valve in zip(drives, valves, strict=False):
+        if h <= 0.0:
+            raise UserError(f"at {t} ns: not after the sample before", "samples in order of time")
+        if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
+            v = speed_of_axles(c.wheelset, v, h, y, K) if measured is None else measured
+            axles = then(c, axles, h, v, y, K) if axles else first(c, v, y, K)
+            valves = [axle.controller.valve for axle in axles]
+        else:
+            v, axles, valves = math.nan, [], [APPLY] * len(y)
+        for drive, valve in zip(drives, valves, strict=bool(drives)):
             drive.set(valve != APPLY, valve == VENT)
         yield valves
 

@@ -244,6 +244,28 @@ def test_a_sample_that_lacks_an_axle_is_refused() -> None:
         list(unit.online(chosen, samples))
 
 
+def test_samples_out_of_order_and_missing_drives_are_refused() -> None:
+    chosen = unit.choose("patent", antiskid.ESTIMATOR, {}, Vehicle())
+    one = (0, 9.0, [20.0], [1e3])
+    with pytest.raises(UserError, match="not after"):
+        list(unit.online(chosen, [one, one]))
+    with pytest.raises(UserError, match="for 2 axles"):
+        list(unit.online(chosen, [one], [Switches()] * 2))
+
+
+@pytest.mark.parametrize("controller", ["patent", "rule"])
+def test_a_sample_that_is_no_number_is_forgotten(controller: str) -> None:
+    """The valves rest for it, and the unit answers to what comes after."""
+    chosen = unit.choose(controller, antiskid.ESTIMATOR, {}, Vehicle())
+    slides = [(10**7 * i, 20.0, [47.0 - 0.5 * i], [15e3]) for i in range(40)]
+    for bad in ((math.nan, [45.5], [15e3]), (20.0, [math.nan], [15e3]), (20.0, [45.5], [math.inf])):
+        samples = [*slides[:3], (slides[3][0], *bad), *slides[4:]]
+        valves = list(unit.online(chosen, samples))
+        assert valves[3] == [APPLY]
+        assert valves[4:] == list(unit.online(chosen, slides[4:]))
+        assert [VENT] in valves[4:]
+
+
 def test_peak_is_the_most_the_rail_gives() -> None:
     stop, s = stopped("slippery-stop", "patent"), case("slippery-stop")
     assert (stop.force <= stop.peak * (1.0 + 1e-9)).all()

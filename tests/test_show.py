@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adhesion_cli.cli.show import table
+from adhesion_cli.cli.show import findings, table
+from adhesion_cli.model import Finding
 
 text = st.lists(st.text("abc_[]", min_size=1, max_size=30), max_size=6).map(" ".join)
 figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")
@@ -31,3 +32,11 @@ def test_a_table_with_room_is_one_line_a_row():
     assert table(["axle", "lag [s]"], [["1", "0.12"], ["2", "-"]], width=80) == (
         "axle  lag [s]\n----  -------\n1        0.12\n2           -"
     )
+
+
+def test_findings_that_differ_are_not_called_the_same():
+    def shown(*texts: str) -> str:
+        return findings([Finding("code", "info", x, f"axle {i}") for i, x in enumerate(texts, 1)])
+
+    assert shown(*["no value"] * 4).endswith("the same for axle 2, axle 3, axle 4")
+    assert "also for axle 2, axle 3, axle 4, with their own" in shown("920 mm", *["915 mm"] * 3)

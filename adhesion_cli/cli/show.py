@@ -5,6 +5,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,11 @@ def findings(found: Sequence[Finding]) -> str:
         if len(shown) < len(same):
             others = ", ".join(printable(f.channel) for f in same[1:6])
             more = f" and {len(same) - 6} more" if len(same) > 6 else ""
-            lines.append(f"{'':7s} {same[0].code}: the same for {others}{more}")
+            alike = len({replace(f, channel="") for f in same}) == 1
+            which, own = (
+                ("the same", "") if alike else ("also", ", with their own figures (--json)")
+            )
+            lines.append(f"{'':7s} {same[0].code}: {which} for {others}{more}{own}")
     return "\n".join(lines)
 
 
