@@ -13,6 +13,14 @@ _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
 
+def finite_median(x: Floats) -> Floats:
+    """Median over the rows that have a value, of x (k, n); NaN where none has."""
+    known = np.isfinite(x).any(axis=0)
+    found = np.full(x.shape[1], np.nan)
+    found[known] = np.nanmedian(x[:, known], axis=0)
+    return found
+
+
 def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
     """The samples of an application until its pressure is gone, and whether that is in the log.
 

@@ -141,7 +141,7 @@ def with_reference_speed(
     for i, r in enumerate(every):
         rim[i] = _at(t, r, r.wheel_speed * vehicle.radius(r.axle).value)
         K[i] = _at(t, r, r.clamping_force)
-    middle = _finite_median(rim)
+    middle = signals.finite_median(rim)
     for i, r in enumerate(every):
         own = replace(r, train_speed=np.interp(r.t, t, middle))
         found = calibration(own, vehicle.radius(r.axle).value) if len(every) > 1 else None
@@ -150,7 +150,7 @@ def with_reference_speed(
     known = np.isfinite(rim).any(axis=0)
     fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
     w = physics.wheelset(vehicle, every[0].axle)
-    braking = physics.braked(np.nan_to_num(_finite_median(K)), w)
+    braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, braking, v)
@@ -183,14 +183,6 @@ def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
     for s in record.segments:
         inside = (t >= record.t[s.start]) & (t <= record.t[s.stop - 1])
         found[inside] = np.interp(t[inside], record.t[s], values[s])
-    return found
-
-
-def _finite_median(x: Floats) -> Floats:
-    """Median over the axles that have a value; NaN where none has."""
-    known = np.isfinite(x).any(axis=0)
-    found = np.full(x.shape[1], np.nan)
-    found[known] = np.nanmedian(x[:, known], axis=0)
     return found
 
 

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from adhesion_cli import simulate
-from adhesion_cli.model import Vehicle
+from adhesion_cli import settings, simulate
+from adhesion_cli.model import Finding, Vehicle
+from adhesion_cli.read import align
+from adhesion_cli.read.log import open_source, read
 from adhesion_cli.read.units import UNITS
 from adhesion_cli.scenario import Sensor
 from adhesion_cli.simulate import Recording
@@ -75,6 +77,14 @@ def write(path: Path, log: Recordings) -> Path:
     rows = (f"{t / 1e9:.6f},{','.join(row)}" for t, row in zip(times, cells, strict=True))
     path.write_text("\n".join([head, *rows]) + "\n")
     return path
+
+
+def told(log: Recordings, folder: Path, stated: settings.Settings) -> list[Finding]:
+    """What reading a log says of its sensors."""
+    one = read(
+        open_source(write(folder / "log.csv", log), stated.read), stated.mappings, stated.vehicle
+    )
+    return align.records(one, stated.vehicle)[1]
 
 
 def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:

@@ -38,9 +38,7 @@ VEHICLES = {
 
 def found(log: Recordings, folder: Path, stated: settings.Settings = DEFAULT) -> list[Finding]:
     """What the checks say of a log; not its other findings, as of gaps."""
-    path = simulated.write(folder / "log.csv", log)
-    one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
-    return [f for f in align.records(one, stated.vehicle)[1] if f.code in CODES]
+    return [f for f in simulated.told(log, folder, stated) if f.code in CODES]
 
 
 def codes(log: Recordings, folder: Path) -> set[str]:

@@ -12,8 +12,6 @@ from simulated import Recordings
 
 from adhesion_cli import settings
 from adhesion_cli.model import Finding
-from adhesion_cli.read import align
-from adhesion_cli.read.log import open_source, read
 from adhesion_cli.simulate import Recording
 
 DEFAULT = settings.load()
@@ -21,10 +19,8 @@ AXLE = 3  # does not slide in low-adhesion
 
 
 def warned(log: Recordings, folder: Path) -> list[Finding]:
-    path = simulated.write(folder / "log.csv", log)
-    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
     known = {"pressure-suspect", "pressure-clock-offset", "unit-suspect"}
-    told = align.records(one, DEFAULT.vehicle)[1]
+    told = simulated.told(log, folder, DEFAULT)
     return [f for f in told if f.severity == "warning" and f.code in known]
 
 
@@ -132,9 +128,7 @@ def test_axles_braked_unlike_each_other_are_no_fault(
 @pytest.mark.parametrize("share", [0.5, 0.7, 1.4])
 def test_a_share_of_its_own_is_said(share: float, tmp_path: Path) -> None:
     log = of(clean("four-axles", 5.0), AXLE, lambda _, p: share * p)
-    path = simulated.write(tmp_path / "log.csv", log)
-    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    findings = align.records(one, DEFAULT.vehicle)[1]
+    findings = simulated.told(log, tmp_path, DEFAULT)
     (told,) = [f for f in findings if f.code == "pressure-suspect"]
     assert (told.severity, told.channel[:13]) == ("info", f"bc_pressure_{AXLE}")
     stated = float(told.message.split(" times")[0].split()[-1])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Finding, Floats
-from ..signals import true_runs
+from ..signals import finite_median, true_runs
 from . import braking
 from .grid import FREE, LEAST, Axle, Grid, Scene, lasting
 from .units import listed, others
@@ -113,12 +113,11 @@ def _slid(g: Grid, x: Floats) -> Bools:
 def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _Odd | None:
     """Where axle i has another pressure than the others that have not slid; None where nowhere."""
     g = s.grid
-    beside = np.where(slid[rest], np.nan, x[rest])
-    known = np.isfinite(x[i]) & np.isfinite(beside).any(axis=0) & (g.fastest > _CRAWL)
+    beside = finite_median(np.where(slid[rest], np.nan, x[rest]))
+    known = np.isfinite(x[i]) & np.isfinite(beside) & (g.fastest > _CRAWL)
     if known.sum() < LEAST:
         return None
-    level = np.full(len(known), np.nan)
-    level[known] = np.nanmedian(beside[:, known], axis=0)
+    level = np.where(known, beside, np.nan)
     top = float(np.nanmax(level))
     if top <= 0.0:
         return None
