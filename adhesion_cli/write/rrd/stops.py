@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -97,12 +98,13 @@ class _Stops:
         ):  # fmt: skip
             rows += send_plot(rec, f"{path}/{plot.name}", _since_start, stop.t, plot)
 
+        over = np.append(stop.t, 2 * stop.t[-1] - stop.t[-2])  # a state lasts until the next
         for name, codes, states in (
             ("valve", stop.valve, VALVES), ("region", stop.region, REGION_STATES),
             ("wheel", stop.sliding(), WHEELS),
         ):  # fmt: skip
             lane = f"{path}/state/{name}"
-            rows += send_states(rec, lane, _since_start, stop.t, codes[:, i], states)
+            rows += send_states(rec, lane, _since_start, over, np.append(codes[:, i], -1), states)
 
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
         return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, self.band)
@@ -130,7 +132,7 @@ class _Stops:
                 *slope_charts(path, who, stop.slope[:, axle - 1]),
                 curve_view(f"{path}/slip", who),
             ]
-            columns.append(rrb.Vertical(*views, row_shares=[2.5, 2.0, 2.6, 2.0, 2.0, 1.4, 4.0]))
+            columns.append(rrb.Vertical(*views, row_shares=[2.3, 2.0, 3.2, 2.0, 1.8, 1.4, 3.8]))
         return rrb.Horizontal(*columns, name=f"Axle {axle}")
 
 
