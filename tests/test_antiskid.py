@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from rerun.chunk import RrdReader
+from recordings import batches, column, static
 
 from adhesion_cli import (
     analysis,
@@ -404,18 +404,69 @@ def test_a_brake_may_be_released_when_the_train_stands() -> None:
 # --- files and command --------------------------------------------------------------------------
 
 
-def test_stops_are_written_side_by_side(tmp_path: Path) -> None:
-    stops = [stopped("short", c) for c in registry()]
-    path = tmp_path / "stops.rrd"
-    rrd.write_stops(path, "short", stops, 47e3, (0.01, 0.03), "verdict")
-    counts: dict[str, int] = {}
-    for chunk in RrdReader(path).stream().filter(is_static=False):
-        counts[chunk.entity_path] = counts.get(chunk.entity_path, 0) + chunk.num_rows
-    for stop in stops:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rrd") / "stops.rrd"
+    stops, bands = [stopped("short", c) for c in registry()], {"patent": unit.bands({})}
+    weight = short().vehicle.axle_mass.value * physics.G
+    rrd.write_stops(path, "short", stops, weight, bands, "75 m on dry rail")
+    return path
+
+
+def test_stops_are_written_side_by_side(recording: Path) -> None:
+    assert "75 m on dry rail" in static(recording, "/verdict", "text")[0]
+    for stop in (stopped("short", c) for c in registry()):
         place = f"/{stop.controller}/axle/1"
-        assert counts[f"{place}/pressure"] == len(stop.t)
-        ends = 2  # the first state, and that there is none after the stop
-        assert counts[f"{place}/state/valve"] == ends + np.count_nonzero(np.diff(stop.valve[:, 0]))
+        for name, columns in (
+            ("speed", [stop.train_speed * 3.6, stop.rim_speed[:, 0] * 3.6]),
+            ("pressure", [stop.demand * 1e-5, stop.pressure[:, 0] * 1e-5]),
+            ("slope", [stop.slope[:, 0]]),
+            ("confidence", [stop.confidence[:, 0]]),
+        ):
+            t, values = column(recording, f"{place}/{name}", "scalars")
+            np.testing.assert_array_equal(t, stop.t)
+            np.testing.assert_array_equal(values, np.stack(columns, axis=1))
+        t, states = column(recording, f"{place}/state/valve", "state")
+        code = np.append(stop.valve[:, 0], -1)  # none after the stop
+        at = np.flatnonzero(np.diff(code, prepend=-2))
+        assert [x for (x,) in states] == [("apply", "hold", "vent", "")[c] for c in code[at]]
+        np.testing.assert_array_equal(t[:-1], stop.t[at[:-1]])
+        assert t[-1] > stop.t[-1]
+
+
+def test_operating_point_peak_and_bands_are_where_the_axes_say(recording: Path) -> None:
+    weight, bands = short().vehicle.axle_mass.value * physics.G, unit.bands({})
+    for stop in (stopped("short", c) for c in registry()):
+        place = f"/{stop.controller}/axle/1"
+        names = [x for x in static(recording, f"{place}/slip/labels", "labels") if x[0].isdigit()]
+        strips = static(recording, f"{place}/slip/grid", "strips")[: len(names)]
+        ruled = [(float(n), line) for n, line in zip(names, strips, strict=True)]
+        upright = [(n, a[0]) for n, (a, b) in ruled if a[0] == b[0]]
+        level = [(n, a[1]) for n, (a, b) in ruled if a[1] == b[1]]
+        x, y = (np.poly1d(np.polyfit(*zip(*of, strict=True), 1)) for of in (upright, level))
+        (left, bottom), _, (right, top) = static(recording, f"{place}/slip/grid", "strips")[-1][:3]
+        for name, s, force in (
+            ("now", stop.slip, stop.force), ("peak", stop.peak_slip, stop.peak)
+        ):  # fmt: skip
+            t, places = column(recording, f"{place}/slip/{name}", "positions")
+            rows = np.searchsorted(stop.t, t)
+            at = np.array([p for (p,) in places])
+            of_slip, of_mu = x(100.0 * s[rows, 0]), y(force[rows, 0] / weight)
+            np.testing.assert_allclose(at[:, 0], np.clip(of_slip, left, right), atol=1e-3)
+            np.testing.assert_allclose(at[:, 1], np.clip(of_mu, top, bottom), atol=1e-3)
+            assert len(t) > 100
+        drawn = batches(recording, f"{place}/slip/band", static=True)
+        assert bool(drawn) == (stop.controller == "patent")
+        if drawn:
+            ((middle, _),) = static(recording, f"{place}/slip/band", "centers")
+            ((half, _),) = static(recording, f"{place}/slip/band", "half_sizes")
+            assert middle - half == pytest.approx(x(100.0 * bands.slip_low), abs=1e-3)
+            assert middle + half == pytest.approx(x(100.0 * bands.slip_high), abs=1e-3)
+            t, edges = column(recording, f"{place}/slope/band", "scalars")
+            assert edges.tolist() == [[bands.slope_low, bands.slope_high]] * 2
+            assert t.tolist() == [stop.t[0], stop.t[-1]]
+        else:
+            assert not batches(recording, f"{place}/slope/band")
 
 
 def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:

@@ -214,7 +214,8 @@ def _write(
         for record, (stop, carried) in zip(records, stops, strict=True):
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
         weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
-        rrd.write_stops(recording, case.name, all_stops, weight, bands(settings)[:2], text)
+        drawn = {"patent": bands(settings)}
+        rrd.write_stops(recording, case.name, all_stops, weight, drawn, text)
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True))
     whole = {**document, "outputs": outputs}

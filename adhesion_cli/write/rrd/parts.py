@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from ...model import Floats, Times
-from ...slope import REGIONS
+from ...slope import REGIONS, Bands
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
@@ -166,6 +166,15 @@ def send_states(
     return len(at)
 
 
+def send_slope_band(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, bands: Bands
+) -> int:
+    """Sends the edges of the slope's band, from the first time to the last; returns its rows."""
+    colour, ends = REGION_STATES[2][1], np.ones(2)
+    edges = [("least", colour, bands.slope_low * ends), ("most", colour, bands.slope_high * ends)]
+    return send_plot(rec, f"{path}/slope/band", times, t[[0, -1]], lines("", edges, 1.0))
+
+
 # ---- views
 
 
@@ -212,7 +221,7 @@ def slope_charts(path: str, who: str, slope: Floats) -> list[rrb.View]:
     """Slope and confidence; the steep slopes, at next to no slip, would flatten the rest."""
     known = slope[np.isfinite(slope)]
     ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
-    span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.2, 0.2])], [])
+    span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.25, 0.25])], [])
     return [
         chart(f"{path}/slope", f"{who}: slope of µ over slip", span, legend=None),
         chart(f"{path}/confidence", f"{who}: confidence in it", (0.0, 1.05), legend=None),

@@ -3,7 +3,6 @@
 import hashlib
 import math
 import re
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ... import physics, signals
 from ...model import AxleResult, Bools, Finding, Floats, Result, Score, Times
+from ...slope import Bands
 from ...stop import SLIDES
 from ...text import printable
 from .. import names
@@ -38,6 +38,7 @@ from .parts import (
     chart,
     lines,
     send_plot,
+    send_slope_band,
     send_states,
     slope_charts,
     span_of,
@@ -46,7 +47,6 @@ from .parts import (
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _OVERVIEW_ROWS = 20_000  # rows of an overview
-_EVENT_WIDTH = 58  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
 
@@ -123,6 +123,8 @@ class _Page:
         self.zero = min(started, default=self.start)  # brake start
         points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
+        stated = result.settings.get("bands")
+        self.bands = Bands(**stated) if stated else None
 
     # -- data
 
@@ -215,10 +217,12 @@ class _Page:
     def _send_slip(self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats) -> int:
         """The operating point on its curve; brake, region and wheel as states."""
         mu = physics.coefficient(axle.reference.force, self.result.vehicle)
-        bands = self.result.settings.get("bands", {})
-        edges = [bands[k] for k in ("slip_low", "slip_high") if k in bands]
-        rows = send_curve(rec, f"{path}/slip", self._times, axle.record.t, slip, mu, edges)
         t, index, inside = _rows(axle)
+        rows = send_curve(rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands)
+        if axle.slope is not None and self.bands:
+            for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
+                of = f"{root}/axle/{axle.record.axle}"
+                rows += send_slope_band(rec, of, self._times, axle.record.t, self.bands)
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
@@ -251,10 +255,8 @@ class _Page:
             return 0
         events.sort(key=lambda e: e[0])
         times, levels, texts = zip(*events, strict=True)
-        told = [
-            textwrap.fill(f"{(t - self.zero) / 1e9:+.2f} s  {text}", _EVENT_WIDTH)
-            for t, text in zip(times, texts, strict=True)
-        ]
+        # a line each: of what has several, the viewer shows the first
+        told = [f"{(t - self.zero) / 1e9:+.2f} s  {x}" for t, x in zip(times, texts, strict=True)]
         data = rr.TextLog.columns(text=told, level=levels)
         rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
         return len(events)

@@ -1,6 +1,6 @@
 """Stops in closed loop: a tab for each axle, its controllers side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...model import Times
+from ...slope import Bands
 from ...stop import Stop
 from ...text import printable
 from . import parts
@@ -28,6 +29,7 @@ from .parts import (
     chart,
     lines,
     send_plot,
+    send_slope_band,
     send_states,
     slope_charts,
     states_view,
@@ -35,7 +37,7 @@ from .parts import (
 
 
 def write_stops(
-    path: Path, name: str, stops: Sequence[Stop], weight: float, band: tuple[float, float],
+    path: Path, name: str, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands],
     verdict: str,
 ) -> None:  # fmt: skip
     """Write stops of one train under several controllers, side by side, a tab for each axle.
@@ -45,23 +47,23 @@ def write_stops(
         name: of the scenario.
         stops: one per controller.
         weight: of an axle on the rail [N].
-        band: least and most slip of the band that is drawn [-].
+        bands: of the AND-test, by the controllers that make it; theirs alone are drawn.
         verdict: text of the first tab.
 
     Raises:
         OSError: the file cannot be written or does not read back.
     """
     key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in stops)])
-    parts.write(path, printable(name), key, [_Stops(stops, weight, band, verdict)])
+    parts.write(path, printable(name), key, [_Stops(stops, weight, bands, verdict)])
 
 
 class _Stops:
     """Stops under several controllers and the views that show them."""
 
     def __init__(
-        self, stops: Sequence[Stop], weight: float, band: tuple[float, float], verdict: str
+        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], verdict: str
     ) -> None:
-        self.stops, self.weight, self.band, self.verdict = stops, weight, band, verdict
+        self.stops, self.weight, self.bands, self.verdict = stops, weight, bands, verdict
 
     def send(self, rec: rr.RecordingStream) -> int:
         """Send everything; returns the number of rows on a timeline."""
@@ -106,8 +108,12 @@ class _Stops:
             lane = f"{path}/state/{name}"
             rows += send_states(rec, lane, _since_start, over, np.append(codes[:, i], -1), states)
 
+        bands = self.bands.get(stop.controller)
+        if bands:
+            rows += send_slope_band(rec, path, _since_start, stop.t, bands)
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
-        return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, self.band)
+        peak = stop.peak_slip[:, i], stop.peak[:, i] / self.weight
+        return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak)
 
     def layout(self) -> rrb.Container:
         """Tabs: the verdict, then one per axle with a column per controller."""
@@ -121,19 +127,26 @@ class _Stops:
         return rrb.Tabs(first, *(self._axle_tab(i + 1) for i in range(axles)))
 
     def _axle_tab(self, axle: int) -> rrb.Container:
-        columns = []
+        """Two tabs: where the wheel and its brake were, and what the unit made of it."""
+        wheel, judged = [], []
         for stop in self.stops:
             path, who = f"{stop.controller}/axle/{axle}", stop.controller
             views = [
                 chart(f"{path}/speed", f"{who}: speed [km/h]", legend="RightTop"),
                 chart(f"{path}/pressure", f"{who}: pressure [bar]", legend="RightTop"),
                 states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
-                chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
-                *slope_charts(path, who, stop.slope[:, axle - 1]),
                 curve_view(f"{path}/slip", who),
             ]
-            columns.append(rrb.Vertical(*views, row_shares=[2.3, 2.0, 3.2, 2.0, 1.8, 1.4, 3.8]))
-        return rrb.Horizontal(*columns, name=f"Axle {axle}")
+            wheel.append(rrb.Vertical(*views, row_shares=[2.5, 2.5, 2.5, 4.0]))
+            views = [
+                chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
+                *slope_charts(path, who, stop.slope[:, axle - 1]),
+            ]
+            judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 1.0]))
+        return rrb.Tabs(
+            rrb.Horizontal(*wheel, name="Wheel, valves, slip"),
+            rrb.Horizontal(*judged, name="Force, slope"), name=f"Axle {axle}",
+        )  # fmt: skip
 
 
 def _since_start(t: Times) -> list[rr.TimeColumn]:
