@@ -147,7 +147,7 @@ def antiskid_document(
     stop: Stop,
     scenario: str,
     parameters: Mapping[str, Mapping[str, float]],
-    dry: float,
+    dry: float | None,
     controllers: Mapping[str, Mapping[str, float | None]],
     **more: Any,
 ) -> dict[str, Any]:
@@ -157,7 +157,7 @@ def antiskid_document(
         stop: one of the stops: they share estimator and seed.
         scenario: its name.
         parameters: in force, from `unit.parameters`.
-        dry: stopping distance on dry rail [m].
+        dry: stopping distance on dry rail [m], None where it is not known.
         controllers: fields of each controller's `Verdict`.
         more: limits, or entries of a replayed log.
     """

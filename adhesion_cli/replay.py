@@ -3,11 +3,13 @@
 The rail under each axle that slid is the one `railfit` fits to its slides, from the place of the
 first of them on; before, and under an axle that never slid, it gave what was asked for and counts
 as dry. The train is the log's axles, the speed the log's at the start of the brake. The demand is
-the clamping force of the axles that never slid; where every axle did, the largest so far, because
-slide protection had let air out of each. It begins as much earlier as cylinders take to fill
-against their springs, before which there is no clamping force. Where the brake was released before
-the train stood, the demand goes on as it was. The track is level and the unit that of
-`scenario.Antiskid`.
+the clamping force of the axles that never slid. Where every axle did, slide protection let air out
+of each from then on: the demand goes on as it stood when the last of them began to slide, or as the
+largest force since. If it did not yet stand, it may have been anything from that to what locks a
+wheel on dry rail: half of the draws have more, and there is no dry distance to compare with. It
+begins as much earlier as cylinders take to fill against their springs, before which there is no
+clamping force. Where the brake was released before the train stood, the demand goes on as it was.
+The track is level and the unit that of `scenario.Antiskid`.
 
 The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, and a true
 pad friction for all; each controller stops on `_DRAWS` of them. The intervals hold what the log
@@ -25,7 +27,7 @@ from . import antiskid, physics, slip
 from .controller import registry
 from .document import antiskid_document, findings_document
 from .errors import UserError
-from .model import Finding, Floats, Result, Times
+from .model import Bools, Finding, Floats, Result, Times
 from .plant import Track
 from .rail import Condition, condition
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
@@ -39,6 +41,7 @@ _EVERY = 0.1  # between two knots of the demand [s]
 _RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
 _DRAWS = 40  # of the fit that are run again
 _NOISE = 0.01  # share of the largest demand: less is no change of it
+_STOOD, _EVEN = 1.0, 0.03  # a demand that has changed by no more in so long stands [s], share of it
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
@@ -54,6 +57,7 @@ class Case(NamedTuple):
     track: Track  # the best fit
     draws: list[tuple[Scenario, Track]]
     logged_m: float | None  # run in the log from the same moment to standstill
+    demanded: bool  # what was asked of the brakes is known
     findings: list[Finding]
 
 
@@ -113,32 +117,36 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         min((x.start for x in s.slides if begin <= x.start <= end), default=0) for s in summaries
     ]
     places = [_distance(braking, first) if first else None for first in firsts]
-    demand, told = _demand(braking, firsts)
+    asked, known, told = _demand(braking, firsts)
     radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
     scenario = Scenario(
         Path(name).stem, "a stop of a log", antiskid.LONGEST, antiskid.DRY,
-        train=Train(float(braking.speed[0]), len(radii)), brake=Brake(demand),
+        train=Train(float(braking.speed[0]), len(radii)), brake=Brake(_commands(braking, asked)),
         vehicle=replace(result.vehicle, wheel_radius=radii),
     ).with_train_speed(train_speed)  # fmt: skip
     rails = [s.rail for s in summaries]
-    draws = []
+    draws, random = [], np.random.default_rng(0)
+    most = condition("dry").f0 * physics.G * result.vehicle.axle_mass.value
+    most = max(1.0, most / result.vehicle.friction.value / float(asked.max()))
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         phi = scenario.vehicle.friction
         truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [rail and rail.draws[k] for rail in rails])
-        draws.append((replace(scenario, vehicle=truly), track))
+        more = np.where(known, 1.0, most ** max(random.uniform(-1.0, 1.0), 0.0))
+        brake = Brake(_commands(braking, more * asked))
+        draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     stands = bool(braking.speed[-1] < _STANDS)
     return Case(
         (begin - result.log.start_ns()) / 1e9, scenario,
         _track(places, [rail and rail.best for rail in rails]), draws,
-        _distance(braking, end) if stands else None, [*findings, *told],
+        _distance(braking, end) if stands else None, bool(known.all()), [*findings, *told],
     )  # fmt: skip
 
 
 def answers(
     case: Case, algo: str, settings: Settings, seed: int, tell: Callable[[str], None]
-) -> tuple[float, dict[str, Answer]]:
-    """Dry distance [m] and every controller's stop, by name.
+) -> tuple[float | None, dict[str, Answer]]:
+    """Dry distance [m], None where the demand is not known, and every controller's stop, by name.
 
     Args:
         case: the stop.
@@ -168,15 +176,15 @@ def answers(
     for n, (law, stop) in enumerate(stops.items()):
         drawn = zip(*verdicts[n * len(dries) : (n + 1) * len(dries)], strict=True)
         values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
-        found[law] = Answer(stop, values)
-    return dry, found
+        found[law] = Answer(stop, values if case.demanded else {**values, "extension": None})
+    return dry if case.demanded else None, found
 
 
 def document(
     log: str,
     case: Case,
     settings: Settings,
-    dry: float,
+    dry: float | None,
     found: dict[str, Answer],
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
@@ -230,26 +238,51 @@ def _distance(braking: _Braking, until: int) -> float:
     return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
 
 
-def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[tuple[Command, ...], list[Finding]]:
-    """What was asked of the brakes; `firsts` is when each axle began to slide, 0: it did not."""
+def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[Floats, Bools, list[Finding]]:
+    """What was asked of the brakes [N], at least; where that is all; shape (n,).
+
+    Args:
+        braking: the stop.
+        firsts: when each axle began to slide, 0: it did not.
+    """
     free, findings = [first == 0 for first in firsts], []
-    K = braking.K[free if any(free) else slice(None)].max(axis=0)
-    if not any(free):
-        sliding = braking.t >= min(firsts)
-        K = np.where(sliding, np.maximum.accumulate(K), K)
-        text = "every axle slid: the largest clamping force so far counts as what was asked for"
-        findings.append(Finding("demand-guessed", "warning", text))
+    known: Bools = np.ones(len(braking.t), dtype=np.bool_)
+    if any(free):
+        asked: Floats = braking.K[free].max(axis=0)
+    else:
+        rolling = braking.t < np.array(firsts)[:, None]
+        rolling[:, 0] = True
+        known = np.any(rolling, axis=0)
+        last = int(known.sum())
+        asked = np.where(rolling | ~known, braking.K, 0.0).max(axis=0)
+        asked[last - 1 :] = np.maximum.accumulate(asked[last - 1 :])
+        before = asked[:last][-1 - round(_STOOD / _EVERY) :]
+        if len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]:
+            known[:] = True
+            text = "every axle slid: the demand counts as it stood when the last of them began to"
+            findings.append(Finding("demand-guessed", "info", text))
+        else:
+            text = (
+                "every axle slid before the demand stood: it was at least the largest clamping "
+                f"force that was reached, {asked[-1] / 1e3:.1f} kN; no dry distance to compare with"
+            )
+            findings.append(Finding("demand-guessed", "warning", text))
     if braking.speed[-1] >= _STANDS:
         text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
         findings.append(Finding("stop-extended", "info", text))
+    return asked, known, findings
+
+
+def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:
+    """A demand [N], shape (n,), without noise, which would take air again and again."""
     seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
-    asked = max(float(K[0]), _LEAST)
-    commands = [Command(0.0, clamping_force=asked)]
-    for i, force in enumerate(K[1:].tolist()):
-        if abs(force - asked) > _NOISE * K.max():  # noise would take air, again and again
-            asked = force
-        commands.append(Command(seconds[i], None, asked, seconds[i + 1] - seconds[i]))
-    return tuple(commands), findings
+    now = max(float(asked[0]), _LEAST)
+    commands = [Command(0.0, clamping_force=now)]
+    for i, force in enumerate(asked[1:].tolist()):
+        if abs(force - now) > _NOISE * asked.max():
+            now = force
+        commands.append(Command(seconds[i], None, now, seconds[i + 1] - seconds[i]))
+    return tuple(commands)
 
 
 def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) -> Track:

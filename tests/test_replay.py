@@ -101,13 +101,53 @@ def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> 
     result = analysed(log)
     two = Result(result.log, result.vehicle, result.axles[:2], result.findings, result.settings)
     case = replay.case(two)
-    assert "demand-guessed" in {f.code for f in case.findings}
+    assert [f.severity for f in case.findings if f.code == "demand-guessed"] == ["warning"]
+    assert not case.demanded  # they slide while the brake fills
     asked = np.array([c.clamping_force for c in case.scenario.brake.command])
     first = min(x.start for a in two.axles for x in slip.slides(a))
     begin = case.start_s * 1e9 + result.log.start_ns()
     after = asked[int((first - begin) * 1e-9 / replay._EVERY) + 1 :]
     assert (np.diff(after) >= 0.0).all()
     assert after[-1] == pytest.approx(simulation(NAME).clamping_force[:, 0].max(), rel=0.02)
+
+
+def test_a_demand_that_nobody_saw_is_none() -> None:
+    """Both axles slide while the brake still fills; one alone slides when it had stood."""
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    K = np.minimum(np.arange(100.0), 40.0) * 500.0
+    limited = np.where(np.arange(100) < 20, K, 7000.0)
+    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), np.array([limited, limited]))
+    asked, known, told = replay._demand(stop, [int(t[15]), int(t[20])])
+    assert [(f.code, f.severity) for f in told] == [("demand-guessed", "warning")]
+    assert known.tolist() == [True] * 20 + [False] * 80
+    assert (asked <= K).all()
+    assert (np.diff(asked) >= 0.0).all()
+    stop = stop._replace(K=np.array([limited, np.where(np.arange(100) < 60, K, 9000.0)]))
+    asked, known, told = replay._demand(stop, [int(t[15]), int(t[60])])
+    assert [(f.code, f.severity) for f in told] == [("demand-guessed", "info")]
+    assert known.all()
+    assert asked == pytest.approx(K)
+
+
+@pytest.mark.slow
+def test_a_guessed_demand_is_in_every_interval(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All axles slide at once; the dry distance of what was seen would be 551 m for 500."""
+    monkeypatch.setattr(railfit, "_DRAWS", 40)
+    there = ["-o", str(tmp_path), "--json"]
+    assert app(["antiskid", "slippery-stop", *there], standalone_mode=False) == 0
+    true = json.loads(capsys.readouterr().out)["controllers"]
+    log = str(tmp_path / "slippery-stop.rule.antiskid.mcap")
+    assert app(["antiskid", "--from-log", log, *there], standalone_mode=False) == 3
+    document = json.loads(capsys.readouterr().out)
+    assert "demand-guessed" in {f["code"] for f in document["findings"]}
+    assert document["dry_distance_m"] is None
+    for law, values in document["controllers"].items():
+        assert values["extension"] is None
+        for name in values.keys() - {"extension"}:
+            low, high = document["intervals"][law][name]
+            assert low <= true[law][name] <= high, (law, name)
 
 
 @pytest.mark.parametrize(

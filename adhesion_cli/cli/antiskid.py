@@ -165,7 +165,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     findings = [*result.findings, *replayed.findings]
     answer = document(str(log), replayed, settings, dry, found, findings)
     logged = replayed.logged_m
-    head = f"{printable(str(log))}: {dry:.1f} m on dry rail, " + (
+    on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
+    head = f"{printable(str(log))}: {on_dry}, " + (
         f"{logged:.1f} m in the log, " if logged else "not stopped in the log, "
     )
     drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
