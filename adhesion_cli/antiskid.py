@@ -21,7 +21,7 @@ from . import physics, slope
 from .controller import registry
 from .errors import UserError
 from .estimator import check_step
-from .model import Floats, Wheelset
+from .model import Floats, Vehicle, Wheelset
 from .physics import clamping
 from .plant import (
     Demand,
@@ -271,7 +271,7 @@ def run(
     if every < 1:
         raise UserError(f"{scenario.name}: dt is longer than the unit's period", "a shorter dt")
     h = every * dt
-    chosen = choose(controller, algo, settings, scenario.vehicle)
+    chosen = choose(controller, algo, settings, taken_for(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)
     plant, demand, track = plant_of(scenario), demand_of(scenario), track or track_of(scenario)
     _stops(scenario, plant, demand)
@@ -316,6 +316,17 @@ def run(
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
         air=float(wheels.air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
+
+
+def taken_for(s: Scenario) -> Vehicle:
+    """The vehicle that the unit of a scenario takes it for."""
+    known, v = s.antiskid, s.vehicle
+    return replace(
+        v,
+        friction=v.friction._replace(value=known.friction * v.friction.value),
+        wheel_radius=tuple(x._replace(value=known.radius * x.value) for x in v.wheel_radius),
+        axle_mass=v.axle_mass._replace(value=known.mass * v.axle_mass.value),
+    )
 
 
 def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:

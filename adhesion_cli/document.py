@@ -230,7 +230,9 @@ def sweep_document(
     """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
     rails: dict[str, dict[str, Any]] = {}
     for r in rows:
-        rails.setdefault(r.rail, {})[r.controller] = {**r.values, "shortest": r.shorter}
+        rails.setdefault(r.rail, {})[r.controller] = {
+            **r.values, "patent_less_this_m": r.patent_less_this_m, "shortest": r.shorter,
+        }  # fmt: skip
     return tagged(
         "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,
         dry_distance_m=rows[0].dry_distance_m, rails=rails, outputs={},

@@ -157,6 +157,11 @@ class Antiskid:
     vent_time: Annotated[float, Quantity("s", "time constant of venting", 1e-3, 5.0)] = 0.25
     fill_rate: Annotated[float, Quantity("Pa/s", "fastest filling", 1e3, 1e8)] = 3e5
     volume: Annotated[float, Quantity("m³", "cylinders and pipes of an axle", 1e-6, 1.0)] = 2e-3
+    friction: Annotated[float, Quantity("-", "φ as the unit takes it, over the true", 0.5, 2.0)] = (
+        1.0
+    )
+    radius: Annotated[float, Quantity("-", "wheel radius, likewise", 0.9, 1.1)] = 1.0
+    mass: Annotated[float, Quantity("-", "axle mass, likewise", 0.5, 2.0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)

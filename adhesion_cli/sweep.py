@@ -1,7 +1,7 @@
 """Many stops: every controller on a set of rails, over seeds, on all cores."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,6 +18,8 @@ RAILS = {
     "wet": Rail((Section(0.0, "wet"),)),
     "low": Rail((Section(0.0, "low"),)),
     "very-low": Rail((Section(0.0, "very-low"),)),
+    "early-peak": Rail((Section(0.0, "early-peak"),)),
+    "late-peak": Rail((Section(0.0, "late-peak"),)),
     "sudden": Rail(
         (
             Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
@@ -44,6 +46,7 @@ class Row(NamedTuple):
     controller: str
     dry_distance_m: float
     values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+    patent_less_this_m: tuple[float, float, float] | None  # of the distances at the same seed
     shorter: float  # share of the seeds in which it stops before every other controller
 
 
@@ -54,19 +57,50 @@ def sweep(
     settings: Settings | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Row]:
-    """Every controller on every rail of `RAILS`, on all cores.
+    """Every controller on every rail of `RAILS`, with seeds from 0 up; arguments as `verdicts`."""
+    found = verdicts(scenario, list(RAILS), list(registry()), range(seeds), algo, settings, tell)
+    dry, rows = dry_distance(scenario), []
+    for (rail, controller), mine in found.items():
+        others = [v for (r, c), v in found.items() if r == rail and c != controller]
+        first = [
+            all(x.stopping_distance_m < y.stopping_distance_m for y in rivals)
+            for x, *rivals in zip(mine, *others, strict=True)
+        ]
+        less = [
+            x.stopping_distance_m - y.stopping_distance_m
+            for x, y in zip(found[rail, "patent"], mine, strict=True)
+        ]
+        columns = zip(*mine, strict=True)
+        values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
+        beside = interval(less) if controller != "patent" else None
+        rows.append(Row(rail, controller, dry, values, beside, sum(first) / len(first)))
+    return rows
+
+
+def verdicts(
+    scenario: Scenario,
+    rails: Sequence[str],
+    laws: Sequence[str],
+    seeds: Iterable[int],
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[tuple[str, str], list[Verdict]]:
+    """Stops by rail and controller, one a seed, on all cores.
 
     A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
     name says, the same for every controller.
 
     Args:
         scenario: train, brake and unit.
-        seeds: stops of each controller on each rail.
+        rails: names in `RAILS`.
+        laws: controllers.
+        seeds: of the stops of each controller on each rail.
         algo: online estimator in the loop.
         settings: as in `run`.
         tell: is told the progress.
     """
-    dry, laws = dry_distance(scenario), list(registry())
+    dry = dry_distance(scenario)
     for law in laws:  # compile before the threads start
         run(replace(scenario, rail=RAILS["dry"]), law, 0, algo, settings)
 
@@ -76,21 +110,11 @@ def sweep(
         case = replace(scenario, rail=_scaled(RAILS[rail], factor))
         return verdict(run(case, law, seed, algo, settings), case, dry)
 
-    jobs = [(r, c, seed) for r in RAILS for c in laws for seed in range(seeds)]
+    jobs = [(r, c, seed) for r in rails for c in laws for seed in seeds]
     found: dict[tuple[str, str], list[Verdict]] = {}
     for job, x in zip(jobs, on_all_cores(one, jobs, tell), strict=True):
         found.setdefault(job[:2], []).append(x)
-    rows = []
-    for (rail, controller), verdicts in found.items():
-        others = [v for (r, c), v in found.items() if r == rail and c != controller]
-        first = [
-            all(mine.stopping_distance_m < x.stopping_distance_m for x in rivals)
-            for mine, *rivals in zip(verdicts, *others, strict=True)
-        ]
-        columns = zip(*verdicts, strict=True)
-        values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
-        rows.append(Row(rail, controller, dry, values, sum(first) / len(first)))
-    return rows
+    return found
 
 
 def on_all_cores(

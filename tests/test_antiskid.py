@@ -18,6 +18,7 @@ from adhesion_cli import (
     antiskid,
     compiled,
     controller,
+    document,
     estimator,
     methods,
     physics,
@@ -353,17 +354,40 @@ def test_limits_are_the_users_with_their_source() -> None:
 
 def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
-    rows = sweep.sweep(replace(case("slippery-stop"), train=short().train), 2, tell=told.append)
+    slow = replace(case("slippery-stop"), train=short().train)
+    rows = sweep.sweep(slow, 2, tell=told.append)
     assert [(r.rail, r.controller) for r in rows] == [
         (r, c) for r in sweep.RAILS for c in registry()
     ]
-    assert told[-1] == "36 of 36 stops"
+    assert told[-1] == "48 of 48 stops"
     for r in rows:
         mean, low, high = r.values["stopping_distance_m"] or (0.0, 0.0, 0.0)
         assert 0.0 < low <= mean <= high
     by = {(r.rail, r.controller): r for r in rows}
     very_low, low = by["very-low", "patent"].values, by["low", "patent"].values
     assert very_low["extension"] > low["extension"] > by["dry", "patent"].values["extension"]
+    again = sweep.verdicts(slow, ["low"], ["rule", "patent"], range(2))
+    less = [
+        mine.stopping_distance_m - its.stopping_distance_m
+        for mine, its in zip(again["low", "patent"], again["low", "rule"], strict=True)
+    ]
+    assert by["low", "rule"].patent_less_this_m == sweep.interval(less)
+    assert by["low", "patent"].patent_less_this_m is None
+    told_as = document.sweep_document("short", 2, "kalman", {}, rows)["rails"]["low"]["rule"]
+    assert told_as["patent_less_this_m"] == sweep.interval(less)
+
+
+@pytest.mark.parametrize(
+    ("key", "field"), [("friction", "phi"), ("radius", "radius"), ("mass", "mass")]
+)
+def test_a_unit_may_take_its_vehicle_for_another(key: str, field: str) -> None:
+    s = replace(short(), antiskid=replace(short().antiskid, **{key: 1.1}))
+    true, known = (physics.wheelset(v, 1) for v in (s.vehicle, antiskid.taken_for(s)))
+    assert getattr(known, field) == pytest.approx(1.1 * getattr(true, field))
+    stop, right = antiskid.run(s, "patent"), stopped("short", "patent")
+    assert stop.distance[-1] != right.distance[-1]
+    on_dry = antiskid.run(replace(s, rail=antiskid.DRY), "none").distance[-1]
+    assert on_dry == antiskid.run(replace(short(), rail=antiskid.DRY), "none").distance[-1]
 
 
 @pytest.mark.parametrize(

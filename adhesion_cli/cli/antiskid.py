@@ -266,5 +266,14 @@ def _limit(controller: str, limit: "Limit", kept: bool) -> str:
 def _rails(rows: "Sequence[Row]") -> str:
     from .show import table
 
-    body = [[r.rail, r.controller, *_cells(r.values), f"{r.shorter:.0%}"] for r in rows]
-    return table(["rail", "controller", *_HEADER, "shortest"], body, left=2)
+    body = [
+        [
+            r.rail,
+            r.controller,
+            *_cells(r.values),
+            _cell(r.patent_less_this_m, 1),
+            f"{r.shorter:.0%}",
+        ]
+        for r in rows
+    ]
+    return table(["rail", "controller", *_HEADER, "patent less [m]", "shortest"], body, left=2)
