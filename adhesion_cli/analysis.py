@@ -20,6 +20,7 @@ from .model import (
     Result,
     Severity,
     Vehicle,
+    quantities,
 )  # fmt: skip
 from .read import align
 from .read.log import open_source, read
@@ -105,6 +106,7 @@ def analyze(
         result, more = _axle(record, settings, estimators, log.start_ns())
         done.append(result)
         findings += more
+    findings += _assumed(vehicle, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
         log,
@@ -114,6 +116,23 @@ def analyze(
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
+
+
+def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
+    """Which values of the vehicle are the paper's: of (1), and of (15) where K is by pressure."""
+    wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
+    papers, named = Vehicle(), []
+    for name, q in quantities(Vehicle).items():
+        mine, theirs = np.ravel(getattr(vehicle, name)), np.ravel(getattr(papers, name))
+        if (by_pressure or name in wheel) and (mine[:1] == theirs[:1]).all() and len(mine) == 2:
+            named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
+    if not named:
+        return []
+    text = (
+        f"nobody stated {', '.join(named)}: they are the paper's vehicle's, and every force goes "
+        "by them; state yours in [vehicle] of a TOML given with -c, or by --set vehicle.NAME=VALUE"
+    )
+    return [Finding("vehicle-assumed", "info", text)]
 
 
 def _axle(

@@ -11,7 +11,7 @@ import simulated
 from adhesion_cli import settings
 from adhesion_cli.analysis import analyze
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import Result
+from adhesion_cli.model import Result, Vehicle, quantities
 from adhesion_cli.write import mcap
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
@@ -72,3 +72,28 @@ def test_a_comparison_of_one_log_is_a_log_and_one_of_several_is_not(tmp_path: Pa
     mcap.write_comparison(tmp_path / "two.mcap", [one, one], "{}")
     with pytest.raises(UserError, match="a comparison of several logs"):
         analysed(tmp_path / "two.mcap")
+
+
+def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
+    def told(*stated: str) -> list[tuple[str, str]]:
+        load = functools.partial(settings.load, None, stated)
+        result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
+        return [(f.severity, f.message) for f in result.findings if f.code == "vehicle-assumed"]
+
+    ((severity, text),) = told()
+    assert severity == "info"
+    assert "axle_mass 4797 kg" in text
+    assert "lever_ratio 1," in text
+    ((_, text),) = told("vehicle.axle_mass=5200", "vehicle.phi=0.31")
+    assert "axle_mass" not in text
+    assert "friction" not in text
+    assert "wheel_radius 0.42 m" in text
+    names = quantities(Vehicle)
+    assert not told(
+        *(
+            f"vehicle.{n}={1.01 * getattr(Vehicle(), n).value}"
+            for n in names
+            if n != "wheel_radius"
+        ),
+        "vehicle.wheel_radius=[0.43]",
+    )
