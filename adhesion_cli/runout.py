@@ -32,7 +32,7 @@ def found(t: Floats, y: Floats) -> tuple[Floats, float]:
     """
     part, largest = np.zeros(len(t)), 0.0
     count = max(1, round((t[-1] - t[0]) / _STRETCH))
-    edges = np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[1:-1])
+    edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)[1:-1]))
     for s in np.split(np.arange(len(t)), edges):
         part[s], share = _of_stretch(t[s] - t[s[0]], y[s])
         largest = max(largest, share)

@@ -125,12 +125,14 @@ def test_axles_braked_unlike_each_other_are_no_fault(
     assert not [f for f in warned(bad, tmp_path) if "others'" in f.message], what
 
 
-@pytest.mark.parametrize("share", [0.5, 0.7, 1.4])
-def test_a_share_of_its_own_is_said(share: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("share", "severity"), [(0.5, "warning"), (0.7, "info"), (1.4, "info"), (2.0, "warning")]
+)
+def test_a_share_of_its_own_is_said(share: float, severity: str, tmp_path: Path) -> None:
     log = of(clean("four-axles", 5.0), AXLE, lambda _, p: share * p)
     findings = simulated.told(log, tmp_path, DEFAULT)
     (told,) = [f for f in findings if f.code == "pressure-suspect"]
-    assert (told.severity, told.channel[:13]) == ("info", f"bc_pressure_{AXLE}")
+    assert (told.severity, told.channel[:13]) == (severity, f"bc_pressure_{AXLE}")
     stated = float(told.message.split(" times")[0].split()[-1])
     assert stated == pytest.approx(share, rel=0.05)
 
@@ -154,3 +156,45 @@ def test_the_first_time_is_the_faults(tmp_path: Path) -> None:
     assert told.code == "pressure-suspect"
     assert 15.0 < told.first_s < 17.0
     assert 5 * 1.5 < told.count < 5 * 6.0
+
+
+def zeros(log: Recordings, folder: Path) -> list[Finding]:
+    return [f for f in simulated.told(log, folder, DEFAULT) if f.code == "pressure-zero"]
+
+
+@pytest.mark.parametrize("share", [0.08, 0.3])
+@pytest.mark.parametrize(
+    ("name", "rate"), [("service-brake", 1.0), ("four-axles", 5.0), ("low-adhesion", 1.0)]
+)
+def test_what_a_released_brake_shows_is_the_sensors_zero(
+    name: str, rate: float, share: float, tmp_path: Path
+) -> None:
+    log = clean(name, rate)
+    top = max(float(log[i].value.max()) for i in simulated.which(log, "pressure"))
+    told = zeros(of(log, 0, lambda _, p: p + share), tmp_path)
+    unit = {"bar": 1.0, "kPa": 1e-2}[log[simulated.which(log, "pressure")[0]].unit]
+    assert {f.channel.split()[0] for f in told} == {
+        log[i].name for i in simulated.which(log, "pressure")
+    }
+    for f in told:
+        level = float(f.message.split(" bar")[0].split()[-1])
+        assert level == pytest.approx(abs(share) * top * unit, rel=0.15)
+        assert " above zero" in f.message
+    assert not zeros(log, tmp_path)
+
+
+def test_a_zero_below_zero_is_told(tmp_path: Path) -> None:
+    log = of(clean("service-brake", 20.0), 0, lambda _, p: 0.5 * p - 0.03)
+    (told,) = zeros(log, tmp_path)
+    assert " below zero" in told.message
+
+
+def test_a_log_that_begins_with_the_brake_applied_shows_no_zero(tmp_path: Path) -> None:
+    log = clean("four-axles", 5.0)  # two steps, then a release
+    t = log[simulated.which(log, "pressure", 1)[0]].t * 1e-9
+    p = log[simulated.which(log, "pressure", 1)[0]].value
+    first = float(t[np.argmax(p > 0.5 * p.max())])
+    last = float(t[len(p) - 1 - np.argmax(p[::-1] > 0.5 * p.max())])
+    cut = [replace(r, t=r.t[k], value=r.value[k]) for r in log
+           for k in [(r.t * 1e-9 > first) & (r.t * 1e-9 < last)]]  # fmt: skip
+    assert not zeros(cut, tmp_path)

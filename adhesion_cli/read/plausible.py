@@ -16,6 +16,7 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
     (
         deceleration.impossible,
         deceleration.too_hard,
+        pressures.released,
         deceleration.explained,
         deceleration.unbraked,
         deceleration.another_factor,

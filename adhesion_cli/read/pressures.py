@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..model import Bools, Finding, Floats
+from ..model import Bools, Finding, Floats, Severity
+from ..physics import clamping_force, force_line
 from ..signals import finite_median, true_runs
 from . import braking
 from .grid import FREE, LEAST, Axle, Grid, Scene, lasting
@@ -23,6 +24,7 @@ _LASTS = 1.5  # so long must it depart [s]
 _ALIKE = 0.04  # ratios within this are one
 _SHARE = 0.2  # of the time: that often is a ratio the axle's own
 _OWN = 0.15  # another share of the others' pressure than 1 is worth a word
+_OWNS = 0.6  # of the others' pressure, or they of its: less is hardly a brake's
 _RATIOS = 0.3, 3.0  # no axle is braked by less, or more, of what the others are
 _SLIDES = 0.97  # of the train's speed
 _CRAWL = 1.0  # slower, no force is known either [m/s]
@@ -31,6 +33,10 @@ _LATE = 0.25  # smaller ones may be the cylinder's [s]
 _INTERVALS = 0.75  # and the sampling's
 _BETTER = 0.25  # so much less must a shift leave than anything else
 _SLIGHT = 0.02  # of the highest pressure is left of alike ones
+_REST = 0.03  # of the highest pressure, within which a released one stays
+_ZERO = 0.04, 1e4  # of the highest pressure, and [Pa]: a sensor's zero is not as far off
+_APPLIED = 0.3  # of the highest pressure above that: a brake
+_HELD = 0.5  # of what it would slow the train by: less is no brake
 
 
 class _Odd(NamedTuple):
@@ -65,6 +71,35 @@ def odd(s: Scene) -> Iterator[Finding]:
             return
 
 
+def released(s: Scene) -> Iterator[Finding]:
+    """Pressures that have another level than zero where no brake slows the train."""
+    g = s.grid
+    for i, (a, p) in enumerate(zip(s.axles, g.pressure, strict=True)):
+        top = float(np.nanmax(p, initial=0.0))
+        moves = np.isfinite(p) & (g.fastest > _CRAWL)
+        low = float(np.min(p[moves], initial=top))
+        rests = lasting(moves & (p < low + _REST * top), _LASTS, g)
+        slowing = -g.slope(g.fastest)[rests]
+        if not np.isfinite(slowing).any():
+            continue
+        level = float(np.median(p[rests]))
+        if abs(level) < max(_ZERO[0] * top, _ZERO[1]) or top - level < _APPLIED * top:
+            continue
+        slowed = s.by_rolling * float(clamping_force(np.array(level), s.vehicle))
+        if slowed and np.nanmedian(slowing) > _HELD * slowed:
+            continue
+        wrong = force_line(s.vehicle).per_pascal * abs(level)
+        way, more = ("above", "large") if level > 0.0 else ("below", "small")
+        text = (
+            f"the pressure stays {abs(level) / 1e5:.2g} bar {way} zero where nothing slows the "
+            f"train: the sensor's zero is off, and K is up to {wrong:.0f} N too {more}; take it "
+            "off the log's values"
+        )
+        if level > 0.0:
+            text += ", unless the brake keeps its pads on by that, or holds against a gradient"
+        yield s.told("pressure-zero", "warning", text, a.brake, rests, i)
+
+
 def _told(s: Scene, o: _Odd, either: bool) -> Finding:
     a = s.axles[o.axle]
     name = str(a.brake.meaning).replace("_", " ")
@@ -82,7 +117,8 @@ def _told(s: Scene, o: _Odd, either: bool) -> Finding:
             f"{'less' if o.ratio < 1.0 else 'more'}, or a sensor of another scale, and this axle's "
             "force is wrong by that; nothing in the log tells which"
         )
-        return s.told("pressure-suspect", "info", text, a.brake, o.where, o.axle)
+        severity: Severity = "info" if _OWNS < o.ratio < 1.0 / _OWNS else "warning"
+        return s.told("pressure-suspect", severity, text, a.brake, o.where, o.axle)
     likely = others(a.brake, s.vehicle, lambda f: 0.8 < f * o.ratio < 1.25)
     if likely and not _RATIOS[0] < o.ratio < _RATIOS[1]:
         text = (
