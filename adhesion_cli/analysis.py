@@ -129,8 +129,8 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
     if not named:
         return []
     text = (
-        f"nobody stated {', '.join(named)}: they are the paper's vehicle's, and every force goes "
-        "by them; state yours in [vehicle] of a TOML given with -c, or by --set vehicle.NAME=VALUE"
+        f"{', '.join(named)}: as of the paper's vehicle, and every force goes by them; state yours "
+        "in [vehicle] of a TOML given with -c, or by --set vehicle.NAME=VALUE, where they differ"
     )
     return [Finding("vehicle-assumed", "info", text)]
 
