@@ -25,7 +25,8 @@ ROOT = Path(__file__).parent.parent
 CODES = {
     "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
     "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
-    "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset",
+    "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset", "pressure-zero",
+    "train-frozen", "train-spike",
 }  # fmt: skip
 DEFAULT = settings.load()
 VEHICLES = {
@@ -610,3 +611,47 @@ def test_every_finding_is_documented() -> None:
     listed = set(re.findall(r"`([a-z0-9-]+)`", page))
     assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-frozen"} <= finding_codes()
     assert sorted(finding_codes() - listed) == []
+
+
+def losses(log: Recordings) -> dict[str, Recordings]:
+    """Train speeds as receivers lose them."""
+    (v,) = simulated.which(log, "train_speed")
+    some = simulated.single(np.random.default_rng(1), 6)
+    top = float(log[v].value.max())
+    return {
+        "train-frozen, 5 s": simulated.stuck(log, "train_speed", 0, 8.0, 5.0),
+        "train-frozen, to the end": simulated.stuck(log, "train_speed", 0, 8.0, 1e9),
+        "train-frozen, dead": simulated.put(log, "train_speed", 0, lambda _: True, 0.6 * top),
+        "train-frozen, zero": simulated.put(log, "train_speed", 0, lambda _: True, 0.0),
+        "train-spike, no fix": simulated.put(
+            log, "train_speed", 0, simulated.during(8.0, 3.0), 0.0
+        ),
+        "train-spike, before a fix": simulated.put(
+            log, "train_speed", 0, simulated.during(0.0, 5.0), 0.0
+        ),
+        "train-spike, zeros": simulated.put(log, "train_speed", 0, some, 0.0),
+        "train-spike, twice": simulated.put(log, "train_speed", 0, some, 2.0 * top),
+    }
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=rate)
+    assert not [f for f in simulated.told(log, tmp_path, DEFAULT) if f.severity == "warning"]
+    for fault, bad in losses(log).items():
+        told = [f for f in simulated.told(bad, tmp_path, DEFAULT) if f.severity == "warning"]
+        assert fault.split(",")[0] in {f.code for f in told}, fault
+        assert {f.channel for f in told} == {"train_speed [km/h]"}, (fault, told)
+
+
+def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=20.0)
+    for fault, bad in losses(log).items():
+        result = analysed(bad, tmp_path)
+        for axle in result.axles:
+            if axle.slip is None:
+                continue
+            true = axle.record.true_slip
+            known = np.isfinite(axle.slip) & np.isfinite(true)
+            far = np.abs(axle.slip - true)[known] > 0.02 + 0.2 * np.abs(true[known])
+            assert far.mean() < 0.05, (fault, axle.record.axle)

@@ -71,6 +71,10 @@ def records(
     asked = axles or numbers
     found: list[Axle] = []
     findings: list[Finding] = []
+    for of_axle, logged in trains.items():
+        faults = checks.of_train(logged, list(speeds.values()))
+        findings += _told(logged, faults, log.start_ns(), window)
+        trains[of_axle] = _without(logged, faults)
     for axle in numbers:
         speed = log.find("wheel_speed", axle)
         brake = log.find("pressure", axle) or log.find("clamping_force", axle)
@@ -81,8 +85,11 @@ def records(
             told = [Finding("axle-incomplete", "warning", text, name)]
             findings += told if axle in asked else []
             continue
-        train = log.find("train_speed", axle)
-        moving = [c for c in (*speeds.values(), *trains.values()) if c is not speed]
+        own = (trains[of_axle] for of_axle in (axle, None) if of_axle in trains)
+        train = next((c for c in own if len(c.data.t)), None)
+        moving = [
+            c for c in (*speeds.values(), *trains.values()) if c is not speed and len(c.data.t)
+        ]
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
         of_speed, of_brake = checks.of_speed(speed), checks.of_pressure(brake, beside)

@@ -6,7 +6,7 @@ what the rest of the train does meanwhile.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ _NEVER = 1e-3  # runs this long that a log of its length would show by chance
 _LOCKS = 100.0  # no wheel is slowed harder for one sample and driven as hard in the next [rad/s²]
 _QUICKEST = 4.0  # faster than any valve fills or vents a cylinder, of its highest value [1/s]
 _AROUND = 10  # samples before and after
+_EARLY = 5.0  # so much may the clock of a train speed be ahead [s]
+_MOVES = 0.02  # of itself: a speed that changes by less stands still
 _VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
 _JUMPS = (
@@ -46,6 +48,27 @@ class Fault(NamedTuple):
 def of_speed(speed: Channel) -> list[Fault]:
     """What a wheel speed [rad/s] shows by itself."""
     return [Fault("speed-spike", _JUMPS.format("wheel"), speed_spikes(speed), True)]
+
+
+def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
+    """What a train speed [m/s] shows by itself and beside the wheel speeds [rad/s]."""
+    spikes = excursions.of_train(train)
+    frozen = stuck_speed(train, np.zeros(len(spikes)), wheels, np.nanmin)
+    if frozen[-1] and np.ptp(train.data.value):  # to the end: an early clock looks like that, too
+        t, last = train.data.t, int(_runs(train).first[-1])
+        later = int(np.searchsorted(t, t[last] + round(_EARLY * 1e9)))
+        rest = _Runs(np.array([later, len(t)]))
+        if later >= len(t) - 1 or not all(_moved(train, rest, w)[0] > _MOVES for w in wheels):
+            frozen[last:] = False
+    return [
+        Fault("train-spike", _JUMPS.format("train"), spikes, True),
+        Fault(
+            "train-frozen",
+            "repeats one value, or zero, while every wheel says it must change: left out; check "
+            "the receiver, or name another channel in [channels] train_speed",
+            frozen & ~spikes, True,
+        ),
+    ]  # fmt: skip
 
 
 def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
@@ -123,8 +146,11 @@ def _repeats(n: int, runs: _Runs, stuck: Bools) -> Bools:
     return inside
 
 
-def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()) -> Bools:
-    """Samples at which a stuck wheel-speed sensor repeats its last value, shape (n,).
+def stuck_speed(
+    speed: Channel, clamping: Floats, others: Sequence[Channel] = (),
+    among: Callable[..., Floats] = np.nanmedian,
+) -> Bools:  # fmt: skip
+    """Samples at which a stuck speed sensor repeats its last value, shape (n,).
 
     It would have moved meanwhile: by as much as the other axles and the train do, or, where the
     log has none, as this speed usually does with the brake applied. More than six quantisation
@@ -137,6 +163,7 @@ def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()
         speed: wheel speed [rad/s].
         clamping: K at the speed's times, shape (n,).
         others: speeds of other axles and the train, in any unit.
+        among: of what the others moved by, what counts.
     """
     t, y = speed.data.t, speed.data.value
     runs, dead = _runs(speed), _dead(speed, clamping, others)
@@ -154,10 +181,10 @@ def stuck_speed(speed: Channel, clamping: Floats, others: Sequence[Channel] = ()
         moved = np.array([_moved(speed, runs, other) for other in others]) * value
         # Where all of them stand still to the last digit, it is the logger that does.
         known = np.isfinite(moved).any(axis=0) & (np.nan_to_num(moved).max(axis=0) > 0.0)
-        expected[known] = np.nanmedian(moved[:, known], axis=0)
+        expected[known] = among(moved[:, known], axis=0)
         steps[known] = 4.0
     constant = not np.ptp(y)
-    least = 0.1 if constant else 0.02  # one value alone does not show its step
+    least = 0.1 if constant else _MOVES  # one value alone does not show its step
     stuck = (
         long
         & (expected > np.maximum(steps * speed.step, least * value))

@@ -35,12 +35,18 @@ WHEEL = Limits(250.0, 150.0, 2.0, 5.0, np.inf)
 # Valves empty a cylinder in 0.1 s and fill it in 0.25 s. A longer step may be a brake's: simulated
 # ones have no valve.
 _CYLINDER = Limits(2e6, 5e6, 2e4, 2e4, 3.0)
+_TRAIN = Limits(10.0, 10.0, 1.0, 2.5, np.inf)
 _FULL = 5e5  # pressure of that cylinder [Pa]
 
 
 def of_wheel(speed: Channel) -> Bools:
     """Samples of a wheel speed [rad/s] that no wheel can reach and leave again, shape (n,)."""
     return _of(speed, WHEEL)
+
+
+def of_train(speed: Channel) -> Bools:
+    """Samples of a train speed [m/s] that no train can reach and leave again, shape (n,)."""
+    return _of(speed, _TRAIN)
 
 
 def of_cylinder(brake: Channel) -> Bools:
