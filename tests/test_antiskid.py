@@ -537,7 +537,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
             cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
         )  # fmt: skip
 
-    done = adhesion("leaf-film", "--json")
+    done = adhesion("leaf-film", "--json", "--figure", "stop.svg")
     assert done.returncode == 0, done.stderr
     doc = json.loads(done.stdout)
     assert set(doc) == {
@@ -545,7 +545,7 @@ def test_antiskid_command(tmp_path: Path) -> None:
         "limits", "outputs",
     }  # fmt: skip
     assert doc["estimator"] == "kalman"
-    assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap"]
+    assert list(doc["outputs"]) == ["rrd", "none.mcap", "patent.mcap", "rule.mcap", "svg"]
     assert all((tmp_path / name).is_file() for name in doc["outputs"].values())
     assert (doc["schema"], doc["scenario"]) == ("adhesion.antiskid/1", "leaf-film")
     assert list(doc["controllers"]) == ["none", "patent", "rule"]
@@ -557,10 +557,14 @@ def test_antiskid_command(tmp_path: Path) -> None:
         ratio = verdict["stopping_distance_m"] / doc["dry_distance_m"] - 1.0
         assert verdict["extension"] == pytest.approx(ratio)
     laws = [f"leaf-film.{law}.antiskid" for law in registry()]
-    written = {f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256")}
+    written = {"stop.svg", *(f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256"))}
     written |= {f"{name}.mcap" for name in laws}
     assert {p.name for p in tmp_path.iterdir()} == written
     assert "--force" in adhesion("leaf-film").stderr
+    kept = adhesion("leaf-film", "-o", "other", "--figure", "stop.svg")
+    assert kept.returncode == 1
+    assert "stop.svg" in kept.stderr
+    assert "stop.svg" in adhesion("leaf-film", "--rails", "--figure", "stop.svg").stderr
     bad = adhesion("leaf-film", "--set", "patent.slip_high")
     assert bad.returncode == 2
     assert "Traceback" not in bad.stderr

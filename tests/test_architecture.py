@@ -31,7 +31,7 @@ LAYERS = [
     {"settings"},
     {"slip"},
     {"document"},
-    {"analysis", "inspection", "replay", "response"},
+    {"analysis", "figures", "inspection", "replay", "response"},
     {"reproduce"},
     {"cli"},
     {"__main__"},

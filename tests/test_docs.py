@@ -36,6 +36,28 @@ def test_pages_that_are_named_exist() -> None:
     assert not [(where, page) for where, page in named if not (ROOT / page).is_file()]
 
 
+def test_every_figure_is_made_by_a_command_of_its_page() -> None:
+    makes = {"reproduce.svg": "adhesion reproduce", "response.svg": "--response"}
+    shown = {
+        (page, name)
+        for page in (*ROOT.glob("docs/*.md"), ROOT / "README.md")
+        for name in re.findall(r"figures/([a-z-]+\.svg)\)", page.read_text(encoding="utf-8"))
+    }
+    stored = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
+    assert {name for _, name in shown} == stored
+    for page, name in shown:
+        assert makes.get(name, f"--figure {name}") in page.read_text(encoding="utf-8"), (page, name)
+        assert (ROOT / "docs" / "figures" / name).stat().st_size < 160_000
+
+
+def test_tests_that_are_named_exist() -> None:
+    page = (ROOT / "docs" / "derivation.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(test_\w+\.py)::(\w+)`", page)
+    assert len(named) > 10
+    for file, name in named:
+        assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), name
+
+
 def test_the_gate_runs_the_readmes_test_command() -> None:
     (command,) = re.findall(r"^python3 -m venv .*pytest.*$", (ROOT / "README.md").read_text(), re.M)
     assert command.endswith("pytest -n 2")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -405,8 +406,19 @@ def test_the_command(tmp_path: Path) -> None:
     assert third["peak_slip"] is None
     assert third["fit"] is None
     assert third["slides"] == []
-    again = run(log.name, "--force", "--axle", "1", "-a", "leso")
+    again = run(log.name, "--force", "--axle", "1", "-a", "leso", "--figure", "slip.svg")
     assert again.returncode == 0, again.stderr
+    assert again.stdout.endswith("wrote slip.svg\n")
+    picture = (tmp_path / "slip.svg").read_text()
+    low, high = (100.0 * x for x in first["peak_slip_ci"])
+    assert all(text in picture for text in (*slope.REGIONS, "peak, 95 %", "axle 1: confidence"))
+    left, wide = map(float, re.findall(r'<rect x="([\d.]+)" y="0" width="([\d.]+)"', picture)[0])
+    ticks = re.findall(r'<text x="([\d.]+)" y="204.0" [^>]*>([\d.]+)<', picture)[:3]
+    percent = np.poly1d(np.polyfit(*np.array(ticks, float).T, 1))
+    assert [percent(left), percent(left + wide)] == pytest.approx([low, high], abs=0.01)
+    refused = run(log.name, log.name, "--figure", "two.svg")
+    assert refused.returncode == 2
+    assert "--figure" in refused.stderr
     assert "utilisation" in again.stdout
     assert "wrote stop.slip.mcap" in again.stdout
     messages = _messages(tmp_path / "stop.slip.mcap", "/axle/1/slip")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from . import results
-from .options import Shared, completes, estimators, loader, scenarios, shared
+from .options import Shared, completes, estimators, figure, loader, scenarios, shared, targets
 
 if TYPE_CHECKING:
     from ..scenario import Limit, Scenario
@@ -22,7 +22,7 @@ _OF_LOGS = {name: "--" + name.strip("_") for name in ("axle", "from_", "to", "st
 _OF_FILES = {name: "--" + name for name in ("out", "force", "view")}
 
 
-@shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json")
+@shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json", "figure")
 def command(
     shared: Shared,
     scenario: Annotated[
@@ -52,7 +52,7 @@ def command(
         typer.Option("--train-speed", help="How the unit knows it, for what the scenario says."),
     ] = None,
     rails: Annotated[
-        bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no files.")
+        bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no results.")
     ] = False,
     seeds: Annotated[
         int | None,
@@ -63,7 +63,7 @@ def command(
 
     With --from-log the rail is fitted to a log's slides, and each controller stops the log's train
     on it; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log, and
-    <name>.antiskid.rrd.
+    <name>.antiskid.rrd. --figure draws the first axle's stops; with --rails, what came out.
 
     Settings are those of [patent], [rule], [slope] and of the estimator; with --from-log also the
     log's.
@@ -83,10 +83,11 @@ def command(
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
     idle = _given(shared, _OF_FILES) if rails else []
+    idle = [flag for flag in idle if flag != "--force" or not shared.figure]
     idle += ["--seed"] if rails and seed is not None else ["--seeds"] if seeds and not rails else []
     if idle:
         text = f"{', '.join(idle)}: of no use {'with' if rails else 'without'} --rails"
-        raise UserError(text, "--rails writes no files and has --seeds", code=2)
+        raise UserError(text, "--rails writes no file but --figure's and has --seeds", code=2)
     if from_log:
         if rails:
             raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
@@ -104,18 +105,24 @@ def command(
         show.message(text, shared.quiet)
     _tells_of_compiling(shared)
     if rails:
+        from ..figures import of_sweep
         from ..sweep import RAILS, sweep
 
+        files.check(targets(shared), shared.force, inputs=[Path(scenario)])
         seeds = seeds or 10
         count = len(RAILS) * len(registry()) * seeds
         show.message(f"{count} stops to simulate, on all cores", shared.quiet)
         rows = sweep(case, seeds, algo, settings, tell)
         document = sweep_document(case.name, seeds, algo, made_with, rows)
-        print(dumps(document) if shared.json else _rails(rows))
+        title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
+        with figure(shared, [Path(scenario)], title, lambda: of_sweep(rows)) as drawn:
+            pass
+        text = "\n".join([_rails(rows), *map(show.wrote, drawn.values())])
+        print(dumps({**document, "outputs": drawn}) if shared.json else text)
         return 0
 
     paths = _paths(shared, case.name)
-    files.check(paths, shared.force, inputs=[Path(scenario)])
+    files.check(targets(shared, paths), shared.force, inputs=[Path(scenario)])
     dry, stops = antiskid.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     kept = [(law, *x) for law, (_, v) in stops.items() for x in antiskid.against(case.limit, v)]
@@ -206,21 +213,26 @@ def _write(
 ) -> None:  # fmt: skip
     """Writes the files, each stop with what it was made from, and says what came out."""
     from ..document import dumps
+    from ..figures import of_stops
     from ..physics import G
     from ..unit import bands
     from ..write import files, mcap, rrd
     from . import show
 
-    with files.outputs(paths, shared.force, inputs=[source]) as (recording, *records):
+    weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
+    drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
+    with (
+        figure(shared, [source], title, lambda: of_stops(all_stops, weight, drawn)) as picture,
+        files.outputs(paths, shared.force, inputs=[source]) as (recording, *records),
+    ):
         for record, (stop, carried) in zip(records, stops, strict=True):
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
-        weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
-        drawn = {"patent": bands(settings)}
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, text)
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
-    outputs = dict(zip(kinds, map(str, paths), strict=True))
+    outputs = dict(zip(kinds, map(str, paths), strict=True)) | picture
     whole = {**document, "outputs": outputs}
-    print(dumps(whole) if shared.json else "\n".join([text, show.wrote(*paths)]))
+    told = "\n".join([text, show.wrote(*paths), *map(show.wrote, picture.values())])
+    print(dumps(whole) if shared.json else told)
     if shared.view:
         from .view import show_recording
 

@@ -15,6 +15,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..model import Log
+    from ..write.svg import Panel
 
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
@@ -71,6 +72,7 @@ class Shared:
     strict: bool = _option(False, "--strict", None, "Damaged data is an error, not a finding.")
     rejects: Path | None = _option(
         None, "--rejects", "FILE.csv", "Write each row and cell left out of CSV logs here.")
+    figure: Path | None = _option(None, "--figure", "FILE.svg", "Draw it as a picture, too.")
     quiet: bool = _option(False, "-q --quiet", None, "No messages but errors.")
     debug: bool = _option(False, "--debug", None, "Show the traceback of an error.")
     view: bool = _option(False, "--view", None, "Open the result in the Rerun viewer.")
@@ -78,7 +80,8 @@ class Shared:
 
 
 ALWAYS = ("quiet", "debug")  # every command has these; `__main__` honours --debug
-EVERY = tuple(f.name for f in fields(Shared) if f.name not in ALWAYS)  # what an analysis takes
+EVERY = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"))
+"""What an analysis takes."""
 
 
 def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
@@ -155,8 +158,8 @@ def loader(shared: Shared) -> Callable[..., Any]:
 
 
 def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
-    """Everything a run will write: its results and, if asked for, what was left out."""
-    return [*paths, shared.rejects] if shared.rejects else [*paths]
+    """Everything a run will write: its results and, if asked for, what was left out, a picture."""
+    return [*paths, *(x for x in (shared.rejects, shared.figure) if x)]
 
 
 @contextmanager
@@ -178,6 +181,29 @@ def rejects(shared: Shared, logs: "Iterable[Log]", inputs: Sequence[Path]) -> It
         count = write_rejects(place, logs)
         yield
     show.message(f"wrote {shared.rejects}: {count} rows and cells left out", shared.quiet)
+
+
+@contextmanager
+def figure(
+    shared: Shared, inputs: Sequence[Path], title: str, panels: "Callable[[], Sequence[Panel]]"
+) -> "Iterator[dict[str, str]]":
+    """Draws the panels, if asked for; the file appears after what is written within.
+
+    Yields:
+        The picture as an output, by format.
+
+    Raises:
+        UserError: where it cannot be written.
+    """
+    if shared.figure is None:
+        yield {}
+        return
+    from ..text import printable
+    from ..write import files, svg
+
+    with files.outputs([shared.figure], shared.force, inputs=inputs) as (place,):
+        svg.write(place, printable(title), panels(), columns=3)
+        yield {"svg": str(shared.figure)}
 
 
 def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:

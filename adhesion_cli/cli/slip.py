@@ -1,30 +1,37 @@
 """`adhesion slip`: the slip-adhesion curve of a log."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import results
-from .options import EVERY, Logs, Shared, shared
+from .options import EVERY, Logs, Shared, figure, shared
 
 if TYPE_CHECKING:
     from ..railfit import RailFit
     from ..slip import Summary
 
 
-@shared(*EVERY)
+@shared(*EVERY, "figure")
 def command(logs: Logs, shared: Shared) -> int:
     """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
 
     Without a train speed, one is made of all axles. Of several logs all are analysed before
-    anything is written: one that fails leaves no results.
+    anything is written: one that fails leaves no results. --figure draws curve, slope and
+    confidence of the axles that slid.
 
     Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
     """
     from ..document import dumps, slip_document
+    from ..errors import UserError
+    from ..figures import of_slip
     from ..slip import summary
+    from ..slope import Bands
     from ..text import printable
     from . import show
 
+    if shared.figure and len(logs) > 1:
+        raise UserError("--figure shows one log", "run it for each of them", code=2)
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     tell = show.progress(shared.quiet)
@@ -37,15 +44,20 @@ def command(logs: Logs, shared: Shared) -> int:
         start = result.log.start_ns()
         notes = [f"```\n{table([s], start, shares=False)}\n```" for s in of]
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
-    results.write(shared, analysed, pairs, slips)
+    first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
+    bands = Bands(**first.settings["bands"])
+    with figure(shared, logs, title, lambda: of_slip(first, summaries[0], bands)) as drawn:
+        results.write(shared, analysed, pairs, slips)
     if shared.json:
-        outputs = [results.named(pair) for pair in pairs]
+        outputs = [results.named(pair) | drawn for pair in pairs]
         print(dumps(slip_document([r.log for r in analysed], summaries, findings, outputs)))
     else:
         for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
             print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
             print(show.wrote(*pair))
             show.message(show.findings(told), shared.quiet or not told)
+        if drawn:
+            print(show.wrote(*drawn.values()))
     return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 

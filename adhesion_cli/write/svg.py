@@ -18,6 +18,7 @@ _WIDTH, _HEIGHT = 330, 190  # of a panel's frame
 _LEFT, _RIGHT, _TOP, _BOTTOM, _LEGEND = 62, 14, 30, 40, 15  # around it
 _HEAD = 34  # above the panels
 _ABREAST = 3  # names in a row of the legend
+_SHADE = 0.16  # opacity of a band
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,18 @@ class Line:
     y: Floats
     colour: str
     dashed: bool = False
+    dots: float = 0.0  # diameter of its points, which then stand alone
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A span of x, or of y, with a shade over it."""
+
+    name: str  # in the legend
+    low: float
+    high: float
+    colour: str
+    of_x: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +55,9 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     y_range: tuple[float, float] | None = None  # None: all there is
+    x_range: tuple[float, float] | None = None
+    bands: Sequence[Band] = ()
+    x_names: Sequence[str] = ()  # of x 0, 1, 2 … in place of numbers
 
 
 def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> None:
@@ -50,7 +66,7 @@ def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> 
     Raises:
         OSError: the file cannot be written.
     """
-    legend = max(-(-len([x for x in p.lines if x.name]) // _ABREAST) for p in panels) * _LEGEND
+    legend = max(-(-len(_keys(p)) // _ABREAST) for p in panels) * _LEGEND
     wide, high = _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM + legend
     columns = min(columns, len(panels))
     width, height = columns * wide, _HEAD + -(-len(panels) // columns) * high
@@ -67,30 +83,58 @@ def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> 
 
 
 def _panel(panel: Panel) -> Iterator[str]:
-    xs = _Axis.over([line.x for line in panel.lines], panel.log_x, _WIDTH)
+    xs = _Axis.over([line.x for line in panel.lines], panel.log_x, _WIDTH, panel.x_range)
     ys = _Axis.over([line.y for line in panel.lines], panel.log_y, _HEIGHT, panel.y_range)
-    for at, label in xs.ticks():
+    names = xs.place(np.arange(len(panel.x_names), dtype=np.float64)).tolist()
+    numbered = zip(names, panel.x_names, strict=True) if names else xs.ticks()
+    for i, (at, label) in enumerate(numbered):
         yield f'<path d="M{at:.1f} 0V{_HEIGHT}" stroke="#e6e6e6"/>'
-        yield _text(at, _HEIGHT + 14, label, "middle")
+        low = 12 * (i % 2) if names else 0  # every other name, for room
+        yield _text(at, _HEIGHT + 14 + low, label, "middle")
     for at, label in ys.ticks():
         yield f'<path d="M0 {_HEIGHT - at:.1f}H{_WIDTH}" stroke="#e6e6e6"/>'
         yield _text(-5, _HEIGHT - at + 4, label, "end")
     yield f'<rect width="{_WIDTH}" height="{_HEIGHT}" fill="none" stroke="{GREY}"/>'
     yield f'<svg width="{_WIDTH}" height="{_HEIGHT}">'  # cuts off what lies outside
+    for band in panel.bands:
+        ends = np.array([band.low, band.high])
+        if band.of_x:
+            a, b = xs.place(ends).tolist()
+            place = f'x="{a:.1f}" y="0" width="{b - a:.1f}" height="{_HEIGHT}"'
+        else:
+            b, a = (_HEIGHT - ys.place(ends)).tolist()
+            place = f'x="0" y="{a:.1f}" width="{_WIDTH}" height="{b - a:.1f}"'
+        yield f'<rect {place} fill="{band.colour}" fill-opacity="{_SHADE}"/>'
     for line in panel.lines:
-        dash = ' stroke-dasharray="5 3"' if line.dashed else ""
-        data = _curve(xs.place(line.x), _HEIGHT - ys.place(line.y))
-        yield f'<path d="{data}" fill="none" stroke="{line.colour}" stroke-width="1.3"{dash}/>'
+        draw, look = (_dots, _dotted(line.dots)) if line.dots else (_curve, _line(line, 1.3))
+        data = draw(xs.place(line.x), _HEIGHT - ys.place(line.y))
+        yield f'<path d="{data}" fill="none" stroke="{line.colour}" {look}/>'
     yield "</svg>"
     yield _text(_WIDTH / 2, -9, panel.title, "middle", 'font-weight="bold"')
     yield _text(_WIDTH / 2, _HEIGHT + 30, panel.x_label, "middle")
     turned = f'transform="rotate(-90)" fill="{BLACK}"'
     yield _text(-_HEIGHT / 2, -_LEFT + 13, panel.y_label, "middle", turned)
-    for i, line in enumerate(line for line in panel.lines if line.name):
+    for i, key in enumerate(_keys(panel)):
         x, y = i % _ABREAST * _WIDTH / _ABREAST, _HEIGHT + _BOTTOM + 4 + i // _ABREAST * _LEGEND
-        dash = ' stroke-dasharray="5 3"' if line.dashed else ""
-        yield f'<path d="M{x:.0f} {y}h18" stroke="{line.colour}" stroke-width="2"{dash}/>'
-        yield _text(x + 22, y + 4, line.name, "start")
+        way, look = "h18", f'stroke-opacity="{_SHADE}" stroke-width="11"'
+        if isinstance(key, Line):
+            way, look = ("m9 0h0", _dotted(6.0)) if key.dots else (way, _line(key, 2))
+        yield f'<path d="M{x:.0f} {y}{way}" stroke="{key.colour}" {look}/>'
+        yield _text(x + 22, y + 4, key.name, "start")
+
+
+def _keys(panel: Panel) -> list[Line | Band]:
+    """What has a place in the legend."""
+    keys: list[Line | Band] = [*panel.lines, *panel.bands]
+    return [key for key in keys if key.name]
+
+
+def _line(line: Line, width: float) -> str:
+    return f'stroke-width="{width}"' + (' stroke-dasharray="5 3"' if line.dashed else "")
+
+
+def _dotted(width: float) -> str:
+    return f'stroke-width="{width}" stroke-linecap="round"'
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +212,16 @@ def _curve(x: Floats, y: Floats) -> str:
             parts.append(f"{pen}{a:.1f} {b:.1f}")
         pen = "L" if there else "M"
     return "".join(parts)
+
+
+def _dots(x: Floats, y: Floats) -> str:
+    """A dot at every point, to the pixel; one below the other are a line."""
+    known = np.isfinite(x) & np.isfinite(y) & (np.abs(x) < 1e4) & (np.abs(y) < 1e4)
+    places = np.unique(np.round(np.stack([x[known], y[known]], axis=1)), axis=0)
+    gaps = np.flatnonzero((np.diff(places, axis=0) != [0.0, 1.0]).any(axis=1)) + 1
+    ends = [0, *gaps.tolist(), len(places)] if len(places) else []
+    runs = [(*places[a], b - a - 1) for a, b in pairwise(ends)]
+    return "".join(f"M{a:g} {b:g}v{n}" for a, b, n in runs)
 
 
 def _text(x: float, y: float, text: str, anchor: str, more: str = "") -> str:
