@@ -183,6 +183,7 @@ class AxleRecord:
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
     train_speed_made: bool = False  # of the axles: where all creep or slide, so does it
     pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]
+    of_totals: bool = False  # the wheel speed was logged as a total of pulses or as an angle
     of_rim: bool = False  # the wheel speed was logged as ωR and divided by the vehicle's R
     saturated: Bools | None = None  # the pressure stands at the end of its sensor's range
 
@@ -203,6 +204,7 @@ class AxleRecord:
             train_speed_late=self.train_speed_late,
             train_speed_made=self.train_speed_made,
             pressure_late=self.pressure_late,
+            of_totals=self.of_totals,
             of_rim=self.of_rim,
         )  # fmt: skip
 

@@ -22,11 +22,14 @@ _SHORTEST = 8  # samples of a run: fewer do not tell their own noise
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
 _PULSES = 24.0  # of a counter that tell a speed to a few percent
+_COUNTED = 0.18  # noise of its counts in pulses²; 0.28 where all phases occur, rounding 0.08
 _BRIEF = 0.1  # a slide hardly changes within [s]
 _KNOTS = 6  # samples of a run of equal speeds that are used
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
 _SMALL = 100.0  # clamping force below which nothing is braked [N]
+_SURE: tuple[float, ...] = (0.5, 0.5)  # how far `smoother.fit` loosens coupling and rolling [nats]
+_DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown what varies
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
@@ -140,21 +143,27 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         return []
     clamping = _clamping(runs)
     scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
-    together = _counted(max(runs, key=len))
+    together, step = _counted(max(runs, key=len)), runs[0].wheel_speed_step
     every = zip(runs, ripples, clamping, strict=True)
-    wheel = [_rolling(r, x, k, w, together) for r, x, k in every]
-    telling = [_telling(run) for run in wheel]
-    rounding = _rounding(runs[0].wheel_speed_step, together)
-    white = white_noise((r.t, r.y) for r in (telling if together > 1 else wheel))
-    white = max(white - rounding, 1e-3 * rounding)
-    rolling = smoother.Noise(white, _SHARE * scale, scale**2 * np.array([1e-5]))
+    wheel = [_rolling(r, x, k, w) for r, x, k in every]
+    if together:  # counts that share an end err against each other: every second one is white
+        telling = [
+            _pulsed(r, x, run, together) for r, x, run in zip(runs, ripples, wheel, strict=True)
+        ]
+        fitted_to = [smoother.Run(*(column[::2].copy() for column in run)) for run in telling]
+        rounding, slack, white = step**2 / 6.0 / together**2, _DOUBT, fitted_to
+    else:
+        telling = fitted_to = [_telling(run) for run in wheel]
+        rounding, slack, white = step**2 / 12.0, _SURE, wheel
+    noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
+    rolling = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-    fitted, regimes = _fit_either(telling, _step(wheel), scale, rolling, changing)
+    fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, rolling, changing, slack)
     found = []
     for k, whole, run in zip(clamping, wheel, telling, strict=True):
         x = smoother.smooth(run, regimes, fitted)
         rate, sigma = x.rate, x.rate_sigma
-        if len(run.t) < len(whole.t):
+        if run.t is not whole.t:
             missed = _missed(whole.t, run.t, rate)
             rate = whole.u + np.interp(whole.t, run.t, rate)
             sigma = np.hypot(np.interp(whole.t, run.t, sigma), missed)
@@ -163,39 +172,52 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
 
 
 def _rolling(
-    run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset, together: int
-) -> smoother.Run:  # fmt: skip
-    """The run as a wheel that rolls: its ω̇ known from K but for δ; so many samples in one."""
+    run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset
+) -> smoother.Run:
+    """The run as a wheel that rolls: its ω̇ known from K but for δ."""
     K, t = clamping.level, _seconds(run)
     u = -rolling_deceleration(w) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
-    step = run.wheel_speed_step
-    if together > 1:
-        y, known = _averaged(run.wheel_speed, _gained(t, u), step, together)
-    else:
-        y, known = _unstepped(t, run.wheel_speed, step)
-    return smoother.Run(t, y - ripple, u, w.a * w.phi * w.rolling * K, lost**2, known)
+    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_step)
+    s = w.a * w.phi * w.rolling * K
+    return smoother.Run(t, y - ripple, u, s, lost**2, known, np.zeros(len(t)))
 
 
 def _counted(run: AxleRecord) -> int:
-    """How many samples of a pulse counter to take together, an odd number; 1 for anything else.
+    """How many samples of a pulse counter to take together; 0 for anything else.
 
-    So many that they hold `_PULSES`, but no longer than a slide takes to change. Of a counter's
-    pulses none is lost: what is rounded down now is rounded up later, and sums over four samples
-    vary no more than one of them does. Rounded noise varies four times as much.
+    So many that they hold `_PULSES`, but no longer than a slide takes to change.
     """
-    y, step = run.wheel_speed, run.wheel_speed_step
+    y, step, t = run.wheel_speed, run.wheel_speed_step, _seconds(run)
     if step == 0.0 or len(y) < 100:
-        return 1
-    sums = np.convolve(y, np.ones(4), "valid")
-    t = _seconds(run)
-    one = white_noise([(t, y)])
-    four = np.median([white_noise([(t[: len(sums)][i::4], sums[i::4])]) for i in range(4)])
-    if one < step**2 / 24.0 or four > 2.0 * one:
-        return 1
+        return 0
+    if not (run.of_totals or _dithers(t, y / step)):
+        return 0
     interval = float(np.median(np.diff(t)))
     m = min(_PULSES * step / max(float(np.median(y)), step), _BRIEF / interval)
-    return max(2 * math.ceil((m - 1.0) / 2.0) + 1, 1)
+    return max(round(m), 1)
+
+
+def _dithers(t: Floats, y: Floats) -> bool:
+    """Whether whole numbers y change from sample to sample as counts of pulses do.
+
+    Of pulses none is lost: what is rounded down now is rounded up later, and sums over four samples
+    vary no more than one of them does; rounded noise varies four times as much. A rounded ramp may
+    look alike, but errs by half a step only, where a count errs at both ends. Judged where y does
+    change: a wheel that turns evenly gives equal counts for long.
+    """
+    found = []
+    for first in np.linspace(0, len(y) - 100, min(len(y) // 50, 100)).astype(int):
+        at, some = t[first : first + 100], y[first : first + 100]
+        one = np.mean([white_noise([(at[i : i + 50], some[i : i + 50])]) for i in (0, 50)])
+        if one >= 1.0 / 24.0:
+            sums = np.convolve(some, np.ones(4), "valid")
+            four = np.mean([white_noise([(at[i:-3:4], sums[i::4])]) for i in range(4)])
+            found.append((one, four / one))
+    if len(found) < 2:
+        return False
+    one, more = np.median(found, axis=0)
+    return bool(one >= _COUNTED and more <= 2.0)
 
 
 def _pulses(run: AxleRecord) -> float:
@@ -207,26 +229,29 @@ def _pulses(run: AxleRecord) -> float:
     if step == 0.0:
         return math.inf
     pulses = mean / step * _BRIEF / float(np.median(np.diff(_seconds(run))))
-    return pulses if pulses < _PULSES and (mean < step or _counted(run) > 1) else math.inf
+    return pulses if pulses < _PULSES and (mean < step or _counted(run) > 0) else math.inf
 
 
-def _averaged(y: Floats, gained: Floats, step: float, m: int) -> tuple[Floats, Floats]:
-    """Means of a counter's speed over m samples, at their middle, and their variance, shape (n,).
+def _pulsed(run: AxleRecord, ripple: Floats, whole: smoother.Run, m: int) -> smoother.Run:
+    """A counter's run in means over m samples, at their middle, of the level without ∫u.
 
     All pulses between the first and the last: what is rounded at both ends is all the error there
-    is. The other samples tell nothing: their variance is inf.
+    is. A sample counts the interval before it, or that about it, where the log has totals.
     """
-    n = len(y) // m * m
-    level, told = y.copy(), np.full(len(y), np.inf)
-    middle = np.arange(m // 2, n, m)
-    level[middle] = np.mean((y - gained)[:n].reshape(-1, m), axis=1) + gained[middle]
-    told[middle] = _rounding(step, m)
-    return level, told
-
-
-def _rounding(step: float, m: int) -> float:
-    """Variance of a rounded value, or of the mean of m > 1 readings of a pulse counter."""
-    return step**2 / 12.0 if m == 1 else step**2 / 6.0 / m**2
+    m = min(m, len(run) // 4)
+    n, t = len(run) // m * m, whole.t
+    interval = float(np.median(np.diff(t)))
+    end = t + interval / 2.0 if run.of_totals else t
+    begin = np.maximum(np.concatenate([end[:1], end[:-1]]), end - 1.5 * interval)
+    begin[0] = end[0] - interval
+    gained = [np.interp(x, t, _gained(t, whole.u)) for x in (begin, end)]
+    y = np.mean((run.wheel_speed - ripple - np.mean(gained, axis=0))[:n].reshape(-1, m), axis=1)
+    begin, end = begin[:n:m], end[m - 1 : n : m]
+    middle = (begin + end) / 2.0
+    lost = np.diff(np.interp(middle, t, np.cumsum(whole.lost)), prepend=0.0)
+    known = np.full(len(y), run.wheel_speed_step**2 / 6.0 / m**2)
+    s = np.interp(middle, t, whole.s)
+    return smoother.Run(middle, y, np.zeros(len(y)), s, lost, known, end - begin)
 
 
 def _gained(t: Floats, u: Floats) -> Floats:
@@ -280,7 +305,7 @@ def _telling(run: smoother.Run) -> smoother.Run:
         return run
     return smoother.Run(
         run.t[told], (run.y - _gained(run.t, run.u))[told], np.zeros(np.sum(told)), run.s[told],
-        np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told],
+        np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told], run.span[told],
     )  # fmt: skip
 
 
@@ -296,7 +321,7 @@ def _bend(x: Floats) -> Floats:
 
 def _fit_either(
     runs: list[smoother.Run], interval: float, scale: float,
-    rolling: smoother.Noise, changing: smoother.Noise,
+    rolling: smoother.Noise, changing: smoother.Noise, slack: tuple[float, ...],
 ) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
     """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
 
@@ -304,11 +329,11 @@ def _fit_either(
     """
     some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
-    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 1.0, 2.0])
+    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 1.0, 2.0], slack)
     if interval > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
-    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 1.0, 2.0, 1.5, 0.7])
+    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 1.0, 2.0, 1.5, 0.7], slack)
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
 
 
@@ -369,7 +394,7 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
             count = max(round((t[past - 1] - t[first]) / interval), 1) + 1
             own[first + np.round(np.linspace(0, past - 1 - first, count)).astype(int)] = True
     own[[0, -1]] = True
-    return smoother.Run((t - t[0])[own], K[own], *np.zeros((4, np.sum(own))))
+    return smoother.Run((t - t[0])[own], K[own], *np.zeros((5, np.sum(own))))
 
 
 def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:

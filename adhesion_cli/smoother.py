@@ -27,8 +27,6 @@ import numpy as np
 from . import compiled
 from .model import Z95, Floats
 
-_SLACK = 0.5  # nats below the maximum: one standard deviation of the likelihood
-
 
 class Run(NamedTuple):
     """Measurements without interruption; columns of shape (n,)."""
@@ -39,6 +37,7 @@ class Run(NamedTuple):
     s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
     lost: Floats  # variance of ∫u from the sample before, which u at the samples does not show
     known: Floats  # variance of y's own that adds to the fitted noise
+    span: Floats  # y is the mean over this time about t [s]; 0 where it is the level at t
 
 
 class Regimes(NamedTuple):
@@ -68,8 +67,9 @@ class Smooth(NamedTuple):
 
 
 def fit(
-    runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float]
-) -> tuple[Noise, float]:
+    runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float],
+    slack: Sequence[float] = (0.5, 0.5),
+) -> tuple[Noise, float]:  # fmt: skip
     """The most likely noise levels and their log posterior.
 
     Args:
@@ -79,6 +79,8 @@ def fit(
         guess: centre of the prior, which is log-normal and wide: it decides only what the
             measurements leave open (a regime that never occurs).
         decades: 1 sigma of the prior, for measurement, coupling and each regime; 0 holds a value.
+        slack: nats below the maximum, for coupling and the first regimes: what binds δ there is
+            loosened as far as that allows. 0.5 is one standard deviation of the likelihood.
     """
     excess = max(guess.measurement - floor, 1e-3 * floor)
     centre = np.log(np.maximum([excess, guess.coupling, *guess.rough], 1e-300))
@@ -94,7 +96,7 @@ def fit(
         return prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
     best, value = _climb(posterior, centre, width)
-    return noise(_loosened(posterior, best, value, width)), value
+    return noise(_loosened(posterior, best, value, width, slack)), value
 
 
 def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
@@ -135,18 +137,20 @@ def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[
     return x, best
 
 
-def _loosened(f: Callable[[Floats], float], x: Floats, best: float, width: Floats) -> Floats:
-    """The point x with what binds δ in the calm regime loosened as far as `_SLACK` allows.
+def _loosened(
+    f: Callable[[Floats], float], x: Floats, best: float, width: Floats, slack: Sequence[float]
+) -> Floats:
+    """The point x with what binds δ loosened: coupling, then each regime, as far as `slack` allows.
 
     Where hardly anything varies, likelihood is flat towards no roughness at all, and its maximum
     there would be certain of what it merely has not seen.
     """
     x = x.copy()
-    for i in (1, 2):  # coupling, rough[0]
+    for i, nats in zip(range(1, len(x)), slack, strict=False):
         step = width[i] / 16.0
         while step > 0.0:
             x[i] += step
-            if f(x) < best - _SLACK:
+            if f(x) < best - nats:
                 x[i] -= step
                 break
         best = f(x) if step > 0.0 else best
@@ -164,8 +168,8 @@ def _forward(run: Run, regimes: Regimes, noise: Noise, kept: Floats | None) -> f
     """Log-likelihood of the run; fills `kept` (n, M, 6) where given."""
     table = np.empty((0, len(regimes.follow), 6)) if kept is None else kept
     value: float = compiled.function(_filter)(
-        *_arguments(run, regimes, noise), run.y, noise.measurement + run.known, regimes.start,
-        regimes.spread**2, table,
+        *_arguments(run, regimes, noise), run.y, noise.measurement + run.known,
+        run.span**3 / 320.0, regimes.start, regimes.spread**2, table,
     )  # fmt: skip
     return value
 
@@ -203,7 +207,7 @@ def _predict(
 def _filter(
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats,
-    y: Floats, r: Floats, start: Floats, spread: float, kept: Floats,
+    y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats,
 ) -> float:  # fmt: skip
     """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
     n, M = len(t), len(follow)
@@ -230,10 +234,11 @@ def _filter(
                     h, gain, ds, follow[j], q,
                 )  # fmt: skip
                 P00 += lost[k]
-                e, S = y[k] - m0, P00 + r[k]
+                noise = r[k] + q * blur[k]  # a mean's, about the middle of a random walk's integral
+                e, S = y[k] - m0, P00 + noise
                 g0, g1 = P00 / S, P01 / S
                 pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
-                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * r[k], g1 * r[k], P11 - g1 * P01
+                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * noise, g1 * noise, P11 - g1 * P01
                 off[i, j] = 0.5 * e * e / S
                 W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
                 least = min(least, off[i, j])

@@ -236,6 +236,15 @@ def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
         assert first == pytest.approx(told, abs=0.1)
 
 
+@pytest.mark.parametrize(("unit", "total"), [("count", True), ("rad", True), ("rad/s", False)])
+def test_a_speed_made_of_a_logged_total_is_told_to_the_reference(unit: str, total: bool) -> None:
+    t, p, y = brake()
+    wheel = replace(channel("wheel_speed", t, y), unit=unit)
+    (record,), _ = align.records(log(channel("pressure", t, p), wheel), Vehicle())
+    assert record.of_totals == total
+    assert record.cut(slice(0, 100)).of_totals == total
+
+
 def test_spikes_and_broken_wires_are_left_out() -> None:
     t, p, y = brake()
     y, p = y + 0.003 * np.sin(1e3 * t), p.copy()

@@ -206,26 +206,52 @@ def test_sigma_is_right_where_a_counter_has_few_teeth(rate: float) -> None:
     assert rms((F.force - record.truth)[used]) < 800.0
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0])
-def test_sigma_knows_what_few_pulses_miss_of_a_long_slide(rate: float) -> None:
-    record, _ = logged("low-adhesion", rate, teeth=60, pressure_noise=500.0)
+@pytest.mark.parametrize("teeth", [40, 60, 200])
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+def test_sigma_knows_what_few_pulses_miss_of_a_long_slide(rate: float, teeth: int) -> None:
+    record, slides = logged("low-adhesion", rate, teeth=teeth, pressure_noise=500.0)
     F = reference.compute(record, VEHICLE)
     used = np.isfinite(F.force)
+    assert share_inside(F, record.truth, used & slides) >= 0.9
+    assert share_inside(F, record.truth, used & ~slides) >= 0.8
     error = rms((F.force - record.truth)[used])
-    assert share_inside(F, record.truth, used) >= 0.78
-    assert 0.75 * error < rms(F.sigma[used]) < 1.5 * error
+    assert error < 150.0
+    assert rms(F.sigma[used]) < 3.0 * error
+
+
+def test_a_counts_interval_ends_at_its_stamp_and_a_totals_lies_about_it() -> None:
+    record, _ = logged("service-brake", 20.0, teeth=60)
+    t, zero = record.t * 1e-9, np.zeros(len(record))
+    whole = smoother.Run(t, zero, zero, zero, zero, zero, zero)
+    ends = reference._pulsed(record, zero, whole, 2)
+    about = reference._pulsed(replace(record, of_totals=True), zero, whole._replace(t=t - 0.025), 2)
+    assert about.t == pytest.approx(ends.t)
+    assert ends.t[:2] == pytest.approx([0.0, 0.1])
+    for run in (ends, about):
+        assert np.array_equal(run.y, (record.wheel_speed[::2] + record.wheel_speed[1::2]) / 2.0)
+        assert run.span == pytest.approx(0.1)
+
+
+def test_a_mean_lies_beside_the_middle_of_a_random_walks_integral() -> None:
+    """By T³/320 times the walk's variance rate: what `smoother` takes a mean's noise to be."""
+    random = np.random.default_rng(1)
+    n, T = 400, 0.7
+    rate = np.cumsum(random.normal(0.0, math.sqrt(T / n), (4000, n)), axis=1)
+    level = np.cumsum(rate, axis=1) * (T / n)
+    beside = level.mean(axis=1) - level[:, n // 2]
+    assert np.var(beside) == pytest.approx(T**3 / 320.0, rel=0.1)
 
 
 @pytest.mark.parametrize(
     ("sensor", "counts"),
     [
         ({"teeth": 60}, True), ({"teeth": 100}, True), ({"kmh": 1.0, "noise": 1e-2}, False),
-        ({"kmh": 0.5}, False), ({"noise": 1e-3}, False),
+        ({"kmh": 0.5}, False), ({"kmh": 0.1}, False), ({"noise": 1e-3}, False),
     ],
 )  # fmt: skip
 def test_a_pulse_counter_is_known_by_its_pulses(sensor: dict[str, float], counts: bool) -> None:
     for name in ("service-brake", "leaf-film"):
-        assert (reference._counted(logged(name, 100.0, **sensor)[0]) > 1) == counts
+        assert (reference._counted(logged(name, 100.0, **sensor)[0]) > 0) == counts
 
 
 def share_inside(F: Reference, truth: Floats, used: Bools) -> float:
@@ -517,7 +543,7 @@ def random_run(seed: int, n: int, r: float, q: float) -> tuple[smoother.Run, Flo
     step += random.normal(0.0, np.sqrt(q * h**3 / 12.0))
     level = np.concatenate([[5.0], 5.0 + np.cumsum(step)])
     y = level + random.normal(0.0, math.sqrt(r), n)
-    return smoother.Run(t, y, u, s, s, s), u + delta
+    return smoother.Run(t, y, u, s, s, s, s), u + delta
 
 
 ONE = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), 10.0)
@@ -584,7 +610,7 @@ def test_the_fit_never_goes_below_the_quantisation() -> None:
 def test_what_follows_a_ramp_does_not_depend_on_the_rate(n: int) -> None:
     t = np.linspace(0.0, 1.0, n)
     zero = np.zeros(n)
-    run = smoother.Run(t, zero, zero, 3.0 * t, zero, np.full(n, 1e9))  # says nothing
+    run = smoother.Run(t, zero, zero, 3.0 * t, zero, np.full(n, 1e9), zero)  # says nothing
     found = smoother.smooth(run, ONE, smoother.Noise(1e9, 0.5, np.zeros(1)))
     assert found.rate_sigma[-1] ** 2 == pytest.approx(ONE.spread**2 + 0.5 * 3.0, rel=1e-3)
 
@@ -599,7 +625,7 @@ def test_sigma_tells_calm_from_rough() -> None:
     level = np.concatenate([[0.0], np.cumsum(h * (delta[1:] + delta[:-1]) / 2.0)])
     zero = np.zeros(n)
     y = level + random.normal(0.0, math.sqrt(r), n)
-    run = smoother.Run(t, y, zero, zero, zero, zero)
+    run = smoother.Run(t, y, zero, zero, zero, zero, zero)
     leave = np.array([[0.0, 0.1], [0.1, 0.0]])
     two = smoother.Regimes(np.zeros(2), leave, np.array([0.5, 0.5]), 10.0)
     guess = smoother.Noise(1e-3, 0.0, np.array([1e-3, 1.0]))
@@ -630,11 +656,13 @@ def test_compiled_and_plain_loops_agree() -> None:
     run, _ = random_run(5, 30, 0.01, 0.5)
     leave = np.array([[0.0, 0.3], [1.0, 0.0]])
     two = smoother.Regimes(np.array([0.0, 1.0]), leave, np.array([0.5, 0.5]), 10.0)
-    run = run._replace(s=np.cos(run.t), lost=np.full(30, 1e-5))
+    run = run._replace(s=np.cos(run.t), lost=np.full(30, 1e-5), span=np.full(30, 0.05))
     noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
     plain_kept, plain = np.empty((30, 2, 6)), np.empty((30, 4))
     arguments = smoother._arguments(run, two, noise)
-    smoother._filter(*arguments, run.y, 0.01 + run.known, two.start, 100.0, plain_kept)
+    smoother._filter(
+        *arguments, run.y, 0.01 + run.known, run.span**3 / 320.0, two.start, 100.0, plain_kept
+    )
     smoother._backward(*arguments, plain_kept, plain)
     found = smoother.smooth(run, two, noise)
     assert found.level == pytest.approx(plain[:, 0], rel=1e-12)

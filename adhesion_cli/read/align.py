@@ -318,7 +318,9 @@ def _record(
         at.true_slip[rows] if true[1] else None,
         brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         1.0 / train.rate_hz if train and train.rate_hz else 0.0,
-        of_rim=(logged := units.unit(speed.unit)) is not None and logged.dimension == "speed",
+        of_totals=(logged := units.unit(speed.unit)) is not None
+        and logged.dimension in ("count", "angle"),
+        of_rim=logged is not None and logged.dimension == "speed",
         saturated=at.held[kept] >= limit if limit < math.inf else None,
     ), findings  # fmt: skip
 
