@@ -1,6 +1,7 @@
 """What `--figure` draws: an axle's slip, a stop under every controller, the stops of a sweep."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from .railfit import RailFit
 from .slip import Slide, Summary
 from .slope import REGIONS, Bands
 from .stop import Stop
-from .sweep import Row
 from .write.svg import BLACK, COLOURS, GREY, Band, Line, Panel
+
+if TYPE_CHECKING:
+    from .sweep import Row  # with the whole closed loop, which `slip` has no use for
 
 _BLUE, _ORANGE, _RED, _GREEN = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[4]
 _OF_REGION = dict(zip(REGIONS, (GREY, _BLUE, _GREEN, _RED), strict=True))
@@ -136,7 +139,7 @@ _OF_SWEEP = (
 )
 
 
-def of_sweep(rows: Sequence[Row]) -> list[Panel]:
+def of_sweep(rows: "Sequence[Row]") -> list[Panel]:
     """Distance, utilisation and air on every rail: means with 2.5 to 97.5 % over the seeds."""
     rails = list(dict.fromkeys(r.rail for r in rows))
     laws = list(dict.fromkeys(r.controller for r in rows))

@@ -3,6 +3,7 @@
 import hashlib
 import math
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +48,7 @@ from .parts import (
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _OVERVIEW_ROWS = 20_000  # rows of an overview
+_EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
 
@@ -254,12 +256,17 @@ class _Page:
         if not events:
             return 0
         events.sort(key=lambda e: e[0])
-        times, levels, texts = zip(*events, strict=True)
-        # a line each: of what has several, the viewer shows the first
-        told = [f"{(t - self.zero) / 1e9:+.2f} s  {x}" for t, x in zip(times, texts, strict=True)]
+        rows = [  # of a text with several lines, the viewer shows the first
+            (t, level, line)
+            for t, level, text in events
+            for line in textwrap.wrap(
+                f"{(t - self.zero) / 1e9:+.2f} s  {text}", _EVENT_WIDTH, subsequent_indent=" " * 6
+            )
+        ]
+        times, levels, told = zip(*rows, strict=True)
         data = rr.TextLog.columns(text=told, level=levels)
         rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
-        return len(events)
+        return len(rows)
 
     # -- layout
 
@@ -302,7 +309,7 @@ class _Page:
                 rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
                 self._events(), self._about(), row_shares=[2.5, 4.0, 5.0],
             ),
-            column_shares=[7, 3], name=title if axle.slip is None else "Force",
+            column_shares=[2, 1], name=title if axle.slip is None else "Force",
         )  # fmt: skip
         if axle.slip is None:
             return forces
