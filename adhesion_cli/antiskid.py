@@ -271,7 +271,7 @@ def run(
     if every < 1:
         raise UserError(f"{scenario.name}: dt is longer than the unit's period", "a shorter dt")
     h = every * dt
-    chosen = choose(controller, algo, settings, taken_for(scenario))
+    chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)
     plant, demand, track = plant_of(scenario), demand_of(scenario), track or track_of(scenario)
     _stops(scenario, plant, demand)
@@ -327,6 +327,13 @@ def taken_for(s: Scenario) -> Vehicle:
         wheel_radius=tuple(x._replace(value=known.radius * x.value) for x in v.wheel_radius),
         axle_mass=v.axle_mass._replace(value=known.mass * v.axle_mass.value),
     )
+
+
+def speed_noise(s: Scenario) -> float:
+    """1 sigma of v − ωR as the unit of a scenario measures it [m/s]."""
+    rim = s.vehicle.radius(1).value ** 2 * s.antiskid.wheel_noise
+    train = s.antiskid.train_noise if s.antiskid.train_speed == "measured" else rim
+    return math.sqrt(train + rim)
 
 
 def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:

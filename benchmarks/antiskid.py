@@ -1,4 +1,4 @@
-"""Time of a stop in closed loop, and of a sweep on all cores.
+"""Time of a stop in closed loop; time and memory of a sweep on all cores.
 
     python benchmarks/antiskid.py [STOPS]
 
@@ -8,6 +8,7 @@ minute, under each controller. The sweep has at least STOPS stops (1000 if not g
 """
 
 import os
+import resource
 import sys
 import time
 from collections.abc import Iterator
@@ -42,7 +43,8 @@ def many(stops: int) -> None:
     taken = time.perf_counter() - begin
     print(
         f"{seeds * each} stops in {taken:.1f} s on {os.cpu_count()} cores, "
-        f"{taken / (seeds * each) * 1e3:.0f} ms each"
+        f"{seeds * each / taken:.1f} a second; "
+        f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB at most"
     )
 
 

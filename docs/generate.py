@@ -54,7 +54,7 @@ _TEXTS = {
 _IN_LOOP = (
     "In the loop of `antiskid` the defaults are "
     + ", ".join(f"`{name}` {value:g}" for name, value in SLOPE_IN_LOOP.items())
-    + ": slower than what suits a log.\n\n"
+    + ": quicker than what suits a log.\n\n"
 )
 _COLUMNS = "| key | default | unit | range | what |\n|---|---|---|---|---|"
 

@@ -89,19 +89,28 @@ def test_patent_law_is_the_and_test(slip: float | None, rate: float, k: float, v
 
 
 def test_a_slope_that_stays_hidden_is_looked_for() -> None:
-    p = patent.Params()
+    p = patent.Params(patience=0.2, probe=0.1)
     o = STILL._replace(slip=0.5 * (p.slip_low + p.slip_high))
     s, valves = patent.init(p, o), []
-    for _ in range(200):
+    for _ in range(300):
         s = patent.step(p, s, 0.01, o)
         valves.append(s.valve)
-    pulses = valves.count(APPLY)
-    assert pulses == pytest.approx(2.0 / p.patience, abs=2)
     assert set(valves) == {APPLY, HOLD}
+    assert valves.count(APPLY) == pytest.approx(100, abs=12)
+    assert np.count_nonzero(np.diff(valves)) == pytest.approx(20, abs=2)
+    assert valves[:19] == [HOLD] * 19
+    shown = patent.step(p, s, 0.01, o._replace(slope=0.0))
+    assert shown == (0.0, HOLD)  # it waits anew
+    one = patent.Params(patience=0.2, probe=0.0)  # never less than a tick
+    s, valves = patent.init(one, o), []
+    for _ in range(300):
+        s = patent.step(one, s, 0.01, o)
+        valves.append(s.valve)
+    assert valves.count(APPLY) == pytest.approx(15, abs=2)
 
 
 def test_watchdog_ends_a_vent_that_does_not_help() -> None:
-    p = rule.Params()
+    p = rule.Params(watchdog=5.0, reset=1.0)
     o = STILL._replace(slip=0.9, rim_speed=1.0)
     s, valves = rule.init(p, o), []
     for _ in range(1200):
@@ -212,7 +221,7 @@ def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
         stop.t.tolist(), speed, stop.measured_wheel_speed.tolist(),
         stop.measured_clamping_force.tolist(), strict=True,
     )  # fmt: skip
-    chosen = unit.choose(controller, algo, {}, s.vehicle)
+    chosen = unit.choose(controller, algo, {}, s.vehicle, antiskid.speed_noise(s))
     valves = np.array(list(unit.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
     for seen, valve in zip(switches, valves.T.tolist(), strict=True):
@@ -300,14 +309,67 @@ def test_air_is_what_the_cylinders_took_in() -> None:
     assert stopped("slippery-stop", "patent").air > stop.air
 
 
-@pytest.mark.parametrize("name", ["slippery-stop", "low-adhesion"])
-def test_patent_law_uses_the_rail_and_locks_no_wheel(name: str) -> None:
-    a, b, c = (judged(name, controller) for controller in ("patent", "rule", "none"))
+def shorter(mine: list[Verdict], its: list[Verdict]) -> list[bool]:
+    return [a.stopping_distance_m < b.stopping_distance_m for a, b in zip(mine, its, strict=True)]
+
+
+def uses_the_rail(verdicts: list[Verdict]) -> None:
+    for v in verdicts:
+        assert v.locked_s == 0.0
+        assert v.utilisation is not None
+        assert v.utilisation >= 0.95
+
+
+def test_patent_law_uses_the_rail_and_locks_no_wheel() -> None:
+    one = replace(case("slippery-stop"), train=scenario.Train(speed=30.0))
+    rails = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"]
+    found = sweep.verdicts(one, rails, ["patent", "rule"], [7])
+    uses_the_rail([found[r, "patent"][0] for r in ("low", "very-low", "sudden")])
+    assert all(v.locked_s == 0.0 for (v,) in found.values())
+    assert sum(shorter(found[r, "patent"], found[r, "rule"])[0] for r in rails) > len(rails) / 2
+    assert judged("slippery-stop", "none").locked_s > 10.0
+
+
+@pytest.mark.slow
+def test_so_it_does_on_every_slippery_rail() -> None:
+    rails, seeds = ["low", "very-low", "early-peak", "late-peak", "sudden", "film"], range(3)
+    found = sweep.verdicts(case("slippery-stop"), rails, ["patent", "rule"], seeds)
+    better = []
+    for name in rails:
+        if name in ("low", "very-low", "sudden"):
+            uses_the_rail(found[name, "patent"])
+        assert all(v.locked_s == 0.0 for v in found[name, "patent"])
+        better += shorter(found[name, "patent"], found[name, "rule"])
+    assert sum(better) > len(better) / 2
+
+
+def test_noise_of_the_speeds_guards_the_slope() -> None:
+    def seen(parameters: dict[str, dict[str, float]]) -> float:
+        return float(np.isfinite(antiskid.run(short(), "patent", settings=parameters).slope).mean())
+
+    assert 0.1 < seen({}) < 0.9
+    assert seen({"slope": {"guard": 30.0}}) < 0.5 * seen({})
+
+
+def test_leaf_film_stops_no_later_than_by_rules() -> None:
+    a, b = judged("leaf-film", "patent"), judged("leaf-film", "rule")
     assert a.locked_s == b.locked_s == 0.0
-    assert c.locked_s > 10.0
-    assert a.utilisation is not None
-    assert a.utilisation >= 0.95
-    assert a.stopping_distance_m < b.stopping_distance_m < c.stopping_distance_m
+    assert a.stopping_distance_m < b.stopping_distance_m
+
+
+@pytest.mark.parametrize(("name", "worth"), [("low", 0.03), ("early-peak", 0.1)])
+def test_slope_decides_where_the_peak_is(name: str, worth: float) -> None:
+    """Slip alone does not know it: the law's slip band is wide."""
+    one = replace(case("slippery-stop"), train=scenario.Train(speed=15.0))
+
+    def utilisation(parameters: dict[str, dict[str, float]]) -> float:
+        found = sweep.verdicts(one, [name], ["patent"], [3], settings=parameters)
+        return found[name, "patent"][0].utilisation or 0.0
+
+    told = utilisation({})
+    assert told > 0.95
+    assert told > worth + utilisation({"patent": {"slope_low": -10.0, "slope_high": 50.0}})
+    assert told > worth + utilisation({"slope": {"surest": 1.0}})  # none is ever so sure
 
 
 def test_a_unit_without_a_radar_goes_by_its_axles() -> None:
@@ -485,7 +547,8 @@ def test_operating_point_peak_and_bands_are_where_the_axes_say(recording: Path) 
             ((middle, _),) = static(recording, f"{place}/slip/band", "centers")
             ((half, _),) = static(recording, f"{place}/slip/band", "half_sizes")
             assert middle - half == pytest.approx(x(100.0 * bands.slip_low), abs=1e-3)
-            assert middle + half == pytest.approx(x(100.0 * bands.slip_high), abs=1e-3)
+            end = min(x(100.0 * bands.slip_high), right)  # it may reach beyond the picture
+            assert middle + half == pytest.approx(end, abs=1e-3)
             t, edges = column(recording, f"{place}/slope/band", "scalars")
             assert edges.tolist() == [[bands.slope_low, bands.slope_high]] * 2
             assert t.tolist() == [stop.t[0], stop.t[-1]]
@@ -514,9 +577,16 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     assert len(slip.slides(axle)) > 0
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.5, 2.0])
-def test_a_late_train_speed_shows_where_every_wheel_slides(tmp_path: Path, seconds: float) -> None:
-    stop, vehicle = stopped("slippery-stop", "rule"), case("slippery-stop").vehicle
+UNTRUE = pytest.mark.xfail(strict=True, reason="0.27 s (± 0.11) are told of this stop")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "seed"), [(0.0, 1), pytest.param(0.0, 8, marks=UNTRUE), (0.5, 8), (2.0, 8)]
+)
+def test_a_late_train_speed_shows_where_every_wheel_slides(
+    tmp_path: Path, seconds: float, seed: int
+) -> None:
+    stop, vehicle = antiskid.run(case("slippery-stop"), "rule", seed), case("slippery-stop").vehicle
     v = np.interp(stop.t - seconds * 1e9, stop.t, stop.measured_train_speed)
     path = tmp_path / "late.rule.antiskid.mcap"
     carried = settings.tree(settings.Settings(vehicle), [])

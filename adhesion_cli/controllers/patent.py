@@ -8,7 +8,7 @@ differentiated.
 [S6] At every tick until the train stands.
 
 The patent does not say which way each valve goes, nor what to do where the slope cannot be
-observed. Within the slip band the pressure is then held, and raised by a tick now and then: that
+observed. Within the slip band the pressure is then held, and raised for a moment now and then: that
 moves the point, and a point that moves shows its slope; to hold for good would leave a wheel that
 rolls on a good rail with the pressure of the bad rail before it.
 """
@@ -24,20 +24,23 @@ from ..slope import Bands, region
 class Params(NamedTuple):
     """Bands of [S4]; found by search, see docs/antiskid.md."""
 
-    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.012
-    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.045
-    slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.1
-    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.2
-    horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 0.3
+    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.0229
+    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.278
+    slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.0092
+    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.0167
+    horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 1.08
     patience: Annotated[
         float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
-    ] = 0.1
+    ] = 0.124
+    probe: Annotated[
+        float, Quantity("s", "how long to fill then, until the slope shows", 0.0, 10.0)
+    ] = 0.027
 
 
 class State(NamedTuple):
     """Clock and valve command."""
 
-    held: float  # so long without a slope [s]
+    blind: float  # so long without a slope, since the last probe [s]
     valve: int
 
 
@@ -56,8 +59,10 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
         return State(0.0, APPLY)  # [S5]
     if where == 2:  # optimal
         return State(0.0, HOLD)
-    held = s.held + h
-    return State(held, HOLD) if held < p.patience else State(0.0, APPLY)
+    blind = s.blind + h
+    if blind < p.patience:
+        return State(blind, HOLD)
+    return State(blind if blind < p.patience + p.probe else 0.0, APPLY)
 
 
 ABOUT = About(

@@ -17,21 +17,21 @@ from ..model import Quantity
 class Params(NamedTuple):
     """Thresholds."""
 
-    vent_slip: Annotated[float, Quantity("-", "slip that vents", 0.0, 1.0)] = 0.09
-    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.044
+    vent_slip: Annotated[float, Quantity("-", "slip that vents", 0.0, 1.0)] = 0.183
+    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.0314
     vent_deceleration: Annotated[
         float, Quantity("m/s²", "deceleration of the rim that vents", 0.0, 50.0)
-    ] = 1.25
+    ] = 1.12
     recovery: Annotated[
         float, Quantity("m/s²", "acceleration of the rim that ends venting", -10.0, 50.0)
-    ] = 1.9
+    ] = 1.15
     filter_time: Annotated[
         float, Quantity("s", "time constant of the rim's acceleration", 0.0, 1.0)
-    ] = 0.095
-    pulse: Annotated[float, Quantity("s", "duration of a filling pulse", 0.0, 2.0)] = 0.3
-    pause: Annotated[float, Quantity("s", "pause between two pulses", 0.0, 5.0)] = 0.0135
-    watchdog: Annotated[float, Quantity("s", "longest vent", 0.1, 60.0)] = 5.0
-    reset: Annotated[float, Quantity("s", "brake after the watchdog", 0.0, 60.0)] = 1.0
+    ] = 0.383
+    pulse: Annotated[float, Quantity("s", "duration of a filling pulse", 0.0, 2.0)] = 0.305
+    pause: Annotated[float, Quantity("s", "pause between two pulses", 0.0, 5.0)] = 0.005
+    watchdog: Annotated[float, Quantity("s", "longest vent", 0.1, 60.0)] = 8.78
+    reset: Annotated[float, Quantity("s", "brake after the watchdog", 0.0, 60.0)] = 5.0
 
 
 class State(NamedTuple):
