@@ -191,3 +191,23 @@ def test_the_force_around_a_drop_out_is_as_without_it(
     there = np.isfinite(found)
     assert there.sum() > 0.9 * np.isfinite(clean).sum()
     assert np.abs(found - np.interp(some, t, clean))[there].max() < 100.0  # of 3 kN
+
+
+@pytest.mark.parametrize("least", [0.8, 2.0, 4.0])
+def test_a_sensor_that_flickers_to_zero_about_its_least_speed_is_left_out(least: float) -> None:
+    """At 1 kHz one such zero is hundreds of kilonewtons; the zeros at rest behind it stay."""
+    random = np.random.default_rng(3)
+    t, y = drawn(1000.0, lines((0, 20), (10, 0), (12, 0)), 3e-3, 0.0)
+    zero = (y < least) & (y > 0.4) & (random.random(len(t)) < 0.3)
+    y[zero | (y < 0.4)] = 0.0
+    found = checks.speed_spikes(channel(t, y, "wheel_speed"))
+    assert found[zero].all()
+    assert found[~zero].sum() <= 5  # readings between many zeros may go with them
+
+
+@pytest.mark.parametrize("teeth", [4, 40])
+def test_a_counters_zeros_between_pulses_do_not_flicker(teeth: int) -> None:
+    t, y = drawn(1000.0, lines((0, 20), (10, 0.2)), 0.0, 0.0)
+    step = 2.0 * np.pi / teeth * 1000.0
+    counted = np.diff(np.floor(np.cumsum(y) / step), prepend=0.0) * step
+    assert not checks.speed_spikes(channel(t, counted, "wheel_speed")).any()

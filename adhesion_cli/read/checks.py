@@ -249,7 +249,24 @@ def speed_spikes(speed: Channel) -> Bools:
     highest = np.maximum(before[:n], before[_AROUND + 1 :])
     above = y > np.maximum(1.1 * highest, highest + _noise(speed) + excursions.WHEEL.start)
     dropped = (y == 0.0) & (highest > excursions.WHEEL.start) & (steep > _LOCKS)
-    found: Bools = excursions.of_wheel(speed) | alone & (above | dropped)
+    found: Bools = excursions.of_wheel(speed) | alone & (above | dropped) | _flickers(speed)
+    return found
+
+
+def _flickers(speed: Channel) -> Bools:
+    """Zeros for a moment that no wheel can reach and leave again, however slow it is; shape (n,).
+
+    About the least speed that it can tell, a sensor may give the speed and zero by turns.
+    """
+    t, y, noise = speed.data.t / 1e9, speed.data.value, _noise(speed)
+    found = np.zeros(len(y), dtype=np.bool_)
+    for a, b in true_runs(y == 0.0):
+        if a > 0 and b < len(y) and t[b - 1] - t[a] < excursions.STANDS:
+            fell, rose = y[a - 1] - noise, y[b] - noise
+            found[a:b] = (
+                fell > excursions.WHEEL.fall * (t[a] - t[a - 1])
+                and rose > excursions.WHEEL.rise * (t[b] - t[b - 1])
+            )  # fmt: skip
     return found
 
 

@@ -17,7 +17,7 @@ from . import timeaxis
 
 _BACK = 300  # pieces that may lie between two that belong together
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
-_STANDS = 0.3  # a signal that reads zero for this long may be at rest [s]
+STANDS = 0.3  # a signal that reads zero for this long may be at rest [s]
 
 
 class Limits(NamedTuple):
@@ -147,7 +147,7 @@ def _rest(seconds: Floats, x: Floats, step: float) -> Bools:
     """Where a signal reads zero for long, or at its beginning or end; shape (n,)."""
     zero = np.abs(x) <= step / 2.0
     for a, b in true_runs(zero):
-        zero[a:b] = a == 0 or b == len(x) or seconds[b - 1] - seconds[a] >= _STANDS
+        zero[a:b] = a == 0 or b == len(x) or seconds[b - 1] - seconds[a] >= STANDS
     return zero
 
 
