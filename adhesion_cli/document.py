@@ -125,6 +125,8 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
         "peak_mu_ci": mu and [mu.low, mu.high],
         "peak_speed_mps": rail.speed if rail and rail.below else None,
         "slip_rmse": summary.slip_rmse,
+        "train_speed_late_s": summary.late and summary.late.value,
+        "train_speed_late_sigma_s": summary.late and summary.late.tolerance,
         "regions": summary.regions,
         "utilisation": used and used.value,
         "utilisation_ci": used and [used.low, used.high],

@@ -21,6 +21,8 @@ points do not decide keeps the width that it had. A true μ that is c times that
 c kA and c kS, and the same A and B, exactly: the error by the vehicle's tolerances is put in
 afterwards.
 
+The intervals hold for rails whose curve is (3); docs/slip.md has what they are worth on others.
+
 A constant is told if its 95 % interval is narrower than a factor of `_TOLD`. So are slip and μ of
 the peak, at the slides' middle speed, if there are points beyond it. The slip must have points on
 both sides. μ needs none before it: friction that falls with sliding leads back to the peak's height

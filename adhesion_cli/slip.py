@@ -390,6 +390,7 @@ class Summary(NamedTuple):
     slides: list[Slide]
     rail: railfit.RailFit | None
     slip_rmse: float | None  # against the log's own true slip, while braked
+    late: Parameter | None  # by what the train speed was, taken out [s]; None: not known
 
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
@@ -398,7 +399,8 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
 
     def told(rail: railfit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
         findings = [Finding("rail-not-observable", "info", text, name)] if text else []
-        return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle)), findings
+        late = None if axle.record.train_speed_made else axle.record.train_speed_late
+        return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
 
     if not found:
         return told(None, "no slide: neither peak nor rail can be told")

@@ -20,6 +20,7 @@ from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicl
 from adhesion_cli.physics import G
 from adhesion_cli.read.log import open_source
 from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.write import mcap
 
 
 @cache
@@ -416,6 +417,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert first["fit"]["f0"]["ci"][0] < 0.06 < first["fit"]["f0"]["ci"][1]
     assert first["slides"][0]["energy_j"] > 5e4
     assert 0.0 < first["slip_rmse"] < 3e-3
+    assert first["train_speed_late_s"] == 0.0  # in time, as far as can be told
+    assert 0.0 < first["train_speed_late_sigma_s"] < 0.05
     assert third["peak_slip"] is None
     assert third["fit"] is None
     assert third["slides"] == []
@@ -453,3 +456,24 @@ def _messages(path: Path, topic: str) -> list:
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         return [m for _, _, _, m in reader.iter_decoded_messages(topics=[topic])]
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5, None], ids=["in time", "late", "made of the axles"])
+def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> None:
+    """Same clock, same refusals: a train speed made of the axles is none that was measured."""
+    log = late(recordings("low-adhesion", train=lag is not None), "train_speed", lag or 0.0)
+    first = analysis.analyze(
+        write(tmp_path / "log.csv", log), settings.load, ["leso"], train_speed=True
+    )
+    mcap.write_result(tmp_path / "log.mcap", first, "{}")
+    again = analysis.analyze(tmp_path / "log.mcap", settings.load, ["leso"], train_speed=True)
+    for a, b in zip(first.axles, again.axles, strict=True):
+        one, other = a.record, b.record
+        assert one.train_speed_made == other.train_speed_made == (lag is None)
+        assert one.train_speed_late == other.train_speed_late
+        assert one.train_speed == pytest.approx(other.train_speed, nan_ok=True)
+        assert a.slip == pytest.approx(b.slip, nan_ok=True)
+        assert [x[:5] for x in slip.slides(a)] == [x[:5] for x in slip.slides(b)]
+    assert [f.code for f in again.findings] == [
+        f.code for f in first.findings if not f.code.startswith("csv-")
+    ]

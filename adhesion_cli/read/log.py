@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import UserError
-from ..model import Channel, Column, Finding, Floats, Log, Meaning, Vehicle
+from ..model import MADE, Channel, Column, Finding, Floats, Log, Meaning, Vehicle
 from . import timeaxis, units
 from .meaning import Mapping, Meant, first_name, name, title, understood
 from .source import ReadOptions, Source
@@ -103,6 +103,8 @@ def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meanin
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; a result of ours says itself what it holds, mappings are about raw logs."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # told, not measured
+    if source.metadata.get("adhesion.provenance", {}).get("train_speed") == MADE:
+        fields = [f for f in fields if f.path != "train_speed"]  # of the axles, as it will be again
     return understood(fields, () if "adhesion.settings" in source.metadata else mappings)
 
 

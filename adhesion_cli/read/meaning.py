@@ -376,7 +376,7 @@ def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 
 
 def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
-    """In a result of ours the pressure at its own stamps beats the one held at the wheel's."""
+    """In a result of ours pressure and train speed as logged beat those at the wheel's stamps."""
     own = {
         (m.meaning, m.axle)
         for m in (meant[i] for i in guesses)
@@ -384,8 +384,9 @@ def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
     }
     for i in guesses:
         m = meant[i]
-        if m.field.message_type == "adhesion.AxleInput" and (m.meaning, m.axle) in own:
-            meant[i] = replace(m, meaning=None, reason="held; logged at its own stamps as well")
+        same = own & {(m.meaning, m.axle), (m.meaning, None)}
+        if m.field.message_type == "adhesion.AxleInput" and same:
+            meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
 
 
 def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -414,6 +415,8 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     for i in guesses:
         m = meant[i]
         key = (m.meaning, m.axle)
+        if not m.meaning:
+            continue
         if key not in seen:
             seen[key] = i
             continue

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from .. import __version__, physics, signals
 from ..errors import UserError
-from ..model import AxleResult, Column, Floats, Log, Result, Times, Vehicle
+from ..model import MADE, AxleResult, Column, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
 from ..stop import Stop
 from ..text import printable
@@ -263,6 +263,9 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     streams: list[_Stream] = []
     for axle in result.axles:
         streams += _axle_streams(axle, result, f"{prefix}/axle/{axle.record.axle}")
+    if train := result.log.find("train_speed", result.axles[0].record.axle):
+        # As logged: the axles' input has it interpolated, and shifted where it was late.
+        streams.append(_scalar(f"{prefix}/train_speed", names.SI["train_speed"], train.data))
     return [*streams, *_events(result, prefix)]
 
 
@@ -404,7 +407,10 @@ def _origin(log: Log, shift: int) -> dict[str, str]:
 
 
 def _provenance(result: Result, shift: int) -> dict[str, str]:
-    return {**_origin(result.log, shift), "sources": "\n".join(result.sources)}
+    told = {**_origin(result.log, shift), "sources": "\n".join(result.sources)}
+    if any(a.record.train_speed_made for a in result.axles):
+        told["train_speed"] = MADE
+    return told
 
 
 def _text(document: str | bytes) -> str:
