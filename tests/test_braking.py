@@ -12,8 +12,9 @@ from test_reference import share_inside
 from adhesion_cli import analysis, settings
 from adhesion_cli.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
-from adhesion_cli.read import braking
+from adhesion_cli.read import align, braking
 from adhesion_cli.read.grid import Axle, Explanation, grid
+from adhesion_cli.read.log import open_source, read
 
 VEHICLE = settings.load(None, ["vehicle.lever_ratio=2.4"]).vehicle
 AS_STATED = braking.AS_STATED
@@ -209,3 +210,22 @@ def test_no_wrong_cause(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(40, 1000))
 def test_no_wrong_cause_ever(seed: int) -> None:
     seeded(seed)
+
+
+@pytest.mark.parametrize(("regains", "severity"), [(0.0, "warning"), (1.0, "info")])
+def test_wheels_that_gain_speed_beside_their_brake_have_slid(
+    regains: float, severity: str, tmp_path: Path
+) -> None:
+    t = np.arange(0.0, 22.0, 0.05)
+    bar = 3.5 * np.clip(t - 2.0, 0.0, 1.0) * np.clip(15.0 - t, 0.0, 1.0)
+    rolling = rolling_deceleration(wheelset(VEHICLE, 1)) * 0.42
+    slowing = 1.6 * rolling * clamping_force(1e5 * bar, VEHICLE)
+    slowing = np.where((t > 14.5) & (t < 16.0) & (regains > 0.0), -regains, slowing)
+    v = 25.0 - np.cumsum(slowing) * 0.05 + 0.003 * np.sin(37.0 * t)
+    lines = ["time [s],p1 [bar],v1 [m/s],p2 [bar],v2 [m/s]"]
+    lines += [f"{a:.2f},{b:.4f},{c:.4f},{b:.4f},{c:.4f}" for a, b, c in zip(t, bar, v, strict=True)]
+    log = tmp_path / "a.csv"
+    log.write_text("\n".join(lines) + "\n")
+    one = read(open_source(log, DEFAULT.read), (), VEHICLE)
+    told = [f for f in align.records(one, VEHICLE)[1] if f.code == "vehicle-suspect"]
+    assert {f.severity for f in told} == {severity}

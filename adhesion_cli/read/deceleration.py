@@ -189,6 +189,9 @@ def _another(s: Scene, factor: float, severity: Severity, doubt: str = "") -> Fi
             f"{'an electric brake' if factor > 1.0 else 'traction'} or a gradient comes and goes "
             "with the brake"
         )
+        if factor > 1.0 and s.grid.slid_together:
+            severity = "info"
+            text += ", unless every wheel slid, as one that gains speed beside its brake says"
     else:
         text += f": check the units in [channels], and {suspects}"
     if factor > 1.0:

@@ -18,7 +18,7 @@ from ..model import (
     Times,
     Vehicle,
 )  # fmt: skip
-from ..physics import rolling_deceleration, wheelset
+from ..physics import GRADIENT, rolling_deceleration, wheelset
 from ..signals import true_runs
 
 LEAST = 8  # samples on it that show anything
@@ -26,6 +26,7 @@ _STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
 FREE = 0.05  # of the highest K: less is no braking
+_FIRMLY = 0.3  # of the highest K: a brake that no motor works against
 _DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
 
 
@@ -86,6 +87,15 @@ class Grid:
         """Where an axle does not slide, as far as the log can tell, nor within a second; (k, n)."""
         near = np.abs(self.share - 1.0) < 0.03
         return np.array([far(row, 2 * self.half) for row in near])
+
+    @cached_property
+    def slid_together(self) -> bool:
+        """Whether the fastest wheel gained speed beside its brake: no train does, so all slid."""
+        if self.train is not None:
+            return False
+        K = largest(self.clamping)
+        braked = ~far(_FIRMLY * np.nanmax(K, initial=0.0) > K, 2 * self.half)
+        return bool(np.any(self.slope(self.fastest)[braked] > GRADIENT))
 
     def at(self, t: Times, where: Bools) -> Bools:
         """A mask on the grid, shape (n,), as one on samples at these times, shape (m,)."""
