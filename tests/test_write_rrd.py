@@ -191,6 +191,36 @@ def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first, second)
 
 
+def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
+    analysed = result(1, 400)
+    (axle,) = analysed.axles
+    n = len(axle.record)
+    slip = np.linspace(0.0, 0.1, n)
+    curved = replace(axle, slip=slip, slope=np.zeros(n), slope_confidence=np.ones(n))
+    stated = {"slip_low": 0.02, "slip_high": 0.06, "slope_low": -0.1, "slope_high": 0.4}
+    made = replace(
+        analysed, axles=(curved,), settings={**analysed.settings, "bands": stated}
+    )  # fmt: skip
+    path = tmp_path / "a.rrd"
+    rrd.write_result(path, made, ALGORITHMS)
+    t, edges = column(path, "/axle/1/slope/band", "scalars")
+    assert edges.tolist() == [[-0.1, 0.4]] * 2
+    assert t.tolist() == [
+        axle.record.t[0] - brake_start(made),
+        axle.record.t[-1] - brake_start(made),
+    ]
+    ((middle, _),) = static(path, "/axle/1/slip/band", "centers")
+    ((half, _),) = static(path, "/axle/1/slip/band", "half_sizes")
+    _, now = column(path, "/axle/1/slip/now", "positions")
+    x = np.array([point[0] for (point,) in now])
+    known = slip[np.isfinite(axle.reference.force)]
+    ends = np.interp([0.02, 0.06], known, x)
+    np.testing.assert_allclose([middle - half, middle + half], ends, atol=0.5)
+    rrd.write_result(path, replace(analysed, axles=(curved,)), ALGORITHMS)
+    assert not batches(path, "/axle/1/slope/band")
+    assert not batches(path, "/axle/1/slip/band", static=True)
+
+
 def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:
     content, path = small.read_bytes(), tmp_path / "a.rrd"
     path.write_bytes(content)
