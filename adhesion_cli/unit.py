@@ -44,7 +44,7 @@ SLOPE = Named("slope", slope.Params)
 # Found by benchmarks/tune.py: quicker than what suits a log, forgetting by time alone, and in slip
 # as it is: the patent's form. The law asks which way the curve bends where the wheel is now.
 SLOPE_IN_LOOP = {
-    "delta": 1.99, "rho": 1.98, "straight": 1e9, "knee": 1e3, "guard": 1.49, "doubt": 0.98,
+    "delta": 4.0, "rho": 2.3, "straight": 1e9, "knee": 1e3, "guard": 1.6, "doubt": 0.575,
 }  # fmt: skip
 
 

@@ -71,7 +71,7 @@ def test_points_of_slip_have_the_colour_of_their_region() -> None:
         s = 0.05 * np.sin(np.arange(n) / 50.0)
         axles.append(replace(axle, slip=s, region=(np.arange(n) % 4).astype(np.int8)))
     made = replace(analysed, axles=tuple(axles))
-    of = [slip.Summary(a.record.axle, {}, [], None, None) for a in axles]
+    of = [slip.Summary(a.record.axle, {}, [], None, None, None) for a in axles]
     panels = figures.of_slip(made, of, Bands())
     assert len(panels) == 6  # none slid: all are drawn
     _, lines = by_title(panels, "axle 1: µ over slip, by region")

@@ -24,17 +24,17 @@ from ..slope import Bands, region
 class Params(NamedTuple):
     """Bands of [S4]; found by search, see docs/antiskid.md."""
 
-    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.0229
-    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.278
-    slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.0092
-    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.0167
+    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.018
+    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.3
+    slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.005
+    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.0136
     horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 1.08
     patience: Annotated[
         float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
-    ] = 0.124
+    ] = 0.192
     probe: Annotated[
         float, Quantity("s", "how long to fill then, until the slope shows", 0.0, 10.0)
-    ] = 0.027
+    ] = 0.0245
 
 
 class State(NamedTuple):
