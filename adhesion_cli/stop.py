@@ -36,11 +36,11 @@ class Stop:
     measured_wheel_speed: Floats  # [rad/s]
     measured_pressure: Floats
     measured_clamping_force: Floats  # K of that pressure
-    measured_slip: Floats  # that the law judged, `unit.judged_slip`
+    measured_slip: Floats  # `unit.judged_slip`; the patent's law judges it a time ahead
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable
     confidence: Floats
-    region: NDArray[np.int8]  # index into `slope.REGIONS`, of what was measured
+    region: NDArray[np.int8]  # index into `slope.REGIONS`, of slip and slope as measured
     air: float  # taken in by all cylinders [normal litres]
 
     def sliding(self) -> NDArray[np.int8]:

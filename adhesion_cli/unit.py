@@ -272,6 +272,6 @@ def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, 
 
 
 def bands(settings: Settings) -> slope.Bands:
-    """The patent's bands under these settings, for every controller's picture alike."""
+    """The patent's bands under these settings, by which every controller's region is told."""
     p = validated(controllers()["patent"], settings.get("patent", {}))
     return slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)

@@ -24,7 +24,8 @@ def main(name: str) -> None:
         cells = []
         for law in ("patent", "rule"):
             v = antiskid.verdict(antiskid.run(s, law), s, dry)
-            cells.append(f"{law} {v.stopping_distance_m:6.1f} m, {v.utilisation:.3f}, ")
+            used = "-" if v.utilisation is None else f"{v.utilisation:.3f}"
+            cells.append(f"{law} {v.stopping_distance_m:6.1f} m, {used}, ")
             cells[-1] += f"locked {v.locked_s:.1f} s, {v.air_nl:.0f} Nl"
         label = ", ".join(f"{k} {x - 1.0:+.0%}" for k, x in errors.items()) or "as it is"
         print(f"{label:14} {' | '.join(cells)}")

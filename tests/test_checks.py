@@ -644,6 +644,13 @@ def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: 
         assert {f.channel for f in told} == {"train_speed [km/h]"}, (fault, told)
 
 
+def test_a_roller_rig_turns_at_one_speed(tmp_path: Path) -> None:
+    rig = simulated.recordings("roller-rig", rate=20.0)
+    (v,) = simulated.which(rig, "train_speed")
+    even = simulated.put(rig, "train_speed", 0, lambda _: True, float(np.median(rig[v].value)))
+    assert "train-frozen" not in {f.code for f in simulated.told(even, tmp_path, DEFAULT)}
+
+
 def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
     log = simulated.recordings("low-adhesion", rate=20.0)
     for fault, bad in losses(log).items():

@@ -78,7 +78,7 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         found = document["controllers"][law]
         assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
         assert found["extension"] == pytest.approx(true.extension, abs=0.02)
-        assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.02)
+        assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.04)
 
 
 def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:

@@ -419,6 +419,7 @@ def test_the_command(tmp_path: Path) -> None:
     ticks = re.findall(r'<text x="([\d.]+)" y="204.0" [^>]*>([\d.]+)<', picture)[:3]
     percent = np.poly1d(np.polyfit(*np.array(ticks, float).T, 1))
     assert [percent(left), percent(left + wide)] == pytest.approx([low, high], abs=0.01)
+    assert run(log.name, "--force", "--figure", "slip.png").returncode == 2
     refused = run(log.name, log.name, "--figure", "two.svg")
     assert refused.returncode == 2
     assert "--figure" in refused.stderr

@@ -158,7 +158,15 @@ def loader(shared: Shared) -> Callable[..., Any]:
 
 
 def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
-    """Everything a run will write: its results and, if asked for, what was left out, a picture."""
+    """Everything a run will write: its results and, if asked for, what was left out, a picture.
+
+    Raises:
+        UserError: for a picture of a name that says something else.
+    """
+    if shared.figure and shared.figure.suffix.lower() != ".svg":
+        from ..errors import UserError
+
+        raise UserError(f"{shared.figure}: the picture is SVG", "--figure FILE.svg", code=2)
     return [*paths, *(x for x in (shared.rejects, shared.figure) if x)]
 
 

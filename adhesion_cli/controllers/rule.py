@@ -1,7 +1,8 @@
 """A rule-based wheel slide protection: thresholds on deceleration and slip, and a vent watchdog.
 
 Vent when the rim slows faster than a train can, or slips too much and is not yet recovering; hold
-while it recovers; refill in pulses below the slip that counts as adhering. A vent that lasts too
+while it recovers; refill below the slip that counts as adhering, in pulses where the pause between
+them is longer than a tick. A vent that lasts too
 long is taken as a fault: the brake comes back for a while. The structure is that of common
 pneumatic units; the thresholds are the result of the same search as the patent law's.
 """

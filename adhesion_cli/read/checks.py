@@ -28,6 +28,7 @@ _QUICKEST = 4.0  # faster than any valve fills or vents a cylinder, of its highe
 _AROUND = 10  # samples before and after
 _EARLY = 5.0  # so much may the clock of a train speed be ahead [s]
 _MOVES = 0.02  # of itself: a speed that changes by less stands still
+_SLIDES = 0.35  # of the speed by which a wheel on a roller rig may be slowed
 _VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
 _JUMPS = (
@@ -54,11 +55,17 @@ def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
     """What a train speed [m/s] shows by itself and beside the wheel speeds [rad/s]."""
     spikes = excursions.of_train(train)
     frozen = stuck_speed(train, np.zeros(len(spikes)), wheels, np.nanmin)
-    if frozen[-1] and np.ptp(train.data.value):  # to the end: an early clock looks like that, too
-        t, last = train.data.t, int(_runs(train).first[-1])
-        later = int(np.searchsorted(t, t[last] + round(_EARLY * 1e9)))
-        rest = _Runs(np.array([later, len(t)]))
-        if later >= len(t) - 1 or not all(_moved(train, rest, w)[0] > _MOVES for w in wheels):
+    last = int(_runs(train).first[-1])
+    if frozen[-1] and train.data.value[last] > _SLOW:
+        t = train.data.t
+        rest = _Runs(np.array([last, len(t)]))  # to the end: wheels on a roller rig slide, too
+        early = bool(np.ptp(train.data.value))  # or the clock is early
+        if early:
+            later = int(np.searchsorted(t, t[last] + round(_EARLY * 1e9)))
+            early = later >= len(t) - 1 or not all(
+                _moved(train, _Runs(np.array([later, len(t)])), w)[0] > _MOVES for w in wheels
+            )
+        if early or not all(_moved(train, rest, w)[0] > _SLIDES for w in wheels):
             frozen[last:] = False
     return [
         Fault("train-spike", _JUMPS.format("train"), spikes, True),

@@ -263,9 +263,10 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     streams: list[_Stream] = []
     for axle in result.axles:
         streams += _axle_streams(axle, result, f"{prefix}/axle/{axle.record.axle}")
-    if train := result.log.find("train_speed", result.axles[0].record.axle):
+    first, *others = (result.log.find("train_speed", a.record.axle) for a in result.axles)
+    if first and all(other is first for other in others):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
-        streams.append(_scalar(f"{prefix}/train_speed", names.SI["train_speed"], train.data))
+        streams.append(_scalar(f"{prefix}/train_speed", names.SI["train_speed"], first.data))
     return [*streams, *_events(result, prefix)]
 
 

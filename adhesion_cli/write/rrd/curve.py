@@ -45,6 +45,7 @@ def send_curve(
     place = _send_scatter(rec, path, slip, mu, ", red: the rail's peak" if peak else "")
     if bands:
         ends = place(np.array([bands.slip_low, bands.slip_high]), np.array([math.inf, -math.inf]))
+        ends = np.clip(ends, [0.0, -_HEIGHT], [_WIDTH, 0.0])  # it may reach beyond the picture
         band = rr.Boxes2D(
             array=ends.reshape(1, 4), array_format=rr.Box2DFormat.XYXY,
             colors=REGION_STATES[2][1], radii=0.3,
@@ -89,10 +90,10 @@ def _send_scatter(
     (left, right, xs), (low, high, ys) = _axis(s, 5.0), _axis(mu, 0.05)
 
     def x(value: Floats) -> Floats:
-        return np.interp(value, [left, right], [0.0, _WIDTH])
+        return (value - left) / (right - left) * _WIDTH
 
     def y(value: Floats) -> Floats:
-        return np.interp(value, [low, high], [0.0, -_HEIGHT])
+        return (value - low) / (low - high) * _HEIGHT
 
     frame = [(0, 0), (0, -_HEIGHT), (_WIDTH, -_HEIGHT), (_WIDTH, 0), (0, 0)]
     grid = [[(a, 0), (a, -_HEIGHT)] for a in x(xs)] + [[(0, b), (_WIDTH, b)] for b in y(ys)]
