@@ -53,7 +53,9 @@ def test_the_interval_of_a_held_signal_is_found(
     some = t < own[own <= t[-1]][-1]
     lowest, highest = np.minimum(*ahead), np.maximum(*ahead)
     slack = 1.0 + 0.6 * step + np.abs(np.gradient(line))
-    assert np.mean(((line > lowest - slack) & (line < highest + slack))[some]) > 0.95
+    # noise bends the line at each own sample, and most of these lie between two rows
+    least = 0.97 if every * rate > 10.0 or not noise else 0.92
+    assert np.mean(((line > lowest - slack) & (line < highest + slack))[some]) > least
 
 
 @pytest.mark.parametrize("step", [0.0, 200.0, 1000.0, 5000.0, 20000.0])
