@@ -123,8 +123,8 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
     wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
     papers, named = Vehicle(), []
     for name, q in quantities(Vehicle).items():
-        mine, theirs = np.ravel(getattr(vehicle, name)), np.ravel(getattr(papers, name))
-        if (by_pressure or name in wheel) and (mine[:1] == theirs[:1]).all() and len(mine) == 2:
+        mine, theirs = (np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers))
+        if (by_pressure or name in wheel) and mine == theirs:
             named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
     if not named:
         return []

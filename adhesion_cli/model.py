@@ -6,7 +6,7 @@ has a calendar (`Log.absolute`), since an unknown start otherwise.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 import numpy as np
@@ -194,21 +194,11 @@ class AxleRecord:
 
     def cut(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a record of its own."""
-        some = {
-            name: None if (column := getattr(self, name)) is None else column[s]
-            for name in ("pressure", "train_speed", "truth", "true_slip", "saturated")
-        }
-        return AxleRecord(
-            self.axle, self.t[s], self.clamping_force[s], self.clamping_force_smooth[s],
-            self.wheel_speed[s], (slice(0, s.stop - s.start),), self.wheel_speed_step, **some,
-            clamping_force_step=self.clamping_force_step,
-            train_speed_interval=self.train_speed_interval,
-            train_speed_late=self.train_speed_late,
-            train_speed_made=self.train_speed_made,
-            pressure_late=self.pressure_late,
-            of_totals=self.of_totals,
-            of_rim=self.of_rim,
-        )  # fmt: skip
+        changed: dict[str, Any] = {"segments": (slice(0, s.stop - s.start),)}
+        for name in (f.name for f in fields(self)):
+            if isinstance(column := getattr(self, name), np.ndarray):
+                changed[name] = column[s]
+        return replace(self, **changed)
 
 
 class Wheelset(NamedTuple):
