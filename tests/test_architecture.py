@@ -39,7 +39,7 @@ LAYERS = [
 OWNERS = {
     "numba": {"compiled"},
     "rerun": {"write/rrd"},
-    "mcap": {"read/mcap_records", "write/mcap"},
+    "mcap": {"read/mcap_records", "write/container", "write/mcap"},
 }
 
 

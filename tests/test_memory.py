@@ -122,26 +122,26 @@ def test_reading_csv(tmp_path: Path, megabytes: int, loaded: str) -> None:
 
 RECOVER = """
 import zstandard
-from mcap.writer import Writer
-from adhesion_cli.read.mcap import copy_whole
+from adhesion_cli.read.mcap import McapSource
 from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.write import container
 before = begin()
-with Path(f"{path}.copy").open("wb") as out:
-    copy_whole(path, out, ReadOptions(max_record=4 << 20))
+container.copy(Path(f"{path}.copy"), McapSource(path, ReadOptions(max_record=4 << 20)).walk)
 print(peak() - before)
 """
 
 
 def test_recovering(tmp_path: Path) -> None:
-    """Neither the messages nor an attachment beyond the limit are held."""
+    """Neither the messages nor an attachment are held; it is copied whatever its size."""
     path = tmp_path / "log.mcap"
-    many(path, 50_000, "zstd")
+    many(path, 400_000, "zstd")
     raw = path.read_bytes()
     name = struct.pack("<QQI1sI", 0, 0, 1, b"a", 0)
     large = name + struct.pack("<Q", 100 << 20) + bytes(100 << 20) + bytes(4)
     end = raw.rindex(record(DataEnd(0)))
     path.write_bytes(raw[:end] + struct.pack("<BQ", 9, len(large)) + large + raw[end:])
-    assert grown(RECOVER, path) < 60 * MIB
+    assert grown(RECOVER, path) < 16 * MIB
+    assert (tmp_path / "log.mcap.copy").read_bytes().count(large) == 1
 
 
 WRITE_LOG = """

@@ -41,8 +41,10 @@ from mcap_logs import (
 )
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.read.mcap import copy_whole, open_mcap
+from adhesion_cli.model import Finding
+from adhesion_cli.read.mcap import McapSource, open_mcap
 from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.write import container
 
 # what a log says, read: by field its times, values and validity, and the metadata
 Said = dict[tuple[str, str], tuple[bytes, bytes, bytes]]
@@ -155,6 +157,13 @@ def test_one_bad_chunk_costs_only_itself(tmp_path: Path) -> None:
     assert f"byte {len(MAGIC + record(Header('', ''))) + len(chunks[0][0])}: " in finding.message
 
 
+def recovered(path: Path, copy: Path) -> list[Finding]:
+    """Writes what is whole into a new file."""
+    source = McapSource(path, ReadOptions())
+    container.copy(copy, source.walk)
+    return source.findings
+
+
 @pytest.mark.parametrize("per_chunk", [0, 5])
 def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
     log = scalar_log(VALUES, compression="lz4", per_chunk=per_chunk, attachments=2)
@@ -164,8 +173,7 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
     raw = log.bytes()
     broken, copy = tmp_path / "broken.mcap", tmp_path / "copy.mcap"
     broken.write_bytes(raw[: raw.index(b"\x0f\x04") - 3])
-    with copy.open("wb") as out:
-        findings = copy_whole(broken, out, ReadOptions())
+    findings = recovered(broken, copy)
     assert {f.code for f in findings} >= {"mcap-damaged"}
     before, told = read(broken)
     assert told
@@ -181,25 +189,42 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
     assert [r.data for r in records if isinstance(r, Attachment)] == [b"", b"attached"]
 
 
+def test_a_copy_keeps_metadata_and_attachments_of_one_name_apart(tmp_path: Path) -> None:
+    path, copy = tmp_path / "log.mcap", tmp_path / "copy.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for k in (b"1", b"2"):
+            writer.add_metadata("m", {"k": k.decode()})
+            writer.add_attachment(3, 4, "a", "text/plain", k)
+        channel = writer.register_channel("/x", "json", 0)
+        writer.add_message(channel, START, b'{"v":1}', START)
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert recovered(path, copy) == []
+    for one in (path, copy):
+        with one.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            assert [m.metadata for m in reader.iter_metadata()] == [{"k": "1"}, {"k": "2"}]
+            found = [(a.create_time, a.log_time, a.data) for a in reader.iter_attachments()]
+            assert found == [(3, 4, b"1"), (3, 4, b"2")]
+
+
 def test_a_limit_is_settable_where_it_is_told(
     tmp_path: Path, run: Callable[..., subprocess.CompletedProcess[str]]
 ) -> None:
-    """A large attachment is left out of a copy, larger chunks cannot be read, until one says so."""
+    """Larger records and chunks cannot be read until one says so; attachments are not limited."""
     path = tmp_path / "log.mcap"
     log = scalar_log(VALUES, compression="zstd", per_chunk=8, attachments=100, data_crc=False)
     path.write_bytes(log.bytes())
-    few = "mcap.max_record=700"
-    done = run("recover", path, "-o", "few.mcap", "--set", few)
-    assert done.returncode == 3, done.stderr
-    assert "--set mcap.max_record=" in done.stderr
-    assert run("recover", path, "-o", "no.mcap", "--set", few, "--strict").returncode == 1
-    assert not (tmp_path / "no.mcap").exists()
-    assert run("recover", path, "-o", "all.mcap").returncode == 0
-    for name, count in (("few.mcap", range(60, 90)), ("all.mcap", [100])):
-        with (tmp_path / name).open("rb") as file:
-            reader = make_reader(file, validate_crcs=True)
-            assert sum(1 for _ in reader.iter_messages()) == len(VALUES)
-            assert sum(1 for _ in reader.iter_attachments()) in count
+    for k, (limit, remedy) in enumerate([("700", 0), ("100", 1)]):
+        done = run("recover", path, "-o", f"{k}.mcap", "--set", f"mcap.max_record={limit}")
+        assert done.returncode == remedy, done.stderr
+        assert ("--set mcap.max_record=" in done.stderr) == bool(remedy)
+        assert (tmp_path / f"{k}.mcap").exists() == (not remedy)
+    with (tmp_path / "0.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in reader.iter_messages()) == len(VALUES)
+        assert sum(1 for _ in reader.iter_attachments()) == 100
     done = run("inspect", path, "--set", "mcap.max_inflated=100")
     assert done.returncode == 1
     assert "--set mcap.max_inflated=" in done.stdout
@@ -229,8 +254,7 @@ def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
     lost = set(range(40)) - set(column.value.astype(int).tolist())
     assert 0 < len(lost) < 10
     assert "a record of kind 0" in source.findings[0].message
-    with copy.open("wb") as out:
-        copy_whole(path, out, ReadOptions())
+    recovered(path, copy)
     with copy.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages()) == 40 - len(lost)
@@ -256,13 +280,12 @@ def _recovers(folder: Path, kind: str, damages: Iterator[tuple[int, int, bytes]]
     path.write_bytes(raw)
     walk = open_mcap(path, ReadOptions()).walk
     spans = [(block.at, block.end) for block in walk.blocks]
-    attached = [(at, at + 9 + length) for at, length in walk.attachments]
+    attached = [(a.offset, a.offset + a.length) for a in walk.attachments]
     for first, behind, instead in damages:
         path.write_bytes(raw[:first] + instead + raw[behind:])
         kept = [k for k, (a, b) in enumerate(spans) if b <= first or behind <= a]
         try:
-            with copy.open("wb") as out:
-                told = copy_whole(path, out, ReadOptions())
+            told = recovered(path, copy)
         except UserError as error:
             where = error.text
             assert not kept, (first, instead)

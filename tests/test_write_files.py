@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.write import files, mcap
+from adhesion_cli.write import container, files
 
 # What a killed run may leave: a file between its two last names, gone after the next run.
 PART = ".a.adhesion.mcap.part"
@@ -395,7 +395,7 @@ def test_fault_at_every_system_call(tmp_path: Path, fault: str) -> None:
         record = pair(tmp_path)[0].read_bytes()
         new = record != b"old" * 9
         if new:
-            mcap.verify(pair(tmp_path)[0])
+            container.verify(pair(tmp_path)[0])
         if pair(tmp_path)[1].exists():
             assert pair(tmp_path)[1].read_text() == ("new" if new else "old") * 9
         if "a.adhesion.sha256" in found:

@@ -23,7 +23,7 @@ from adhesion_cli import physics
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel as LogChannel
 from adhesion_cli.model import Column, Finding, Floats, Log, Times
-from adhesion_cli.write import descriptors, mcap, names
+from adhesion_cli.write import container, descriptors, mcap, names
 
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 
@@ -342,7 +342,7 @@ def flip(path: Path, content: bytes, bit: int) -> bool:
 
 def refused(path: Path) -> bool:
     try:
-        mcap.verify(path)
+        container.verify(path)
     except UserError:
         return True
     return False

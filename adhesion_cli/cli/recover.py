@@ -20,17 +20,16 @@ def command(
 
     Example: adhesion recover leaf-film.mcap -o whole.mcap
     """
-    from ..read.mcap import copy_whole
-    from ..write import files
+    from ..read.mcap import McapSource
+    from ..write import container, files
     from . import show
 
     options = loader(shared)().read
     files.check([out], shared.force, inputs=[log])
-    with (
-        files.outputs([out], shared.force, inputs=[log]) as (temporary,),
-        temporary.open("wb") as target,
-    ):
-        found = copy_whole(log, target, options)
+    source = McapSource(log, options)
+    found = source.findings
+    with files.outputs([out], shared.force, inputs=[log]) as (temporary,):
+        container.copy(temporary, source.walk)
     if shared.json:
         from ..document import dumps, findings_document, tagged
 

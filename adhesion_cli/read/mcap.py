@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -86,30 +86,6 @@ def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
             "check that the logger recorded anything",
         )
     return source
-
-
-def copy_whole(path: Path, out: BinaryIO, options: ReadOptions) -> list[Finding]:
-    """Writes what is whole in a damaged MCAP as a new one, whatever its messages mean.
-
-    Args:
-        path: the damaged file.
-        out: where the new one goes.
-        options: limits; `strict` refuses damage here too.
-
-    Returns:
-        What was found, and so what is not in the copy.
-
-    Raises:
-        UserError: where nothing is whole.
-    """
-    source = McapSource(Path(path), options)
-    for at, length in source.walk.copy_whole(out):
-        source._tell(
-            "mcap-large-attachment", "error",
-            f"byte {at}: an attachment of {length} bytes, limit {options.max_record}, is not "
-            f"copied; --set mcap.max_record={length} copies it",
-        )  # fmt: skip
-    return source.findings
 
 
 class McapSource:

@@ -13,11 +13,11 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel
+from mcap.records import AttachmentIndex, Channel, MetadataIndex
 from mcap.records import Schema as Schema  # for those who ask a Walk
 from numpy.typing import NDArray
 
@@ -206,7 +206,8 @@ class Walk:
         self.compressions: set[str] = set()
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
-        self.attachments: list[tuple[int, int]] = []  # offset and length of the whole ones
+        self.metadata_records: list[MetadataIndex] = []
+        self.attachments: list[AttachmentIndex] = []  # the whole ones
         self._head_bytes = 0
         self._pending: _Block | None = None
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
@@ -250,50 +251,37 @@ class Walk:
         """The error for a file that is not what it was on opening."""
         return UserError(f"{self.path}: the file changed while it was read", "read it again")
 
-    def copy_whole(self, out: BinaryIO) -> list[tuple[int, int]]:
-        """Writes what is whole as a new MCAP: messages, metadata and attachments.
+    def messages(self) -> Iterator[tuple[bytes, Offsets, Times, Offsets]]:
+        """The messages of channels that the file defines, a block at a time.
 
-        Chunks, ids and indexes are new; times, topics, schemas and message bytes are kept.
+        Yields:
+            Their records end to end; of each channel id, log time [ns] and length of the record,
+            shape (n,).
 
-        Returns:
-            Offset and length of attachments beyond the limit of a record, which are left out:
-            mcap's writer takes one only as a whole.
+        Raises:
+            UserError: as `again`.
         """
-        from mcap.writer import Writer
-
-        writer = Writer(out, enable_data_crcs=True)
-        writer.start(self.profile, self.library)
-        schemas = {
-            i: writer.register_schema(s.name, s.encoding, s.data) for i, s in self.schemas.items()
-        }
-        channels = {
-            i: writer.register_channel(
-                c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata
-            )
-            for i, c in self.channels.items()
-        }  # fmt: skip
-        for name, entries in self.metadata.items():
-            writer.add_metadata(name, entries)
-        large = [one for one in self.attachments if one[1] > self._options.max_record]
-        with self._opened() as self._file:
-            for at, length in self.attachments:
-                if (at, length) not in large:
-                    log_time, create_time, name, kind, start, size = self._attached(at, length)
-                    data = self._file.read(start, size)
-                    writer.add_attachment(create_time, log_time, name, kind, data)
         for _, records in self.again():
-            columns = (
-                records.channel, records.start + HEADER.size + MESSAGE, records.end,
-                records.log_time, records.publish_time.view(np.uint64), records.field(11, "<u4"),
-            )  # fmt: skip
-            for channel, start, end, log, publish, sequence in zip(
-                *(column.tolist() for column in columns), strict=True
-            ):
-                if channel in channels:
-                    data = records.data[start:end].tobytes()
-                    writer.add_message(channels[channel], log, data, publish, sequence)
-        writer.finish()  # type: ignore[no-untyped-call]
-        return large
+            known = records.some(np.isin(records.channel, list(self.channels)))
+            start, end = known.start, known.end
+            if len(start):
+                gaps = np.flatnonzero(start[1:] != end[:-1])
+                runs = zip(start[np.append(0, gaps + 1)], end[np.append(gaps, -1)], strict=True)
+                raw = b"".join(known.data[a:b].tobytes() for a, b in runs)
+                yield raw, known.channel, known.log_time, end - start
+
+    def raw(self, at: int, length: int) -> Iterator[bytes]:
+        """Bytes of the file, a piece at a time.
+
+        Raises:
+            UserError: where the file has become shorter.
+        """
+        try:
+            with self._opened() as file:
+                for piece in range(at, at + length, _PIECE):
+                    yield file.read(piece, min(_PIECE, at + length - piece))
+        except DamageError:
+            raise self.changed() from None
 
     # ------------------------------------------------------------------ records outside chunks
 
@@ -447,6 +435,7 @@ class Walk:
             content = self._content(at, length)
             name = content.text()
             self.metadata[name] = self.metadata.get(name, {}) | content.pairs()
+            self.metadata_records.append(MetadataIndex(at, end - at, name))
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             content = self._content(at, length)
             self._define(opcode, content, at, self._defined)
@@ -499,24 +488,20 @@ class Walk:
                 what = f"statistics say {count} messages of channel {channel}, found {here}"
                 self._note(DamageError(at, what))
 
-    def _attached(self, at: int, length: int) -> tuple[int, int, str, str, int, int]:
-        """An attachment's log time, creation time, name, media type, offset of its data, size."""
-        content = self._content(at, min(length, _PIECE))
-        times = content.number(8), content.number(8)
-        named = content.text(), content.text()
-        size = content.number(8)
-        return *times, *named, at + HEADER.size + content.place(), size
-
     def _attachment(self, at: int, length: int) -> None:
         place, end = at + HEADER.size, at + HEADER.size + length
-        *_, start, size = self._attached(at, length)
-        behind = start + size
+        content = self._content(at, min(length, _PIECE))
+        log_time, create_time = content.number(8), content.number(8)
+        name, kind, size = content.text(), content.text(), content.number(8)
+        behind = place + content.place() + size
         if behind + 4 > end:
             raise DamageError(at, "an attachment's data does not fit into its record")
         crc = int.from_bytes(self._file.read(behind, 4), "little")
         if crc and self._file.crc(place, behind) != crc:
             raise DamageError(at, "attachment has another CRC than it says")
-        self.attachments.append((at, length))
+        self.attachments.append(
+            AttachmentIndex(at, end - at, log_time, create_time, size, name, kind)
+        )
 
     def _read_statistics(self, at: int, length: int) -> None:
         content = self._content(at, length)

@@ -1,39 +1,19 @@
 """Results and logs as MCAP: protobuf messages, packed by columns, chunked, zstd, every CRC on.
 
-The records around the messages are the mcap package's own; the messages and their indexes are laid
-out by numpy, because one protobuf object per sample costs more than the whole analysis. The bytes
-of a message are those the protobuf library would have written.
+The messages are laid out by numpy, because one protobuf object per sample costs more than the whole
+analysis. The bytes of a message are those the protobuf library would have written.
 """
 
-import os
-import struct
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-import zstandard
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
-from mcap.writer import MCAP0_MAGIC
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__, physics, signals
@@ -42,16 +22,14 @@ from ..model import MADE, AxleResult, Column, Floats, Log, Result, Times, Vehicl
 from ..slope import REGIONS
 from ..stop import Stop
 from ..text import printable
-from . import descriptors, names
+from . import container, descriptors, names
+from .container import Offsets
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
-_DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
-_END = struct.Struct("<BQQQI8s")  # footer record and closing magic
 _SECOND = 1_000_000_000
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 
-Offsets = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 _Values = Callable[[slice], Floats]  # the values of these rows: most are computed chunk by chunk
 
@@ -198,46 +176,6 @@ def write_stop(
             "adhesion.metrics": {"json": metrics},
         },
         0,
-    )
-
-
-def verify(path: Path) -> None:
-    """Read a file of ours back: its CRCs cover every byte of it.
-
-    Raises:
-        UserError: the file is not what was written.
-    """
-    with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - _END.size))
-        try:
-            opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
-        except struct.error:
-            raise _damaged("it is too short") from None
-        if (opcode, magic) != (Opcode.FOOTER, MCAP0_MAGIC):
-            raise _damaged("it has no end")
-        data = summary_start - _DATA_END.size  # bytes of the data section before its last record
-        if not 0 <= data <= size:
-            raise _damaged("its footer points nowhere")
-        file.seek(0)
-        crc = _crc(file, data)
-        if file.read(_DATA_END.size) != _DATA_END.pack(Opcode.DATA_END, 4, crc):
-            raise _damaged("CRC of the data")
-        if _crc(file, size - summary_start - 12) != summary_crc:
-            raise _damaged("CRC of the summary")
-
-
-def _crc(file: BinaryIO, length: int) -> int:
-    crc = 0
-    while length > 0 and (block := file.read(min(length, 1 << 20))):
-        crc = zlib.crc32(block, crc)
-        length -= len(block)
-    return crc
-
-
-def _damaged(what: str) -> UserError:
-    return UserError(
-        f"the result does not read back as written ({what})", "check the disk, then run again"
     )
 
 
@@ -438,28 +376,6 @@ def _shift(logs: Sequence[Log]) -> int:
 # ---- how it goes into the file
 
 
-class _File:
-    """The data section: remembers where it is and the CRC of all before."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self.file, self.at, self.crc = file, 0, 0
-
-    def write(self, data: bytes) -> tuple[int, int]:
-        """Append; returns where it went, as (offset, length)."""
-        at = self.at
-        self.file.write(data)
-        self.crc = zlib.crc32(data, self.crc)
-        self.at += len(data)
-        return at, len(data)
-
-
-def _record(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
 def _write(
     path: Path, streams: Sequence[_Stream], metadata: dict[str, dict[str, str]], shift: int
 ) -> None:
@@ -477,53 +393,15 @@ def _write(
         Channel(i, s.topic, "protobuf", s.metadata(), messages.index(s.message) + 1)
         for i, s in enumerate(streams, 1)
     ]
-    counts = {c.id: len(s.t) for c, s in zip(channels, streams, strict=True) if len(s.t)}
-    ends = [(int(s.t.min()) + shift, int(s.t.max()) + shift) for s in streams if len(s.t)]
-
     with path.open("wb") as file:
-        out = _File(file)
-        out.write(MCAP0_MAGIC)
-        out.write(_record(Header("", f"adhesion-cli {__version__}")))
-        indexes = []
+        out = container.Container(file, "", f"adhesion-cli {__version__}")
         for name, entries in metadata.items():
-            at, length = out.write(_record(Metadata(name=name, metadata=entries)))
-            indexes.append(MetadataIndex(at, length, name))
-        out.write(_record(*schemas, *channels))
-        chunks = [_write_chunk(out, streams, parts, shift) for parts in _partition(streams)]
-        out.write(_record(DataEnd(out.crc)))
-        statistics = Statistics(
-            attachment_count=0,
-            channel_count=len(channels),
-            channel_message_counts=counts,
-            chunk_count=len(chunks),
-            message_count=sum(counts.values()),
-            message_start_time=min((a for a, _ in ends), default=0),
-            message_end_time=max((b for _, b in ends), default=0),
-            metadata_count=len(metadata),
-            schema_count=len(schemas),
-        )
-        _write_summary(file, out.at, [schemas, channels, [statistics], chunks, indexes])
-    verify(path)
-
-
-def _write_summary(file: BinaryIO, start: int, groups: Sequence[Sequence[McapRecord]]) -> None:
-    opcodes = (
-        Opcode.SCHEMA,
-        Opcode.CHANNEL,
-        Opcode.STATISTICS,
-        Opcode.CHUNK_INDEX,
-        Opcode.METADATA_INDEX,
-    )
-    summary, offsets = b"", []
-    for opcode, records in zip(opcodes, groups, strict=True):
-        if records:
-            group = _record(*records)
-            offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
-            summary += group
-    footer = Footer(start, start + len(summary), 0)
-    summary += _record(*offsets)
-    footer.summary_crc = zlib.crc32(summary + _record(footer)[:-4])
-    file.write(summary + _record(footer) + MCAP0_MAGIC)
+            out.metadata(name, entries)
+        out.define(schemas, channels)
+        for parts in _partition(streams):
+            _write_chunk(out, streams, parts, shift)
+        out.finish()
+    container.verify(path)
 
 
 def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
@@ -560,8 +438,8 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
 
 
 def _write_chunk(
-    out: _File, streams: Sequence[_Stream], parts: list[slice], shift: int
-) -> ChunkIndex:
+    out: container.Container, streams: Sequence[_Stream], parts: list[slice], shift: int
+) -> None:
     """Append one chunk and its message indexes."""
     rows = [
         _Rows(i, s, part, shift)
@@ -576,39 +454,14 @@ def _write_chunk(
     at[order] = ends - sizes[order]
 
     buffer = np.zeros(int(ends[-1]), np.uint8)
-    index = []
+    index = {}
     begin = 0
     for r in rows:
         offsets = at[begin : begin + len(r.t)]
         begin += len(r.t)
         r.write(buffer, offsets)
-        entries = np.stack([r.t, offsets], axis=1).astype("<u8").tobytes()
-        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), r.channel, len(entries))
-        index.append((r.channel, head + entries))
-
-    raw = buffer.tobytes()
-    compressed = zstandard.ZstdCompressor(level=3).compress(raw)
-    chunk = Chunk(
-        compression="zstd",
-        data=compressed,
-        message_start_time=int(min(r.t.min() for r in rows)),
-        message_end_time=int(max(r.t.max() for r in rows)),
-        uncompressed_crc=zlib.crc32(raw),
-        uncompressed_size=len(raw),
-    )
-    start, length = out.write(_record(chunk))
-    places = {channel: out.write(record)[0] for channel, record in index}
-    return ChunkIndex(
-        chunk_start_offset=start,
-        chunk_length=length,
-        compression=chunk.compression,
-        compressed_size=len(compressed),
-        message_start_time=chunk.message_start_time,
-        message_end_time=chunk.message_end_time,
-        message_index_length=out.at - start - length,
-        message_index_offsets=places,
-        uncompressed_size=chunk.uncompressed_size,
-    )
+        index[r.channel] = np.stack([r.t, offsets], axis=1)
+    out.chunk(buffer.tobytes(), index)
 
 
 class _Rows:
