@@ -7,8 +7,9 @@ A receiver tells what was, T(t) = v(t − τ); GNSS is one to two seconds late. 
 with c_i by what its radius is off and q (−v̇) its creep, which on the rising flank of (3) goes with
 the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
 fall late. A wheel that slides is slower than that, and left out with the second around it, in which
-its creep rises and falls: τ is where most samples of all axles fit. Its error is that of the least
-squares, the train speed's noise being the same in every axle and slow.
+its creep rises and falls: τ is where most samples of all axles fit. Slides that a controller makes
+alike all along fit, too, but by a q that no creep has: they tell nothing. Its error is that of the
+least squares, the train speed's noise being the same in every axle and slow.
 
 Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
 
@@ -36,6 +37,7 @@ _FLOOR = 0.03  # 1 sigma by which a rolling wheel may differ, whatever the noise
 _CUT = 4.0  # sigma that are no noise
 _WORN = 0.02  # 1 sigma of c [-]
 _CREEP = 0.002, 0.004  # q and its 1 sigma: creep of 0.2 % at 1 m/s² [s²/m]
+_NO_CREEP = 3.0  # sigma of q: a fit farther off is one of slides
 _SLOWING = 0.2  # a train that does is braked [m/s²]
 _NEAR = 1.0  # before and behind a slide creep is no straight line of force [s]
 _LEAST = 3.0  # so long must a wheel roll while braked [s]
@@ -184,7 +186,9 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
         tau, x = tau + change, f.x
         if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
-    return None if scan.unclear(tau, _AS_GOOD) or sigma > _SUREST else Parameter(tau, sigma)
+    slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1]
+    unclear = scan.unclear(tau, _AS_GOOD) or slides
+    return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
 
 
 def _start(g: Grid, train: Floats) -> Floats:
