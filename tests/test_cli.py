@@ -571,3 +571,12 @@ def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
     assert run("inspect", "log.csv", *mine).returncode == 1
     assert Path(tmp_path, "my.toml").read_text() == "# mine\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "my.toml"]
+
+
+def test_inspect_fits_a_screen(run: Run) -> None:
+    """A row per channel, columns for faults that some have, one line for channels taken alike."""
+    done = run("inspect", SAMPLES / "low-adhesion.mcap")
+    lines = done.stdout.splitlines()
+    assert len(lines) < 40
+    assert "unused, gaps, duplicates, backward: none" in lines
+    assert [x for x in lines if x.startswith("pressure 1, 2, 3, 4: name has")]

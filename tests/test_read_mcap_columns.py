@@ -141,8 +141,11 @@ def check(folder: Path, log: Log, decoded: dict[int, list[tuple[int, Any]]]) -> 
             assert seen.get(topic, set()) == numbers_in(messages[0][1]), topic
     told = {f.code for f in source.findings}
     assert told <= {
-        "mcap-damaged", "mcap-unknown-record", "mcap-unordered", "mcap-not-offered", "mcap-rounded"
+        "mcap-damaged", "mcap-unchecked", "mcap-unknown-record", "mcap-unordered",
+        "mcap-not-offered", "mcap-rounded",
     }  # fmt: skip
+    guarded = log.crc and (log.per_chunk > 0 or (log.data_crc and log.end))
+    assert ("mcap-unchecked" in told) == (bool(log.messages) and not guarded)
     assert ("mcap-rounded" in told) == rounded
     assert ("mcap-not-offered" in told) == any(opaque_in(m[0][1]) for m in decoded.values() if m)
 

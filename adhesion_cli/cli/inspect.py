@@ -1,5 +1,6 @@
 """`adhesion inspect`: what is in a log."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -52,19 +53,37 @@ def _text(doc: dict[str, Any]) -> str:
         for name, value in doc["stated"].items()
         if value not in ("", None)
     ]
+    lines += _channels(doc["channels"])
+    found = [Finding(**f) for f in doc["findings"]]
+    return "\n".join([*lines, show.findings(found)] if found else lines)
+
+
+def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
+    """A row each, with a column for each fault that some have; then why they are taken for that."""
+    from ..text import printable
+    from . import show
+
+    faults = {
+        "unused": [c["rows"] - c["valid"] for c in channels],
+        **{name: [c[name] for c in channels] for name in ("gaps", "duplicates", "backward")},
+    }
+    some = [name for name, counts in faults.items() if any(counts)]
     rows = [
         [
             f"{c['name']} {c['field']}".strip(), c["meaning"] or "-", show.number(c["axle"]),
             c["unit"] or "-", show.number(c["rate_hz"], 2), str(c["rows"]),
-            str(c["rows"] - c["valid"]), str(c["gaps"]), str(c["duplicates"]), str(c["backward"]),
-            c["reason"],
+            *(str(faults[name][i]) for name in some),
         ]
-        for c in doc["channels"]
+        for i, c in enumerate(channels)
     ]  # fmt: skip
-    header = [
-        "channel", "meaning", "axle", "unit", "Hz", "rows", "unused", "gaps", "dupl.", "back",
-        "why",
-    ]  # fmt: skip
-    lines.append(show.table(header, rows, left=2, prose=True))
-    found = [Finding(**f) for f in doc["findings"]]
-    return "\n".join([*lines, show.findings(found)] if found else lines)
+    lines = [show.table(["channel", "meaning", "axle", "unit", "Hz", "rows", *some], rows, left=2)]
+    if none := [name for name in faults if name not in some]:
+        lines.append(f"{', '.join(none)}: none")
+    alike: dict[tuple[str, str], list[str]] = {}
+    for c in channels:
+        axle = [] if c["axle"] is None else [str(c["axle"])]
+        alike.setdefault((c["meaning"] or "-", c["reason"]), []).extend(axle)
+    for (meaning, reason), axles in alike.items():
+        of = f" {', '.join(dict.fromkeys(axles))}" if axles else ""
+        lines.append(show.folded(f"{meaning}{of}: {printable(reason)}", "  "))
+    return lines

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..errors import UserError
 from .options import Shared, loader, shared
 
 
@@ -25,6 +26,8 @@ def command(
     from . import show
 
     options = loader(shared)().read
+    if out.suffix.lower() != ".mcap":
+        raise UserError(f"{out}: what is recovered is an MCAP", "-o FILE.mcap", code=2)
     files.check([out], shared.force, inputs=[log])
     source = McapSource(log, options)
     found = source.findings

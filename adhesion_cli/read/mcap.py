@@ -126,9 +126,9 @@ class McapSource:
         if walk.damage:
             first, more = walk.damage[0], len(walk.damage) - 1
             what = f"byte {first.at}: {first.what}" + (f" (and {more} more)" if more else "")
-            kept = f"{self.rows} messages" + (
-                f" in {walk.chunks} whole chunks" if walk.chunks else ""
-            )
+            missing = f", lost {walk.lost}" if walk.lost else ""
+            chunks = f" in {walk.chunks} whole chunks" if walk.chunks else ""
+            kept = f"{self.rows} messages{chunks}{missing}"
             self.findings.append(
                 Finding("mcap-damaged", "error", f"{what}; kept {kept}", count=more + 1)
             )
@@ -136,6 +136,9 @@ class McapSource:
             some = ", ".join(map(str, sorted(lost)[:5])) + (", ..." if len(lost) > 5 else "")
             text = f"messages of channels that the file does not define: {some}"
             self._tell("mcap-unknown-channel", "error", text, count=sum(lost.values()))
+        if walk.unchecked:
+            text = "messages that no checksum guards: a bit that changed in them would not show"
+            self._tell("mcap-unchecked", "info", text, count=walk.unchecked)
         if walk.unknown:
             text = "records of unknown kinds, skipped"
             self._tell("mcap-unknown-record", "info", text, count=walk.unknown)

@@ -140,6 +140,8 @@ class _Block:
     at: int
     end: int
     chunk: bool
+    rows: int = 0  # messages
+    checked: bool = False  # by a CRC
     index_at: int = 0  # the message indexes behind a chunk
     index_end: int = 0
 
@@ -212,6 +214,7 @@ class Walk:
         self._pending: _Block | None = None
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
+        self._all_checked = False  # by the CRC of the data section
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, dict[str, int], dict[int, int]] | None = None
         with self._opened() as self._file:
@@ -222,7 +225,7 @@ class Walk:
         self.schemas = {one.id: one for one in defined if isinstance(one, Schema)}
         self.channels = {one.id: one for one in defined if isinstance(one, Channel)}
         if self.damage and not self.rows:
-            raise self._error(self.damage[0])
+            raise self._error(self.damage[0], "no message in it is whole: copy the log anew")
 
     @property
     def rows(self) -> int:
@@ -233,6 +236,17 @@ class Walk:
     def chunks(self) -> int:
         """Whole chunks."""
         return sum(block.chunk for block in self.blocks)
+
+    @property
+    def unchecked(self) -> int:
+        """Messages that no CRC guards."""
+        return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
+
+    @property
+    def lost(self) -> int | None:
+        """Messages that the statistics count and that are not whole; None where there are none."""
+        said = self._statistics
+        return None if said is None else max(said[1]["messages"] - sum(self.counts.values()), 0)
 
     def again(self) -> Iterator[tuple[_Block, Records]]:
         """The whole blocks a second time, with their records.
@@ -295,16 +309,20 @@ class Walk:
         size = self._file.size
         if self._file.read(0, min(size, len(MAGIC))) != MAGIC:
             what = "file is empty" if not size else "not an MCAP file (wrong magic bytes)"
-            raise UserError(f"{self.path}: byte 0: {what}", "give a CSV or MCAP log")
+            hint = "give an MCAP log; a CSV log must not be named .mcap"
+            raise UserError(f"{self.path}: byte 0: {what}", hint)
 
     def _note(self, damage: DamageError) -> None:
         self.damage.append(damage)
         if self._options.strict:
             raise self._error(damage)
 
-    def _error(self, damage: DamageError) -> UserError:
-        hint = damage.hint or "`adhesion recover` writes what is whole as a new file"
-        return UserError(f"{self.path}: byte {damage.at}: {damage.what}", hint)
+    def _error(
+        self,
+        damage: DamageError,
+        hint: str = "`adhesion recover` writes what is whole as a new file",
+    ) -> UserError:
+        return UserError(f"{self.path}: byte {damage.at}: {damage.what}", damage.hint or hint)
 
     def _walk(self) -> None:
         """Walks the file up to its footer.
@@ -426,6 +444,7 @@ class Walk:
             crc = self._content(at, length).number(4)
             if crc and self._file.crc(0, at) != crc:
                 raise DamageError(at, "data section has another CRC than it says")
+            self._all_checked = bool(crc)
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
             content = self._content(at, length)
             self.profile, self.library = content.text(), content.text()
@@ -530,7 +549,7 @@ class Walk:
             self._note(DamageError(behind, "no magic bytes behind the footer"))
         elif self._file.size - behind > len(MAGIC):
             more = self._file.size - behind - len(MAGIC)
-            what = f"{more} bytes behind the end of the log (two files joined?), not read"
+            what = f"{more} bytes behind the end, not read: cut two joined files apart there"
             self._note(DamageError(behind + len(MAGIC), what))
 
     # ------------------------------------------------------------------ records inside a block
@@ -550,6 +569,7 @@ class Walk:
             self._note(damage)  # a block that is wrong somewhere defines nothing
             return
         self._defined |= fresh
+        block.rows = len(records.start)
         self.blocks.append(block)
         self.unknown += records.unknown
         counts = np.bincount(records.channel)
@@ -631,6 +651,7 @@ class Walk:
             raise DamageError(block.at, f"chunk says {size} inflated bytes and has {more}")
         if crc and zlib.crc32(data[:size].data) != crc:
             raise DamageError(block.at, "chunk has another CRC than it says")
+        block.checked = bool(crc)
         data[size:] = 0
         self.compressions.add(compression or "none")
         return data, size
