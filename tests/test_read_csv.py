@@ -318,9 +318,14 @@ def test_knows_what_is_no_time(header):
     assert time_name(header) is None
 
 
+def test_midnight_that_is_continued_is_not_told_as_a_new_start(log):
+    source, _ = read(log, "Uhrzeit;p\n23:59:59.50;1\n00:00:00.50;2\n00:00:01.50;3\n")
+    assert "time-of-day-wrapped" not in codes(source)
+
+
 def test_time_of_day_is_told_to_start_anew_at_midnight(log):
-    source, columns = read(log, "Time,p\n23:59:59.5,5\n00:00:00.0,5.5\n00:00:00.5,5.5\n")
-    assert columns["p"].t.tolist() == [86_399_500_000_000, 0, S // 2]
+    source, columns = read(log, "Time,p\n23:59:59.5,5\n00:10:00.0,5.5\n00:10:00.5,5.5\n")
+    assert columns["p"].t.tolist() == [86_399_500_000_000, 600 * S, 600 * S + S // 2]
     assert codes(source) == {"time-of-day-wrapped"}
 
 
@@ -342,6 +347,108 @@ def test_column_of_the_other_decimal_mark_is_left_out_and_told(log):
 def test_names_that_are_numbers_are_a_header_beside_a_time(log):
     _, columns = read(log, "time [s],1,2\n0,1,2\n1,2,3\n2,3,4\n")
     assert list(columns) == ["1", "2"]
+
+
+def numbered(width: int, first: int, n: int, delimiter: str = ",") -> str:
+    return "".join(
+        delimiter.join([f"{k / 100:.2f}", *(f"{k % 9 + c}.5" for c in range(1, width))]) + "\n"
+        for k in range(first, first + n)
+    )
+
+
+def left_out(source: CsvSource) -> tuple[int, str]:
+    (found,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert found.severity == "warning"
+    assert len(list(source.rejects)) == found.count
+    assert found.count == sum(source.lines.values()) - sum(
+        source.lines[kind] for kind in ("used", "header", "preamble", "units")
+    )
+    return found.count, found.message
+
+
+@pytest.mark.parametrize("widths", [(3, 4), (4, 3)])
+def test_rows_above_a_second_header_are_left_out_and_told(log, widths):
+    names = [",".join(["t [s]", "p [bar]", "v [km/h]", "w [km/h]"][:w]) + "\n" for w in widths]
+    text = names[0] + numbered(widths[0], 0, 20) + names[1] + numbered(widths[1], 20, 90)
+    source, columns = read(log, text, rejects=True)
+    assert source.rows == 90
+    assert len(columns) == widths[1] - 1
+    count, message = left_out(source)
+    assert count == 20
+    assert "first in line 2: '0.00," in message
+    assert [r.line for r in source.rejects] == [*range(2, 22)]
+    with pytest.raises(UserError, match="another table"):
+        read(log, text, strict=True)
+
+
+def test_a_change_of_delimiter_is_told_with_its_line(log):
+    text = "t [s],p,v\n" + numbered(3, 0, 20) + numbered(3, 20, 90, ";")
+    with pytest.raises(UserError, match="from line 22 on have no header") as error:
+        read(log, text)
+    assert "split" in error.value.hint
+    source, _ = read(log, text, rejects=True, time_channel="column 1", time_unit="s")
+    assert source.rows == 90
+    assert left_out(source)[0] == 20
+
+
+def test_a_preamble_of_words_and_numbers_is_no_rows(log):
+    text = "Vehicle,12\n2026-11-21,13:05:07\nbogie,1\n1,2\ndiameter,0.92,0.91,0.9\n"
+    source, _ = read(log, text + "t [s],p,v\n" + numbered(3, 0, 20))
+    assert source.lines["preamble"] == 5
+    assert not codes(source)
+
+
+@pytest.mark.parametrize(
+    "second",
+    ["t [s],v,p", "t [s],p [kPa],v", "T [s],P,other", "p,v,t [s]", "s,kPa,km/h"],
+)
+def test_a_later_header_of_other_columns_ends_the_table(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, columns = read(log, text, rejects=True)
+    assert source.rows == 30
+    assert columns["p"].t.max() == 290_000_000
+    count, message = left_out(source)
+    assert count == 51
+    assert f"split the log there (first in line 33: '{second}')" in message
+    with pytest.raises(UserError):
+        read(log, text, strict=True)
+
+
+@pytest.mark.parametrize("second", ["t [s],p,v", '"T [s]", P ,v', "s,bar,km/h", "lost,lost,lost"])
+def test_the_same_header_again_costs_its_own_row(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, _ = read(log, text, rejects=True)
+    assert source.rows == 80
+    assert left_out(source)[0] == 1
+
+
+def test_numbers_with_their_unit_in_each_cell(log):
+    text = "t [s],p,v,note\n" + "".join(f"{k / 100},{k}.5 bar,{k}km/h,{k} x\n" for k in range(20))
+    source, columns = read(log, text + "0.2,9 mbar,7 km/h,-\n", rejects=True)
+    assert [(f.channel, f.unit, f.unit_from) for f in source.fields] == [
+        ("p", "bar", "cells"),
+        ("v", "km/h", "cells"),
+    ]
+    assert columns["p"].value[:3].tolist() == [0.5, 1.5, 2.5]
+    assert np.isnan(columns["p"].value[-1])
+    assert columns["v"].value[-1] == 7
+    (found,) = (f for f in source.findings if f.code == "csv-bad-cells")
+    assert (found.channel, found.count) == ("p", 1)
+
+
+def test_words_that_begin_late_in_a_column_are_no_damage(log):
+    source, _ = read(
+        log, "t [s],p,event\n" + "".join(f"{k},1,\n" for k in range(900)) + "900,1,go\n"
+    )
+    assert not codes(source)
+    assert "csv-bad-cells" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize("end", ["\x1a", "\x1a\x1a"])
+def test_the_end_of_a_file_as_dos_marked_it_is_none_of_its_rows(log, end):
+    source, columns = read(log, PLAIN + end)
+    assert not source.findings
+    assert columns["p"].value.tolist() == P
 
 
 def test_strict_refuses_what_would_be_a_finding(log):
@@ -606,6 +713,17 @@ REFUSED = {
         b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n",
         "names 2 columns, the rows have 3",
         "header = false",
+    ),
+    "decimal comma as delimiter": (
+        b"t [s],p,v\n" + b"".join(b"0,%02d,1,50,80,05\n" % k for k in range(9)),
+        "names 3 columns, the rows have 6: the comma is delimiter and decimal mark",
+        "semicolons",
+    ),
+    "only NUL bytes": (bytes(2_000_000), "holds nothing but NUL bytes", "again"),
+    "rows out of order": (
+        b"t [s],p\n" + b"".join(b"%d,1\n" % (k ^ 1) for k in range(30)),
+        "'t .s.' falls in 15 of the first 30 rows",
+        "rows older than those before are then left out",
     ),
     "no line end": (b"1" * 50_000_000, "no line end", "one row per line"),
     "20000 columns": (

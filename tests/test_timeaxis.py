@@ -91,7 +91,7 @@ def test_stamps_too_coarse_to_tell_samples_apart_are_told_once(sizes, values) ->
 def test_one_sample_of_each_stamp_repeated_is_taken_once() -> None:
     t = np.repeat(100.0 * np.arange(30), 10).tolist()
     axis = timeaxis.clean("x", column(t, np.repeat(np.arange(30.0), 10).tolist()), 0)
-    assert codes(axis) == {"time-coarse": 270}
+    assert codes(axis) == {"time-duplicate": 270}
     assert axis.data.value.tolist() == list(range(30))
     assert axis.interval_ns == 100 * MS
 
@@ -141,6 +141,24 @@ def test_a_late_sample_is_left_out_and_not_sorted_in() -> None:
     assert axis.data.value.tolist() == [0, 1, 2, 4, 5, 6]
 
 
+@pytest.mark.parametrize("wrong", [0, 1, 50, 98])
+def test_one_stamp_far_ahead_costs_one_sample(wrong: int) -> None:
+    t: list[float] = [*range(100)]
+    t[wrong] = 1_700_000_000
+    axis = timeaxis.clean("x", column(t), timeaxis.earliest(column(t).t))
+    assert codes(axis) == {"time-ahead": 1}
+    assert axis.starts == (0,)
+    assert len(axis.data.t) == 99
+    assert axis.findings[0].first_s == pytest.approx(max(wrong - 1, 0) * 1e-3)
+
+
+def test_times_count_from_the_first_sample_that_is_used() -> None:
+    t: list[float] = [100, 101, -99_999, 103, 104, 105]
+    assert timeaxis.earliest(column(t).t) == 100 * MS
+    axis = timeaxis.clean("x", column(t), 100 * MS)
+    assert [(f.code, f.first_s) for f in axis.findings] == [("time-late", pytest.approx(1e-3))]
+
+
 def test_a_clock_that_jumps_back_begins_a_new_piece() -> None:
     axis = timeaxis.clean("x", column([*range(0, 300, 10), *range(100, 400, 10)]), 0)
     assert codes(axis) == {"time-backward": 1}
@@ -182,7 +200,9 @@ def test_whatever_the_clock_does_time_rises_within_a_piece(
     for a, b in pairwise(bounds):
         assert np.all(np.diff(axis.data.t[a:b]) > 0)
     dropped = sum(
-        f.count for f in axis.findings if f.code in ("time-late", "time-duplicate", "time-conflict")
+        f.count
+        for f in axis.findings
+        if f.code in ("time-late", "time-ahead", "time-duplicate", "time-conflict")
     )
     assert len(axis.data.t) + dropped == len(t)
 

@@ -233,6 +233,16 @@ def column_index(dialect: Dialect, name: str, path: Any) -> int:
 def _unreadable(dialect: Dialect, i: int, path: Any) -> UserError:
     """The refusal of a column that is stated, or called, a time."""
     cells = dialect.column(i)
+    numbers = [float(c.replace(",", ".")) for c in cells if dialect.number().fullmatch(c)]
+    if len(numbers) > len(cells) / 2:
+        falls = sum(b < a for a, b in pairwise(numbers))
+        return UserError(
+            f"{path}: time column {dialect.names[i]!r} falls in {falls} of the first "
+            f"{len(numbers)} rows",
+            "export the rows in the order of time, or state the time, as "
+            f'time = {{channel = {toml(dialect.names[i])}, unit = "s"}} under [channels]: rows '
+            "older than those before are then left out",
+        )
     return UserError(
         f"{path}: column {dialect.names[i]!r} holds no times"
         + (f", as {cells[0][:40]!r}" if cells else ""),
@@ -549,12 +559,13 @@ def _floats(array: Any, decimal: str) -> tuple[Any, Bools]:
     return value, state == 0
 
 
-def checked_floats(array: Any, decimal: str) -> tuple[Any, Any]:
+def checked_floats(array: Any, decimal: str, unit: str = "") -> tuple[Any, Any]:
     """Numbers of one column of a block by the strict grammar.
 
     Args:
         array: Arrow array of float64 or text, null where a cell says nothing.
         decimal: decimal mark of the text.
+        unit: may stand behind each number of the text.
 
     Returns:
         float64 values, NaN where there is none, and int8 states: 0 number, 1 nothing said,
@@ -564,6 +575,8 @@ def checked_floats(array: Any, decimal: str) -> tuple[Any, Any]:
         value = array.to_numpy(zero_copy_only=False)
         return value, (~np.isfinite(value)).view(np.int8)
     text = pc.utf8_trim_whitespace(array)
+    if unit:
+        text = pc.replace_substring_regex(text, r"\s*" + re.escape(unit) + "$", "")
     numeric = pc.fill_null(pc.match_substring_regex(text, _re2(decimal)), False)
     plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
     value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)

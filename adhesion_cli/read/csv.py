@@ -35,6 +35,8 @@ from .longtable import Key, Series, find_keys, interleaved
 from .rejects import Rejects
 from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
 from .source import Field, ReadOptions
+from .timeaxis import earliest, unwrapped
+from .units import unit as known_unit
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
@@ -50,6 +52,9 @@ _SKIPPED = {
     "group missing": "do not say which device or axle they belong to",
     "NUL bytes": "hold NUL bytes, as of space that was reserved and never written",
     "cut off": "are cut off where the compressed data end",
+    "another table": "stand above the header that was taken and are of another table: split the "
+    "log there",
+    "another header": "stand below a header of other columns or units: split the log there",
 }
 
 
@@ -104,6 +109,7 @@ class CsvSource:
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         self._expected = expected  # rows, roughly
+        self._units: dict[int, str] = {}  # of columns whose cells carry it
         self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
         self._keys = find_keys(dialect, clock.columns, options, self._survey, path)
         self._series = list(self._keys.series.values()) or [Series()]
@@ -111,6 +117,9 @@ class CsvSource:
         names = dialect.names
         taken = {*clock.columns, *self._keys.columns}
         self._tail = read_tail(path, dialect)
+        for i in range(len(names)):
+            if unit := _unit_in(dialect.column(i), dialect.decimal):
+                self._types[i], self._units[i] = (pa.string(),), unit
         numeric = [i for i in range(len(names)) if i not in taken and self._is_numeric(i)]
         self._places: dict[Field, tuple[int, int]] = {}  # number of the series, and column
         for k, series in enumerate(self._series):
@@ -121,6 +130,8 @@ class CsvSource:
                 unit, source = dialect.units[i] if dialect.units else "", "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
+                elif i in self._units:
+                    unit, source = self._units[i], "cells"
                 source = source if unit else ""
                 one = Field(
                     channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
@@ -136,8 +147,8 @@ class CsvSource:
             if self._other_decimal(names.index(name)):
                 self._report(
                     "csv-mixed-decimals", "warning",
-                    f"left out: its decimal mark is not {dialect.decimal!r} as elsewhere; state "
-                    "decimal = … under [csv]", name, 1,
+                    f"left out: its decimal mark is not {dialect.decimal!r} as elsewhere; export "
+                    "all columns with one", name, 1,
                 )  # fmt: skip
         if self._keys.columns:
             keys = " and ".join(repr(names[i]) for i in self._keys.columns)
@@ -169,9 +180,9 @@ class CsvSource:
         self.rejects = scan.rejects or ()
         self._refuse_time(t)
         self._report_rows(scan)
-        self._report_cells(scan, int(t.min()))
+        self._report_cells(scan, earliest(t))
         of_day = self._clock.pattern and not self.absolute
-        if of_day and (back := int((np.diff(t) < -_HALF_DAY).sum())):
+        if of_day and (back := int((np.diff(unwrapped(t)[0]) < -_HALF_DAY).sum())):
             self._report(
                 "time-of-day-wrapped", "warning",
                 "the time of day starts anew (midnight); there is no date to continue with",
@@ -215,12 +226,14 @@ class CsvSource:
 
     def _scan(self, indices: list[int], keys: tuple[int, ...], wanted: list[Key] | None) -> "_Scan":
         return _Scan(
-            self.path, self._options, self._dialect, self._clock, self._types, self._expected,
-            indices, keys, wanted,
+            self.path, self._options, self._dialect, self._clock, self._types, self._units,
+            self._expected, indices, keys, wanted,
         )  # fmt: skip
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers, in the head or, where that is words, near the end."""
+        if i in self._units:
+            return True
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
             return not self._dialect.headed  # an empty column without a name
@@ -262,10 +275,13 @@ class CsvSource:
     def _report_cells(self, scan: "_Scan", start: int) -> None:
         for i in scan.indices:
             name = self._dialect.names[i]
+            said = scan.used - scan.cells[i, 1]
             for state, (code, severity, text) in _CELLS.items():
                 if n := scan.cells[i, state]:
                     line, shown, at = scan.first_cell[i, state]
                     message = f"{n} cells {text} (first in line {line}: {_shown(shown)})"
+                    if state == 2 and not self._dialect.column(i) and n == said:
+                        severity = "info"  # words that begin late: nobody's channel
                     self._report(code, severity, message, name, n, (at - start) / 1e9)
 
     def _report(
@@ -320,7 +336,11 @@ class _Part:
 
     def line(self, row: int) -> tuple[int, str]:
         """Line number and text of a row of the arrays."""
-        ((start, end, line, _),) = self.places(self.numbers(np.array([row])))
+        return self.text(int(self.numbers(np.array([row]))[0]))
+
+    def text(self, number: int) -> tuple[int, str]:
+        """Line number and text of a row of the block."""
+        ((start, end, line, _),) = self.places(np.array([number]))
         text = self.block.data[start : min(end, start + 100_000)]
         return int(line), text.decode("utf-8", "replace")
 
@@ -334,6 +354,7 @@ class _Scan:
     dialect: Dialect
     clock: Clock
     types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
+    units: dict[int, str]  # of columns whose cells carry it
     expected: int  # rows, roughly
     indices: list[int]
     keys: tuple[int, ...] = ()  # columns that tell series apart
@@ -349,16 +370,21 @@ class _Scan:
     open_end: bool = False
     rejects: Rejects | None = None
     tries: int = 0  # at taking a block as plain numbers
+    ended: bool = False  # by a header of other columns
 
     def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
         """Times, group codes and values of the rows that have a time and a wanted group."""
         self.lines.update(self.dialect.before)
+        if above := self.dialect.above:
+            self.first["another table"] = above[0][0], above[0][2]
         self.met = list(self.wanted or [])
         for i in self.indices:
             self.types.setdefault(i, (pa.float64(), pa.string()))
         source = Lines(self.path, self.dialect, self.options.max_unpacked)
         if self.options.rejects:
             self.rejects = Rejects(source, self.dialect.names)
+            if above:
+                self.rejects.add(np.array([row[:2] for row in above]), "another table")
         many = self.expected * self.dialect.width > _MANY
         if many and not self.keys and self.clock.power is not None:
             self.tries = _TRIES
@@ -444,7 +470,10 @@ class _Scan:
                 self._demote(block, str(error), types)
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
-            checked = {i: checked_floats(arrays[i], self.dialect.decimal) for i in self.indices}
+            checked = {
+                i: checked_floats(arrays[i], self.dialect.decimal, self.units.get(i, ""))
+                for i in self.indices
+            }
             unfit = [
                 i
                 for i, kind in types.items()
@@ -579,10 +608,19 @@ class _Scan:
             self.rejects.add(part.places(numbers)[:, 2:], reason, column)
 
     def _count_times(self, part: _Part) -> Bools:
-        """Which rows have a time; those that have none are counted by class."""
+        """Which rows have a time and are of this table; the others are counted by class."""
         ok = part.timed.copy()
-        if ok.all():
-            return ok
+        if not ok.all():
+            self._count_untimed(part, ok)
+        end = 0 if self.ended else self._end(part, np.flatnonzero(~part.timed))
+        if end is not None:
+            below = ok & (part.numbers(np.arange(len(ok))) >= end)
+            self._drop(part, below, "another header")
+            ok &= ~below
+        return ok
+
+    def _count_untimed(self, part: _Part, ok: Bools) -> None:
+        """Counts the rows that have no time by class."""
         missing = np.zeros(len(ok), bool)
         for i in self.clock.columns:
             missing |= is_missing(part.arrays[i])
@@ -592,7 +630,21 @@ class _Scan:
         self.lines["comment"] += int(comment.sum())
         self._drop(part, ~ok & missing & ~comment, "time missing")
         self._drop(part, ~ok & ~missing & ~comment, "time unreadable")
-        return ok
+
+    def _end(self, part: _Part, untimed: NDArray[np.int64]) -> int | None:
+        """Row of the block that is a header of other columns or units, where this table ends."""
+        wrong = [number for number, kind, _ in part.wrong if kind in _SKIPPED]
+        rows = np.sort(np.append(part.numbers(untimed), np.array(wrong, np.int64)))
+        if not len(rows):
+            return None
+        first = np.frombuffer(part.block.data, np.uint8)[part.places(rows)[:, 0]]
+        for row in rows[~np.isin(first, list(b"+-.0123456789"))]:
+            _, text = place = part.text(row)
+            if self.dialect.contradicted(split(text, part.block.delimiter)):
+                self.first["another header"] = place
+                self.ended = True
+                return int(row)
+        return None
 
     def _count_groups(self, part: _Part, keep: Bools) -> None:
         """Finds each row's group in `met`; takes rows of no or another group from `keep`."""
@@ -646,6 +698,14 @@ def _flat(column: Any) -> Any:
     return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
 
 
+def _unit_in(cells: list[str], decimal: str) -> str:
+    """The unit that stands behind the number in most of a column's cells, "" where none does."""
+    number = re.compile(rf"(?:{number_grammar(decimal).pattern})\s*([^\s\d].*)")
+    found = Counter(m[1] for c in cells if (m := number.fullmatch(c)))
+    ((unit, n),) = found.most_common(1) or [("", 0)]
+    return unit if n > len(cells) / 2 and known_unit(unit) else ""
+
+
 def _shown(text: str) -> str:
     """Text of a log as it may stand in a message."""
     return repr(text if len(text) <= 60 else text[:59] + "…")
@@ -653,6 +713,12 @@ def _shown(text: str) -> str:
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table whose columns nobody named, with the mapping to write."""
+    if dialect.above:
+        return UserError(
+            f"{path}: the rows from line {dialect.first_line} on have no header, and those above, "
+            f"from line {dialect.above[0][0]} on, another delimiter or number of columns",
+            "split the log there, and read each part by itself",
+        )
     first = dialect.rows[0]
     found = interleaved(dialect, (0,))
     group, hint, rest = "", "", list(range(2, len(first) + 1))

@@ -158,8 +158,9 @@ class Lines:
     def _close(self, data: bytes, line: int) -> bytes:
         """The file's end, with the line end that it lacks or without what damage cut."""
         if not self.damage:
-            self.open_end = True
-            return data + b"\n"
+            text = data.rstrip(b"\x1a")  # the end of a file as DOS marked it
+            self.open_end = bool(text) and not text.endswith(b"\n")
+            return text + b"\n" * self.open_end
         at = data.rfind(b"\n") + 1
         self.cut_off = line + data.count(b"\n"), data[at:].decode("utf-8", "replace")
         return data[:at]

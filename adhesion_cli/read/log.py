@@ -183,7 +183,7 @@ def _log(
 ) -> Log:
     columns = source.columns([m.field for m in chosen])
     times = {id(c.t): c.t for c in columns if len(c.t)}
-    start = min((int(timeaxis.unwrapped(t)[0].min()) for t in times.values()), default=0)
+    start = min((timeaxis.earliest(t) for t in times.values()), default=0)
     times.clear()
     channels = []
     clocks = [id(c.t) for c in columns]

@@ -12,10 +12,12 @@ from pathlib import Path
 
 from ..errors import UserError
 from .source import ReadOptions
-from .words import is_signal_name, is_units_name, is_units_row, time_name
+from .units import in_name
+from .words import is_signal_name, is_units_name, is_units_row, normal, time_name
 
 HEAD_BYTES = 1 << 20
 MAX_COLUMNS = 10_000
+DELIMITERS = (";", "\t", ",", "|", " ")
 _HEAD_LINES = 600
 
 NULLS = (
@@ -79,6 +81,7 @@ class Dialect:
     metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`
     why: dict[str, str] = field(default_factory=dict)
+    above: tuple[tuple[int, int, str], ...] = ()  # rows above the header: first, last line, text
 
     def number(self) -> re.Pattern[str]:
         """Strict grammar of a number in this dialect."""
@@ -87,6 +90,23 @@ class Dialect:
     def column(self, index: int) -> list[str]:
         """Non-null cells of a column in the head's rows."""
         return [c for row in self.rows if not is_null(c := row[index])]
+
+    def contradicted(self, cells: list[str]) -> bool:
+        """Whether a row among the data is a header, or a units row, of other columns than ours."""
+        said = [c for c in cells if c]
+        if not self.headed or len(said) < max(2, len(cells) / 2):
+            return False
+        if is_units_row(cells):
+            ours = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
+            pairs = zip(ours, map(_bare, _fit(cells, len(ours))), strict=True)
+            return any(normal(a) != normal(b) for a, b in pairs if b)
+        known = {normal(c) for row in self.parts for c in row if c}
+        names = sum(normal(c) in known for c in said)
+        if not any(map(time_name, said)) and (names < len(said) / 2 or any(map(_is_number, said))):
+            return False
+        width = len(self.names)
+        same = any([*map(normal, _fit(cells, width))] == [*map(normal, row)] for row in self.parts)
+        return not same or any(cells[width:])
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:
@@ -154,14 +174,24 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     cells_per_row = width
     data = [c for _, c in table[start:] if len(c) == width]
     width = _without_trailing(heads, data, width)
-    _refuse_width(heads, table, top, width, path)
+    named = [(n, cells) for n, cells in table[top:start] if cells in heads]
+    if not heads and options.header is None:
+        named = [(n, cells) for n, cells in table[max(0, top - 2) : top] if _names_time(cells)]
+    _refuse_width(named, data, width, delimiter, path)
     names, duplicates = _names(heads, width)
     _refuse_grouped(data, names, decimal, options, path)
+    texts = {n for n, _ in body}
+    rows_above = _rows_above(
+        [(n, n + more, s) for n, s, more in lines if n in texts and n < table[top][0]]
+    )
     before = Counter(
         _class_before(n, s, table, top, start, bool(unit_cells))
         for n, s, _ in lines
         if n < first_line
     )
+    if rows_above:
+        before["preamble"] -= len(rows_above)
+        before["another table"] += len(rows_above)
     for n, _, more in lines:
         if n < first_line and more:
             before["inside quotes"] += more
@@ -184,7 +214,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         tuple(tuple(_fit(h, width)) for h in heads),
         tuple(_bare(c) for c in _fit(unit_cells, width)),
         duplicates, bool(heads), first_line, dict(before), _metadata(preamble),
-        [row[: len(names)] for row in data], why,
+        [row[: len(names)] for row in data], why, rows_above,
     )  # fmt: skip
 
 
@@ -328,6 +358,11 @@ def _decode(head: bytes, encoding: str, complete: bool) -> str:
 
 def _logical_lines(text: str, complete: bool, path: Path) -> list[tuple[int, str, int]]:
     """(line number, text, further lines inside quotes) of the head's first lines."""
+    if not text.strip("\0\n\t "):
+        raise UserError(
+            f"{path}: holds nothing but NUL bytes: space that was reserved and never written",
+            "fetch the log from the recorder again",
+        )
     lines = text.split("\n", 4 * _HEAD_LINES)
     if not complete and len(lines) == 1:
         raise UserError(
@@ -370,7 +405,7 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
     """Delimiter, number of columns, and why."""
     sample = lines[len(lines) // 3 :][:300]
     best: tuple[float, int, str] | None = None
-    for delimiter in [stated] if stated else [";", "\t", ",", "|", " "]:
+    for delimiter in [stated] if stated else DELIMITERS:
         rows = [split(s, delimiter) for s in sample]
         weight: Counter[int] = Counter()
         for cells in rows:
@@ -581,6 +616,35 @@ def _headers(
     return heads, units, top
 
 
+def _names_time(cells: list[str]) -> bool:
+    """Whether a row reads like a header: a time among names, and no number."""
+    return any(map(time_name, cells)) and not any(
+        _is_number(c) or _STAMP.fullmatch(c) for c in cells
+    )
+
+
+def _rows_above(lines: list[tuple[int, int, str]]) -> tuple[tuple[int, int, str], ...]:
+    """Lines before the header that are rows of another table: two or more in turn, of one width.
+
+    Each begins with a number or a stamp, as do half of its cells, whatever delimits them.
+    """
+
+    def form(text: str) -> tuple[str, int] | None:
+        for delimiter in DELIMITERS:
+            cells = split(text, delimiter)
+            typed = [_is_number(c) or bool(_STAMP.fullmatch(c)) for c in cells if not is_null(c)]
+            if sum(typed) >= max(2, len(typed) / 2) and typed[0]:
+                return delimiter, len(cells)
+        return None
+
+    forms = [None, *(form(text) for _, _, text in lines), None]
+    return tuple(
+        line
+        for k, line in enumerate(lines, 1)
+        if forms[k] and forms[k] in (forms[k - 1], forms[k + 1])
+    )
+
+
 def _commented_header(
     lines: list[tuple[int, str, int]], first_line: int, delimiter: str, width: int
 ) -> list[list[str]]:
@@ -601,17 +665,34 @@ def _without_trailing(heads: list[list[str]], data: list[list[str]], width: int)
 
 
 def _refuse_width(
-    heads: list[list[str]], table: list[tuple[int, list[str]]], top: int, width: int, path: Path
+    heads: list[tuple[int, list[str]]],
+    data: list[list[str]],
+    width: int,
+    delimiter: str,
+    path: Path,
 ) -> None:
-    for k, cells in enumerate(heads):
+    """Refuses a header of another width than the rows.
+
+    Raises:
+        UserError: names both, and where the comma is decimal mark as well, that.
+    """
+    for n, cells in heads:
         extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
-        if len(cells) < width or extra:
+        if len(cells) >= width and not extra:
+            continue
+        text = f"{path}: the header (line {n}) names {len(cells)} columns, the rows have {width}"
+        said = [c for row in data for c in row if c]
+        whole = delimiter == "," and all(re.fullmatch(r"[+-]?[0-9]+", c) for c in said)
+        if whole and width > len(cells) and any(re.fullmatch("0[0-9]+", c) for c in said):
             raise UserError(
-                f"{path}: the header (line {table[min(top + k, len(table) - 1)][0]}) names "
-                f"{len(cells)} columns, the rows have {width}",
-                "mend the header, or state header = false under [csv] and map the columns as "
-                '"column 1", "column 2", …',
+                f"{text}: the comma is delimiter and decimal mark at once",
+                "export it with semicolons between the cells, or with decimal points",
             )
+        raise UserError(
+            text,
+            "mend the header, or state header = false under [csv] and map the columns as "
+            '"column 1", "column 2", …',
+        )
 
 
 def _fit(cells: list[str], width: int) -> list[str]:

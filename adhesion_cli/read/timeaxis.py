@@ -77,11 +77,13 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     told("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
 
     rises = bool((t[1:] > t[:-1]).all())
-    restarts = (0,) if rises else _restarts(t, np.maximum.accumulate(t))
-    late = same = np.zeros(len(t), dtype=np.bool_)
+    restarts: tuple[int, ...] = (0,)
+    out = same = np.zeros(len(t), dtype=np.bool_)
     if not rises:
-        late = _late(told, t, restarts)
-        usable &= ~late
+        restarts, late, ahead = _order(t)
+        _tell_order(told, t, restarts, late, ahead)
+        out = late | ahead
+        usable &= ~out
         same, clash = _repeated(told, t, column.value, usable)
         usable &= ~(same | clash)
 
@@ -111,7 +113,7 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
         data, starts, interval, limit, int(long.sum()), int(same.sum()),
-        int(late.sum()) + len(restarts) - 1, tuple(told.findings),
+        int(out.sum()) + len(restarts) - 1, tuple(told.findings),
     )  # fmt: skip
 
 
@@ -130,8 +132,33 @@ class _Told:
             self.findings.append(Finding(code, "warning", message, self.name, count, first))
 
 
-def _late(told: _Told, t: Times, restarts: tuple[int, ...]) -> Bools:
-    """Samples older than the newest so far, while the clock itself goes on; tells its jumps too."""
+def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
+    """What is out of order in the times [ns] of n samples.
+
+    Returns:
+        Where the clock starts anew; samples older than the newest so far of their piece, (n,);
+        those whose stamp alone is ahead, by a gap, of a clock that goes on behind them as before.
+    """
+    ahead = np.zeros(len(t), dtype=np.bool_)
+    steps = np.diff(t)
+    limit = gap_limit(steps[steps > 0])
+    on = np.zeros(len(t) - 1, dtype=np.bool_)  # from the sample before to the one behind
+    on[0] = limit > 0
+    across = t[2:] - t[:-2]
+    on[1:] = (across >= 0) & (across <= limit) & (steps[:-1] > limit)
+    ahead[:-1] = on & (steps < -limit)
+    t = np.where(ahead, np.roll(t, -1), t)
+    restarts = _restarts(t, np.maximum.accumulate(t))
+    late = np.zeros(len(t), dtype=np.bool_)
+    for piece in pieces(restarts, len(t)):
+        late[piece] = t[piece] < np.maximum.accumulate(t[piece])
+    return restarts, late & ~ahead, ahead
+
+
+def _tell_order(
+    told: _Told, t: Times, restarts: tuple[int, ...], late: Bools, ahead: Bools
+) -> None:
+    """Tells of the clock's jumps and of samples out of order."""
     last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
     back = t[last] - t[last + 1]
     hour = np.abs(back - HOUR_NS) < HOUR_NS / 100
@@ -143,11 +170,19 @@ def _late(told: _Told, t: Times, restarts: tuple[int, ...]) -> Bools:
         where = np.zeros(len(t), dtype=np.bool_)
         where[last[which]] = True
         told(code, text, where)
-    late = np.zeros(len(t), dtype=np.bool_)
-    for piece in pieces(restarts, len(t)):
-        late[piece] = t[piece] < np.maximum.accumulate(t[piece])
+    good = np.where(late | ahead, 0, np.arange(len(t)))
+    good[0] = ahead[0]
+    told = replace(told, t=t[np.maximum.accumulate(good)])  # a wrong stamp says nothing of when
     told("time-late", "samples older than their predecessor: left out, not sorted", late)
-    return late
+    told("time-ahead", "a stamp far ahead of those before and behind it: sample left out", ahead)
+
+
+def earliest(t: Times) -> int:
+    """The earliest time [ns] that is not left out as late."""
+    t, _ = unwrapped(t)
+    if (t[1:] < t[:-1]).any():
+        t = t[~_order(t)[1]]
+    return int(t.min())
 
 
 def _repeated(told: _Told, t: Times, value: Floats, usable: Bools) -> tuple[Bools, Bools]:
@@ -167,7 +202,8 @@ def _repeated(told: _Told, t: Times, value: Floats, usable: Bools) -> tuple[Bool
     clash[kept] = np.isin(groups, groups[differs])
     sizes = np.bincount(groups)
     stuck[kept] = (sizes > _STUCK)[groups]
-    if np.mean(sizes > 1) > 0.5 and len(sizes) > 1:
+    doubled = not differs.any() and bool((np.diff(value[kept]) != 0.0).any())  # rows written twice
+    if np.mean(sizes > 1) > 0.5 and len(sizes) > 1 and not doubled:
         apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
         told(
             "time-coarse",
@@ -267,7 +303,7 @@ def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
         ahead = t[index : index + 3]
         stays = len(ahead) >= 2 and bool(np.all(ahead < newest[index - 1]))
         rises = bool(np.all(np.diff(ahead) >= 0))
-        if stays and rises and index - starts[-1] > 1:
+        if stays and rises:
             starts.append(int(index))
     return tuple(starts)
 
