@@ -113,6 +113,7 @@ class Channel:
     duplicates: int = 0
     backward: int = 0
     row_of: tuple[str, str] = ("", "")  # topic or signal, and device; one for channels of one row
+    is_rate: bool = False  # `data` is the rate of what it means [SI/s]: a train's acceleration
 
     @property
     def title(self) -> str:
@@ -182,6 +183,7 @@ class AxleRecord:
     true_slip: Floats | None = None  # NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
+    train_speed_sigma: Floats | None = None  # 1 sigma, of one that was integrated [m/s]
     train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
     train_speed_made: bool = False  # of the axles: where all creep or slide, so does it
     pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]

@@ -113,7 +113,7 @@ class Points(NamedTuple):
     slip: Floats
     mu: Floats
     noise: Floats  # σ_s, 1 sigma of the slip's noise
-    clock: Floats  # 1 sigma of slip by the train speed's delay, one error for all
+    clock: Floats  # 1 sigma of slip by the train speed's delay and drift, one error for all
     sliding: Bools  # the others lie between slides
 
 

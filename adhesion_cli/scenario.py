@@ -25,7 +25,7 @@ _UNITS: dict[Signal, tuple[tuple[Dimension, ...], str]] = {
     "pressure": (("pressure",), "bar, kPa, Pa"),
     "clamping_force": (("force",), "N, kN"),
     "wheel_speed": (("speed", "angular speed", "count"), "km/h, m/s, rad/s, rpm, count"),
-    "train_speed": (("speed",), "km/h, m/s"),
+    "train_speed": (("speed", "acceleration"), "km/h, m/s; m/s2 of an accelerometer"),
     "truth": (("force",), "N, kN"),
     "slip": ((), "none"),
 }

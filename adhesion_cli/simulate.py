@@ -259,15 +259,19 @@ def _recorded(
     at: Floats = np.arange(math.floor(scenario.duration * sensor.rate + 1e-9) + 1) / sensor.rate
     true = simulation.signal(sensor.signal, axle)
     dense: Floats = simulation.t.astype(np.float64) * 1e-9
+    unit = UNITS.get(sensor.unit.lower())
+    accelerates = unit is not None and unit.dimension == "acceleration"
+    if accelerates:
+        true = np.gradient(true, dense)
     if sensor.teeth:
         at, value = _pulses(at, true, dense, sensor, random)
     else:
         exact = np.interp(at, dense, true)
         noise = math.sqrt(sensor.noise_variance) * random.standard_normal(len(at))
-        if sensor.signal in ("wheel_speed", "train_speed"):
+        if sensor.signal in ("wheel_speed", "train_speed") and not accelerates:
             noise[exact == 0.0] = 0.0  # a sensor at rest gives no pulses
         value = exact + sensor.offset + noise
-    if unit := UNITS.get(sensor.unit.lower()):
+    if unit:
         if sensor.signal == "wheel_speed" and unit.dimension == "speed":
             value *= scenario.vehicle.radius(axle or 1).value / (1.0 + sensor.diameter_error)
         value = (value - unit.offset) / unit.factor
@@ -279,7 +283,7 @@ def _recorded(
     kept = random.random(len(at)) >= sensor.loss
     for start, end in sensor.gaps:
         kept &= (stamp < start) | (stamp > end)
-    name = _NAMES[sensor.signal]
+    name = "acceleration" if accelerates else _NAMES[sensor.signal]
     if axle is not None and scenario.train.axles > 1:
         name = f"{name}_{axle}"
     t = np.round(stamp * 1e9).astype(np.int64)

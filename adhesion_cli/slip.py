@@ -242,8 +242,10 @@ def slowing(record: AxleRecord) -> Floats:
     return np.maximum(found, 0.0)
 
 
-def _clock_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
-    """1 sigma of slip by what is not known of the train speed's delay, shape (n,): σ_τ (−v̇)/v.
+def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
+    """1 sigma of slip by the train speed, one error for all, shape (n,).
+
+    By what is not known of its delay, σ_τ (−v̇)/v, and of one that was integrated by its own.
 
     Args:
         record: of an axle.
@@ -251,9 +253,10 @@ def _clock_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
     """
     if record.train_speed is None:
         return np.zeros(len(record))
-    late = record.train_speed_late
+    late, own = record.train_speed_late, record.train_speed_sigma
+    by_delay = (late.tolerance if late else unknown) * slowing(record)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return (late.tolerance if late else unknown) * slowing(record) / record.train_speed
+        return np.hypot(by_delay, 0.0 if own is None else own) / record.train_speed
 
 
 def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
@@ -287,9 +290,9 @@ def observed(
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     with np.errstate(divide="ignore", invalid="ignore"):
         slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
-        clock = _clock_error(record)
+        lasting = _speed_error(record)
         # Of an error that moves as −v̇/v does, the slope's filter leaves the change within 1/δ.
-        slip_noise = np.hypot(slip_noise, clock * slowing(record) / record.train_speed / p.delta)
+        slip_noise = np.hypot(slip_noise, lasting * slowing(record) / record.train_speed / p.delta)
     mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
     n = len(record)
     slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
@@ -341,12 +344,12 @@ def _events(axle: AxleResult) -> tuple[Event, ...]:
 def slides(axle: AxleResult) -> list[Slide]:
     """Slides of an axle, in the order of time; none reaches across segments.
 
-    What a train speed's delay may make of slip, as the train all but stands, is no slide.
+    What a train speed's error may make of slip, as the train all but stands, is no slide.
     """
     record, s, F = axle.record, axle.slip, axle.reference.force
     if s is None or record.train_speed is None:
         return []
-    clear = s - 2.0 * _clock_error(record)
+    clear = s - 2.0 * _speed_error(record)
     found = []
     for segment in record.segments:
         for first, past in signals.true_runs(clear[segment] > _CAUGHT):
@@ -461,6 +464,6 @@ def _points(
     mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
     t = (record.t[at] - record.t[0]) * 1e-9
-    v, clock = record.train_speed[at], _clock_error(record, _DELAY)[at]
+    v, clock = record.train_speed[at], _speed_error(record, _DELAY)[at]
     noise = speed_noise(record, radius)[at] / v  # of (2)
     return railfit.Points(t, v, axle.slip[at], mu, noise, clock, sliding[at]), error

@@ -99,6 +99,20 @@ PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
             [(None, None, "bar"), (None, None, "bar"), (PRESSURE, 3, "bar"), (PRESSURE, 4, "bar")],
         ),
         (
+            ("BC1 [bar]", "Speed axle 1 [km/h]", "Längsbeschleunigung [m/s^2]", "acc y [g]"),
+            [
+                (PRESSURE, 1, "bar"), (WHEEL, 1, "km/h"),
+                (TRAIN, None, "m/s^2"), (None, None, "g"),
+            ],
+        ),
+        (
+            ("车速 (km/h)", "加速度 (m/s²)", "axle 1 speed (km/h)", "deceleration demand [m/s2]"),
+            [
+                (TRAIN, None, "km/h"), (None, None, "m/s²"),
+                (WHEEL, 1, "km/h"), (None, None, "m/s2"),
+            ],
+        ),
+        (
             ("Pression [bar]", "Effort de freinage [kN]", "Consigne de vitesse [km/h]", "Vitesse"),
             [(PRESSURE, None, "bar"), (None, None, "kN"), (None, None, "km/h"), (WHEEL, None, "")],
         ),

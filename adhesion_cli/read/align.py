@@ -24,7 +24,7 @@ from ..model import (
     Vehicle,
 )  # fmt: skip
 from ..physics import clamping_force, force_line, wheelset
-from . import braking, checks, held, plausible, timeaxis, trainclock, units
+from . import acceleration, braking, checks, held, plausible, timeaxis, trainclock, units
 from .grid import Axle, Grid, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -71,6 +71,7 @@ def records(
     asked = axles or numbers
     found: list[Axle] = []
     findings: list[Finding] = []
+    accelerations = [trains.pop(a) for a in list(trains) if trains[a].is_rate]
     for of_axle, logged in trains.items():
         faults = checks.of_train(logged, list(speeds.values()))
         findings += _told(logged, faults, log.start_ns(), window)
@@ -118,6 +119,9 @@ def records(
             found.append(Axle(record, speed, brake, train))
     if not any(a.record.axle in asked for a in found):
         raise _nothing(log, speeds, pressures or forces, window, findings)
+    if accelerations and not trains:
+        found, told = _integrated(found, accelerations[0], vehicle)
+        findings += told
     together = grid(found, vehicle)
     found, told = _on_one_clock(found, together, vehicle, log.start_ns())
     findings += told
@@ -130,6 +134,37 @@ def records(
     odd = plausible.findings(found, together, vehicle, log.start_ns(), why)
     findings += [f for f in odd if f.channel in theirs]
     return [a.record for a in chosen], findings
+
+
+def _integrated(
+    axles: Sequence[Axle], a: Channel, vehicle: Vehicle
+) -> tuple[list[Axle], list[Finding]]:
+    """The axles with a train speed by its acceleration, or told why not."""
+    g = grid(axles, vehicle, acceleration.FINE)
+    v = acceleration.integrated(g, a) if g else "the clock jumps back"
+    if isinstance(v, str):
+        text = f"no train speed: the acceleration is not integrated to one, as {v}"
+        return list(axles), [Finding("acceleration-unused", "warning", text, a.title)]
+    columns = [v.at(x.record.t) for x in axles]
+    late = Parameter(0.0, acceleration.LATE)
+    made = [
+        x._replace(
+            record=replace(
+                x.record, train_speed=speed, train_speed_sigma=sigma, train_speed_late=late
+            )
+        )
+        for x, (speed, sigma) in zip(axles, columns, strict=True)
+    ]
+    sigma = np.concatenate([s for _, s in columns])
+    low, high = v.bias.min(), v.bias.max()
+    axis, way = ("forwards", "above") if v.sign > 0 else ("backwards", "below")
+    text = (
+        f"no train speed: made by integrating the acceleration, axis {axis}, {low:.2f} to "
+        f"{high:.2f} m/s² {way} the train's by zero, tilt and gradient; held where wheels surely "
+        f"roll ({v.anchored:.0f} s), its 1 sigma is up to {np.nanmax(sigma, initial=0.0):.2f} m/s"
+    )
+    told = Finding("train-speed-integrated", "info", text, a.title, a.rows)
+    return made, [told]
 
 
 def _on_one_clock(

@@ -307,6 +307,7 @@ def _channel(
     return Channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
+        m.meaning == "train_speed" and units.is_acceleration(m.unit),
     ), [*axis.findings, *findings]  # fmt: skip
 
 

@@ -90,7 +90,15 @@ _VOCABULARY = {
         available limit utilisation utilization slip slope 估 系数 误差""",
     "never": """
         variance covariance stamp sec nsec nanosec seq index status quality temperature lat lon
-        latitude longitude altitude valid flag acceleration accel""",
+        latitude longitude altitude valid flag""",
+    "acceleration": """
+        acceleration accel acc ax deceleration decel beschleunigung längsbeschleunigung verzögerung
+        accélération décélération accelerazione decelerazione aceleración versnelling vertraging
+        加速度 减速度""",
+    "other acceleration": """
+        y z lateral vertical quer vertikal seiten angular rotational gyro bogie truck drehgestell
+        wheel axle axlebox bearing achse achslager radsatz motor latérale transversale 横向 垂向
+        轴箱 构架 转向架""",
 }
 # In order: which of several words is told must not change from run to run.
 _WORDS = {kind: dict.fromkeys(words.split()) for kind, words in _VOCABULARY.items()}
@@ -102,6 +110,7 @@ _GENERIC = set(
 _CONVENTIONS: tuple[tuple[str, str, str], ...] = (
     (r"sensor_msgs(/msg)?/JointState|sensor_msgs\.JointState", r"^velocity", "rad/s"),
     (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),  # says absolute, see checks
+    (r"sensor_msgs(/msg)?/Imu|sensor_msgs\.Imu", r"^linear_acceleration", "m/s2"),
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
 )
@@ -200,6 +209,15 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
         and not _has("other force", primary)
     ):
         return meant("truth", true, adhesion)
+    if accelerates := _has("acceleration", words):
+        text = text or units.unknown_in(field.label or field.channel)  # g is a unit of nothing else
+        if not units.is_acceleration(text):
+            return None, axle, text, f"{accelerates!r} in the name, but no unit of it is stated"
+        kinds = ("other acceleration", "other speed", "estimated")
+        if other := next((found for kind in kinds if (found := _has(kind, words))), ""):
+            return None, axle, text, f"an acceleration, but {other!r} is not the train's along it"
+        why = f"unit {text}: {reason or 'in the name'}; an acceleration, to be integrated"
+        return "train_speed", None, text, f"name has {accelerates!r}; {why}"
     pressure, cylinder = _has("pressure", primary), _has("cylinder", words)
     if dimension in ("pressure", "") and (
         pressure or _has("cylinder", primary) or (dimension and cylinder)
@@ -308,7 +326,8 @@ def understood(
     guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
-    findings = _nested(meant, guesses)
+    findings = _speed_itself(meant, guesses)
+    findings += _nested(meant, guesses)
     findings += _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
     findings += _one_each(meant, guesses)
@@ -337,6 +356,21 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
             meant[i] = replace(
                 meant[i], meaning=None if taken else "train_speed", axle=None, reason=reason
             )
+
+
+def _speed_itself(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """An acceleration is integrated only where no speed of the train is logged."""
+    trains = [i for i, m in enumerate(meant) if m.meaning == "train_speed"]
+    accelerates = [i for i in trains if units.is_acceleration(meant[i].unit)]
+    if len(accelerates) == len(trains):
+        return []
+    findings = []
+    for i in accelerates:
+        if i in guesses:
+            reason = "an acceleration, not needed: the log has the train's speed itself"
+            meant[i] = replace(meant[i], meaning=None, reason=reason)
+            findings.append(Finding("acceleration-unused", "info", reason, title(meant[i].field)))
+    return findings
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:

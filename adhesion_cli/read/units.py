@@ -7,10 +7,12 @@ from typing import Literal, NamedTuple
 
 from ..errors import UserError
 from ..model import Channel, Meaning, Vehicle
+from ..physics import G
 
 Dimension = Literal[
-    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time", "ratio"
-]
+    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time", "ratio",
+    "acceleration",
+]  # fmt: skip
 
 
 class Unit(NamedTuple):
@@ -64,6 +66,9 @@ _SPELLINGS: dict[tuple[Dimension, float, float], str] = {
     ("force", 1e3, 0.0): "kN kilonewton kilonewtons 千牛",
     ("force", 4.4482216152605, 0.0): "lbf",
     ("force", 9.80665, 0.0): "kgf kp",
+    ("acceleration", 1.0, 0.0): "m/s2 m/s² m/s/s mps2 ms-2 m/sec2 m/sec² m_s2 m_per_s2 "
+    "meter_per_second_squared meters_per_second_squared 米/秒² 米/秒2",
+    ("acceleration", 1e-2, 0.0): "cm/s2 cm/s²",
     ("time", 1.0, 0.0): "s sec secs second seconds sek sekunden 秒",
     ("time", 1e-3, 0.0): "ms msec millisecond milliseconds millis 毫秒",
     ("time", 1e-6, 0.0): "us µs μs usec microsecond microseconds micros 微秒",
@@ -78,14 +83,19 @@ UNITS: dict[str, Unit] = {
     for spelling in words.split()
 }
 
-# Apart: a name that ends on "-" or "[%]" states no unit of a pressure or speed.
-_RATIOS = {"-": Unit("-", "ratio", 1.0), "%": Unit("%", "ratio", 0.01)}
+# Apart: a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
+_APART = {
+    "-": Unit("-", "ratio", 1.0),
+    "%": Unit("%", "ratio", 0.01),
+    "g": Unit("g", "acceleration", G),
+    "mg": Unit("mg", "acceleration", 1e-3 * G),
+}
 
 EXPECTED: dict[Meaning, tuple[Dimension, ...]] = {
     "time": ("time",),
     "pressure": ("pressure",),
     "wheel_speed": ("speed", "angular speed", "pulse rate", "count", "angle"),
-    "train_speed": ("speed",),
+    "train_speed": ("speed", "acceleration"),  # or what integrates to one
     "clamping_force": ("force",),
     "truth": ("force",),
     "true_slip": ("ratio",),
@@ -125,13 +135,19 @@ def unit(text: str) -> Unit | None:
 
 def of(text: str, meaning: Meaning) -> Unit | None:
     """The unit a text spells for a channel of this meaning, None where it cannot measure that."""
-    found = unit(text) or _RATIOS.get(text.strip())
+    found = unit(text) or _APART.get(text.strip("[](){} "))
     return found if found and found.dimension in EXPECTED[meaning] else None
+
+
+def is_acceleration(text: str) -> bool:
+    """Whether a text spells the unit of an acceleration, of which a train speed may be made."""
+    found = of(text, "train_speed")
+    return found is not None and found.dimension == "acceleration"
 
 
 def known_units(meaning: Meaning) -> list[str]:
     """First spelling of each unit a channel of this meaning may have."""
-    known = (*UNITS.values(), *_RATIOS.values())
+    known = (*UNITS.values(), *_APART.values())
     return list(dict.fromkeys(u.name for u in known if u.dimension in EXPECTED[meaning]))
 
 

@@ -204,7 +204,9 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     first, *others = (result.log.find("train_speed", a.record.axle) for a in result.axles)
     if first and all(other is first for other in others):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
-        streams.append(_scalar(f"{prefix}/train_speed", names.SI["train_speed"], first.data))
+        name = "train_acceleration" if first.is_rate else "train_speed"
+        unit = names.SI["train_speed"] + "/s" * first.is_rate
+        streams.append(_scalar(f"{prefix}/{name}", unit, first.data))
     return [*streams, *_events(result, prefix)]
 
 

@@ -26,7 +26,7 @@ def channels(log: Log) -> list[tuple[str, str]]:
 
     A channel with a meaning holds SI; one without still has the unit the log states.
     """
-    units = [SI[c.meaning] if c.meaning else c.unit for c in log.channels]
+    units = [SI[c.meaning] + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels]
     names = [_name(c, unit) for c, unit in zip(log.channels, units, strict=True)]
     return list(zip(distinct(names), units, strict=True))
 
