@@ -28,6 +28,7 @@ from .settings import Settings
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
 _BRAKED = 0.05  # of the highest K: less is no braking
+_SURELY = 0.99  # so likely, and a speed is the mean since the last one
 _FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not stand out from rounding
 _SLIGHT = 0.02  # of the highest φK: as little is an error of what the model leaves out
 
@@ -222,6 +223,13 @@ def _told(
             "that is not centred: taken out for the reference, estimators see it as logged"
         )
         findings.append(Finding("wheel-runout", "info", text, f"axle {record.axle}"))
+    if ref.averaged > _SURELY:
+        text = (
+            "the speed follows the brake half an interval late, as of a sensor that averages since "
+            "its last reading or counts its pulses' period: placed there for the reference, "
+            "estimators see it as logged"
+        )
+        findings.append(Finding("speed-averaged", "info", text, f"axle {record.axle}"))
     if ref.pulses < _FEW:
         text = (
             f"the counter gives {ref.pulses:.1f} pulses in the 0.1 s in which a slide may change: "

@@ -282,6 +282,7 @@ class Reference:
     open: Bools | None = None  # the true pressure and force are higher, nobody knows by how much
     runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
     pulses: float = math.inf  # of a counter, while a slide may change, if they are few
+    averaged: float = 0.0  # how likely the speed is the mean since the last sample, half of it late
 
     @property
     def half(self) -> Floats:

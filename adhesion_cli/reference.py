@@ -32,6 +32,8 @@ _SURE: tuple[float, ...] = (0.5, 0.5)  # how far `smoother.fit` loosens coupling
 _DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown what varies
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
+_NATS = 3.0  # of a likelihood that knows no error alike from sample to sample count as one
+_NEVER = 1e-3  # less likely, it is not
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
@@ -45,6 +47,7 @@ class Parts:
     clamping_force: Floats  # K [N], its noise removed as far as the method does that
     acceleration: Floats  # ω̇ [rad/s²]
     sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
+    averaged: float = 0.0  # how likely a speed is the mean since the last one
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +96,18 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     for column in (force, sigma, tolerance):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
+    averaged = found[0].averaged if found else 0.0
     pulses = _pulses(max(runs, key=len)) if runs else math.inf
     return Reference(
-        method, METHODS[method].source, force, sigma, tolerance, record.saturated, largest, pulses
+        method,
+        METHODS[method].source,
+        force,
+        sigma,
+        tolerance,
+        record.saturated,
+        largest,
+        pulses,
+        averaged,
     )
 
 
@@ -158,17 +170,79 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
     rolling = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5]))
     changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-    fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, rolling, changing, slack)
-    found = []
-    for k, whole, run in zip(clamping, wheel, telling, strict=True):
-        x = smoother.smooth(run, regimes, fitted)
-        rate, sigma = x.rate, x.rate_sigma
-        if run.t is not whole.t:
-            missed = _missed(whole.t, run.t, rate)
-            rate = whole.u + np.interp(whole.t, run.t, rate)
-            sigma = np.hypot(np.interp(whole.t, run.t, sigma), missed)
-        found.append(Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma)))
-    return found
+
+    def fit(to: list[smoother.Run]) -> tuple[smoother.Noise, smoother.Regimes]:
+        return _fit_either(to, _step(wheel), scale, rolling, changing, slack)
+
+    fitted, regimes = fit(fitted_to)
+    rates = [_rate(*both, regimes, fitted) for both in zip(wheel, telling, strict=True)]
+    averaged = 0.0
+    if not together and not runs[0].pressure_late.value:
+        means = [_averaged(run) for run in wheel]
+        averaged, noise_of, regimes_of = _half_late(telling, means, fitted, regimes, fit)
+        if averaged > _NEVER:
+            late = [_rate(*both, regimes_of, noise_of) for both in zip(wheel, means, strict=True)]
+            rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
+    return [
+        Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma), averaged)
+        for k, (rate, sigma) in zip(clamping, rates, strict=True)
+    ]
+
+
+def _rate(
+    whole: smoother.Run, run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise
+) -> tuple[Floats, Floats]:
+    """ω̇ and its 1 sigma at the times of `whole`, by what `run` tells of it; shape (n,)."""
+    x = smoother.smooth(run, regimes, noise)
+    if run.t is whole.t:
+        return x.rate, x.rate_sigma
+    missed = _missed(whole.t, run.t, x.rate)
+    rate: Floats = whole.u + np.interp(whole.t, run.t, x.rate)
+    return rate, np.hypot(np.interp(whole.t, run.t, x.rate_sigma), missed)
+
+
+def _averaged(run: smoother.Run) -> smoother.Run:
+    """The samples that tell something, each as the mean since the one before; without ∫u."""
+    t, told = run.t, np.isfinite(run.known)
+    h = np.diff(t, prepend=t[0] - np.median(np.diff(t)))
+    begin = t - np.minimum(h, 1.5 * np.median(h))
+    gained = [np.interp(x, t, _gained(t, run.u)) for x in (begin, t)]
+    middle = (begin + t) / 2.0
+    lost = np.interp(middle, t, np.cumsum(run.lost))[told]
+    return smoother.Run(
+        middle[told], (run.y - np.mean(gained, axis=0))[told], np.zeros(np.sum(told)),
+        np.interp(middle, t, run.s)[told], np.diff(lost, prepend=0.0), run.known[told],
+        (t - begin)[told],
+    )  # fmt: skip
+
+
+def _half_late(
+    now: list[smoother.Run],
+    means: list[smoother.Run],
+    noise: smoother.Noise,
+    regimes: smoother.Regimes,
+    fit: Callable[[list[smoother.Run]], tuple[smoother.Noise, smoother.Regimes]],
+) -> tuple[float, smoother.Noise, smoother.Regimes]:
+    """How likely readings are means since the one before, with the noise and regimes of that.
+
+    What K does to ω̇ tells: at once, or half an interval late.
+    """
+    first, some = _sample(now), _sample(means)
+    known = smoother.likelihood(first, regimes, noise)
+    if smoother.likelihood(some, regimes, noise) < known - _CLEARLY:
+        return 0.0, noise, regimes
+    noise, regimes = fit(means)
+    gain = smoother.likelihood(some, regimes, noise) - known
+    return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise, regimes
+
+
+def _mixed(
+    one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: float
+) -> tuple[Floats, Floats]:
+    """Mean and 1 sigma of either, the other one so likely."""
+    mean = (1.0 - share) * one[0] + share * other[0]
+    variances = [sigma**2 + (x - mean) ** 2 for x, sigma in (one, other)]
+    return mean, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
 
 
 def _rolling(

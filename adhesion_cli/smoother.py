@@ -99,6 +99,11 @@ def fit(
     return noise(_loosened(posterior, best, value, width, slack)), value
 
 
+def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
+    """Logarithm of how likely the measurements are at these noise levels."""
+    return sum(_forward(run, regimes, noise, None) for run in runs)
+
+
 def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
     """Level and rate at every sample, from all samples."""
     n, M = len(run.t), len(regimes.follow)

@@ -75,6 +75,16 @@ def rms(x: Floats) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
+def averaged(record: AxleRecord, name: str, seed: int = 1) -> AxleRecord:
+    """The same log by a sensor that gives the mean since its last reading."""
+    true, t = simulation(name), record.t * 1e-9
+    dense, speed = true.t * 1e-9, true.wheel_speed[:, record.axle - 1]
+    turned = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0 * np.diff(dense))])
+    mean = np.diff(np.interp(t, dense, turned)) / np.diff(t)
+    noise = np.random.default_rng(seed).normal(0.0, math.sqrt(1e-5), len(mean)) * (mean > 0.0)
+    return replace(record, wheel_speed=np.concatenate([speed[:1], mean + noise]))
+
+
 def best_butterworth(record: AxleRecord, used: Bools) -> float:
     """RMSE of the best zero-phase Butterworth there is, chosen knowing the truth.
 
@@ -667,3 +677,28 @@ def test_compiled_and_plain_loops_agree() -> None:
     found = smoother.smooth(run, two, noise)
     assert found.level == pytest.approx(plain[:, 0], rel=1e-12)
     assert found.rate - run.u == pytest.approx(plain[:, 2], rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", [10.0, 20.0, 50.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_speed_that_is_the_mean_since_the_last_one_is_known_by_its_lateness(
+    rate: float, seed: int
+) -> None:
+    name = "low-adhesion"
+    now, _ = logged(name, rate, seed=seed)
+    late = averaged(now, name, seed)
+    known, found = reference.compute(now, VEHICLE), reference.compute(late, VEHICLE)
+    assert known.averaged < 0.01
+    assert found.averaged > 0.99
+    used = np.isfinite(found.force)
+    error = (found.force - now.truth)[used]
+    assert rms(error) < 90.0
+    assert np.mean(np.abs(error) < 1.96 * found.sigma[used]) > 0.93
+
+
+def test_where_nothing_tells_whether_a_speed_is_a_mean_sigma_holds_either() -> None:
+    name = "four-axles"
+    now, _ = logged(name, 20.0)
+    found = reference.compute(averaged(now, name), VEHICLE)
+    used = np.isfinite(found.force)
+    assert np.mean(np.abs(found.force - now.truth)[used] < 1.96 * found.sigma[used]) > 0.8

@@ -49,6 +49,7 @@ _USELESS = 3.0  # a larger sigma tells no speed [m/s]
 LATE = 0.05  # 1 sigma by which a filter makes an accelerometer late [s]
 _UNKNOWN = 100.0  # 1 sigma of a speed before anything is known [m/s]
 
+
 class Integrated(NamedTuple):
     """The train's speed by its acceleration; shape (n,)."""
 
