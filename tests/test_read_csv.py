@@ -400,7 +400,14 @@ def test_a_preamble_of_words_and_numbers_is_no_rows(log):
 
 @pytest.mark.parametrize(
     "second",
-    ["t [s],v,p", "t [s],p [kPa],v", "T [s],P,other", "p,v,t [s]", "s,kPa,km/h"],
+    [
+        "t [s],v,p",
+        "t [s],p [kPa],v",
+        "T [s],P,other",
+        "p,v,t [s]",
+        "Sek,Druck [bar],Weg [km/h]",
+        "s,kPa,km/h",
+    ],
 )
 def test_a_later_header_of_other_columns_ends_the_table(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
@@ -414,12 +421,30 @@ def test_a_later_header_of_other_columns_ends_the_table(log, second):
         read(log, text, strict=True)
 
 
-@pytest.mark.parametrize("second", ["t [s],p,v", '"T [s]", P ,v', "s,bar,km/h", "lost,lost,lost"])
+@pytest.mark.parametrize(
+    "second", ["t [s],p,v", '"T [s]", P ,v', "t [s],p", "s,bar,km/h", "lost,lost,lost"]
+)
 def test_the_same_header_again_costs_its_own_row(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
     source, _ = read(log, text, rejects=True)
     assert source.rows == 80
     assert left_out(source)[0] == 1
+
+
+def test_a_later_header_in_a_comment_ends_the_table_too(log):
+    text = numbered(3, 0, 30, " ")
+    head = "# time p v\n"
+    source, _ = read(log, f"{head}{text}# time for tea\n{text}", time_unit="s")
+    assert source.rows == 60
+    source, _ = read(log, f"{head}{text}{head}{text}# time v p\n{text}", time_unit="s")
+    assert source.rows == 60
+    assert source.lines["another header"] == 30
+
+
+def test_a_header_again_in_a_long_table_is_no_device(log):
+    text = "".join(f"{k / 100},{a},5\n" for k in range(30) for a in (1, 2))
+    source, _ = read(log, f"time [s],axle,p\n{text}time [s],axle,p\n{text}")
+    assert [f.group for f in source.fields] == ["1", "2"]
 
 
 def test_numbers_with_their_unit_in_each_cell(log):

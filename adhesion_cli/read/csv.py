@@ -33,7 +33,16 @@ from .clock import (
 from .lines import Block, Lines, read_head, read_tail
 from .longtable import Key, Series, find_keys, interleaved
 from .rejects import Rejects
-from .sniff import NULLS, Dialect, is_comment, is_null, number_grammar, sniff, split
+from .sniff import (
+    NULLS,
+    Dialect,
+    is_comment,
+    is_null,
+    number_grammar,
+    sniff,
+    split,
+    uncommented,
+)
 from .source import Field, ReadOptions
 from .timeaxis import earliest, unwrapped
 from .units import unit as known_unit
@@ -633,14 +642,20 @@ class _Scan:
 
     def _end(self, part: _Part, untimed: NDArray[np.int64]) -> int | None:
         """Row of the block that is a header of other columns or units, where this table ends."""
-        wrong = [number for number, kind, _ in part.wrong if kind in _SKIPPED]
+        commented = self.dialect.headed and not self.dialect.before.get("header")
+        kinds = {*_SKIPPED, "comment"} if commented else {*_SKIPPED}
+        wrong = [number for number, kind, _ in part.wrong if kind in kinds]
         rows = np.sort(np.append(part.numbers(untimed), np.array(wrong, np.int64)))
         if not len(rows):
             return None
         first = np.frombuffer(part.block.data, np.uint8)[part.places(rows)[:, 0]]
         for row in rows[~np.isin(first, list(b"+-.0123456789"))]:
             _, text = place = part.text(row)
-            if self.dialect.contradicted(split(text, part.block.delimiter)):
+            bare = uncommented(text) if commented else text
+            cells = split(bare, part.block.delimiter)
+            if bare != text and len({*cells} & {*self.dialect.names}) < 2:
+                continue  # a remark
+            if self.dialect.contradicted(cells):
                 self.first["another header"] = place
                 self.ended = True
                 return int(row)
@@ -656,12 +671,11 @@ class _Scan:
         keys = [tuple(text.split("\0")) for text in encoded.dictionary.to_pylist()]
         said = np.array([not any(map(is_null, key)) for key in keys], bool)
         at = {v: k for k, v in enumerate(self.met)}
-        if self.wanted is None and len(at) <= _MAX_MET:
-            for key, whole in zip(keys, said, strict=True):
-                if whole:
-                    at.setdefault(key, len(at))
-            self.met = list(at)
         index = np.asarray(encoded.indices)
+        if self.wanted is None and len(at) <= _MAX_MET:
+            for k in np.flatnonzero(np.bincount(index[keep], minlength=len(keys)) * said):
+                at.setdefault(keys[k], len(at))
+            self.met = list(at)
         codes = np.array([at.get(v, -1) for v in keys], np.int64)
         self._drop(part, keep & ~said[index], "group missing")
         other = keep & said[index] & (codes[index] < 0)

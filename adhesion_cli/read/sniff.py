@@ -101,12 +101,11 @@ class Dialect:
             pairs = zip(ours, map(_bare, _fit(cells, len(ours))), strict=True)
             return any(normal(a) != normal(b) for a, b in pairs if b)
         known = {normal(c) for row in self.parts for c in row if c}
-        names = sum(normal(c) in known for c in said)
+        names = sum(normal(c) in known or bool(in_name(c)[1]) for c in said)
         if not any(map(time_name, said)) and (names < len(said) / 2 or any(map(_is_number, said))):
             return False
-        width = len(self.names)
-        same = any([*map(normal, _fit(cells, width))] == [*map(normal, row)] for row in self.parts)
-        return not same or any(cells[width:])
+        row = "\0".join(map(normal, cells)).rstrip("\0")  # it may have been cut off
+        return not any("\0".join(map(normal, ours)).startswith(row) for ours in self.parts)
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:
@@ -123,6 +122,11 @@ def is_null(cell: str) -> bool:
 def is_comment(line: str) -> bool:
     """Whether a line is a comment ("#", "%", "//"), Excel's error values excepted."""
     return _COMMENT.match(line) is not None
+
+
+def uncommented(line: str) -> str:
+    """A line without the mark that makes it a comment."""
+    return _COMMENT.sub("", line, count=1).strip() if is_comment(line) else line
 
 
 def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dialect:
@@ -650,8 +654,8 @@ def _commented_header(
 ) -> list[list[str]]:
     """Names in the last comment line above the data, as numpy writes them."""
     for n, text, _ in reversed(lines):
-        if n < first_line and (mark := _COMMENT.match(text)):
-            cells = split(text[mark.end() :].strip(), delimiter)
+        if n < first_line and is_comment(text):
+            cells = split(uncommented(text), delimiter)
             return [cells] if len(cells) == width and not any(map(_is_number, cells)) else []
     return []
 
