@@ -173,7 +173,7 @@ def _march(
     train: Train,
     c: Constants,
     bands: slope.Bands,
-) -> tuple[int, Train]:
+) -> int:
     """Brakes until the train stands, or the trace is full.
 
     Args:
@@ -184,14 +184,14 @@ def _march(
         bands: that regions are told by.
 
     Returns:
-        Ticks done, and the train; its speed is NaN where Newton's iteration failed.
+        Ticks done; −j where Newton's iteration failed on the way to tick j.
     """
     trace, h = world.trace, world.unit.every * world.dt
     y, K = trace.measured_wheel_speed, trace.measured_clamping_force
     for j in range(len(trace.demand)):
         train = drive(world, train, j)
         if not train.v > 0.0:
-            return j, train
+            return -j if math.isnan(train.v) else j
         if j == 0:
             axles = start(c, trace.measured_train_speed[0], y[0], K[0])
         else:
@@ -203,7 +203,7 @@ def _march(
             trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
             trace.region[j, i] = region(s, k.slope, bands)
             trace.valve[j, i] = axles[i].controller.valve
-    return len(trace.demand), train
+    return len(trace.demand)
 
 
 def _given(
@@ -300,9 +300,9 @@ def run(
     world = _World(plant, track, demand, wheels, c.wheelset, unit, noise, past, trace, dt)
     drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
-    done, train = march(drive, world, train, c, bands(settings))
-    if math.isnan(train.v):
-        raise UserError(f"{scenario.name}: no solution at {train.t:g} s", "take a shorter dt")
+    done = march(drive, world, train, c, bands(settings))
+    if done < 0:
+        raise UserError(f"{scenario.name}: no solution at {-done * h:g} s", "take a shorter dt")
     if done == ticks:
         text = f"{scenario.name}: the train does not stand after {LONGEST:g} s"
         raise UserError(text, "a stronger brake, or a better rail")
@@ -310,12 +310,15 @@ def run(
     v, rim = trace.train_speed, trace.rim_speed
     force, peak, peak_slip = (np.empty(rim.shape) for _ in range(3))
     compiled.function(_given)(plant, track, h, v, trace.distance, rim, force, peak, peak_slip)
-    return Stop(
+    stop = Stop(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
         **trace._asdict(), force=force, peak=peak, peak_slip=peak_slip,
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
         air=float(wheels.air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
+    if not _stopping_distance(stop, scenario) > 0.0:
+        raise UserError(f"{scenario.name}: the train stands at once", "a faster train")
+    return stop
 
 
 def taken_for(s: Scenario) -> Vehicle:
@@ -392,7 +395,7 @@ def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
         stopping_distance_m=distance,
         extension=distance / dry - 1.0,
         utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum()) if some else None,
-        max_slip=float(stop.slip[counted].max()),
+        max_slip=float(stop.slip[counted].max()) if counted.any() else None,
         locked_s=float((sliding == LOCKED).sum()) * h,
         air_nl=stop.air,
         mean_slip_error=float(error.mean()) if some else None,

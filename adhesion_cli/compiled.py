@@ -12,8 +12,10 @@ A part that many loops share goes to them as an argument, from `by_address`.
 
 What is compiled must reach other functions by name (`from .physics import G`, not
 `physics.G`); they need no decorator. Arguments are floats, ints, numpy arrays and NamedTuples of
-importable modules, positional; each new combination of types compiles once. Division by zero gives
-inf or NaN, as in numpy. Arithmetic is strict: the compiled result is the plain one, bit for bit.
+importable modules, positional; each new combination of types compiles once. What comes back from a
+long call is a number or nothing, more goes into arrays: numba makes a tuple of names by calling
+Python, which crashes where a signal (Ctrl-C) came meanwhile. Division by zero gives inf or NaN, as
+in numpy. Arithmetic is strict: the compiled result is the plain one, bit for bit.
 
 Machine code is kept on disk, in the user's cache folder or a temporary one where that cannot be
 written. numba's own cache does not notice a changed helper in another module, so each folder is
@@ -145,10 +147,12 @@ def by_address(target: Any, *examples: Any) -> Any:
     types = tuple(map(typeof, examples))
     call.compile(types)
     made = call.overloads[types]
+    wrapper = made.fndesc.llvm_cfunc_wrapper_name
+    address = int(made.library.get_pointer_to_function(wrapper))
 
     class Address(WrapperAddressProtocol):
         def __wrapper_address__(self) -> int:
-            return int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
+            return address
 
         def signature(self) -> Any:
             return made.signature

@@ -22,7 +22,7 @@ from .methods import Method
 from .model import Parameter, Quantity, Vehicle, quantities
 from .read.meaning import Mapping
 from .read.source import ReadOptions, TimeSource
-from .slope import Bands, Params
+from .slope import Bands, Params, checked
 
 _IS = "settings are TOML, for example: [vehicle], and below it: friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
@@ -269,7 +269,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         ReadOptions(**options),
         Analysis(**_checked("analysis", tree, Analysis, kinds)),
         Params(**slope),
-        _bands(Bands(**_checked("bands", tree, Bands, _floats(Bands)))),
+        checked(Bands(**_checked("bands", tree, Bands, _floats(Bands))), "bands"),
         overrides,
     )
 
@@ -288,16 +288,6 @@ def _checked(
 
 def _floats(of: type) -> dict[str, type]:
     return dict.fromkeys(quantities(of), float)
-
-
-def _bands(b: Bands) -> Bands:
-    for name, low, high in (
-        ("slip", b.slip_low, b.slip_high), ("slope", b.slope_low, b.slope_high),
-    ):  # fmt: skip
-        if low >= high:
-            text = f"bands.{name}_low = {low:g} is not below bands.{name}_high = {high:g}"
-            raise UserError(text, "a band is from low to high", code=2)
-    return b
 
 
 def _vehicle_keys() -> dict[str, str]:

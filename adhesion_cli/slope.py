@@ -80,6 +80,7 @@ docs/slip.md has what is told of others.
 import math
 from typing import Annotated, NamedTuple
 
+from .errors import UserError
 from .model import Quantity
 
 _FADE = 5.0  # by which both corners grow once the point has come by L
@@ -118,6 +119,21 @@ class Bands(NamedTuple):
     slip_high: Annotated[float, Quantity("-", "largest slip of the slip band", -1.0, 1.0)] = 0.2
     slope_low: Annotated[float, Quantity("-", "least slope of the slope band", -1e3, 1e3)] = -0.05
     slope_high: Annotated[float, Quantity("-", "largest slope of the band", -1e3, 1e3)] = 1.0
+
+
+def checked(b: Bands, section: str) -> Bands:
+    """The bands that `section` of the settings states.
+
+    Raises:
+        UserError: a band without width.
+    """
+    for name, low, high in (
+        ("slip", b.slip_low, b.slip_high), ("slope", b.slope_low, b.slope_high),
+    ):  # fmt: skip
+        if low >= high:
+            text = f"{section}.{name}_low = {low:g} is not below {section}.{name}_high = {high:g}"
+            raise UserError(text, "a band is from low to high", code=2)
+    return b
 
 
 class State(NamedTuple):

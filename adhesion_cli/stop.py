@@ -56,7 +56,7 @@ class Verdict(NamedTuple):
     stopping_distance_m: float  # from the brake demand
     extension: float  # of it over that on dry rail, less 1
     utilisation: float | None  # of the rail's peak, while the brake would ask for more than that
-    max_slip: float
+    max_slip: float | None  # None: never so fast
     locked_s: float  # axle-seconds of standing wheels
     air_nl: float
     mean_slip_error: float | None  # mean |s − slip of the peak|, over the times of `utilisation`

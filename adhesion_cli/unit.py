@@ -8,7 +8,8 @@ rig.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from . import physics, slope
@@ -191,7 +192,7 @@ def choose(
         speed_noise: 1 sigma of v − ωR as measured [m/s].
 
     Raises:
-        UserError: a name that is none, or a parameter unknown or out of range.
+        UserError: a name that is none, a parameter unknown or out of range, a band without width.
     """
     known, laws = estimators(), controllers()
     if controller not in laws:
@@ -201,6 +202,7 @@ def choose(
     for name in settings:
         if name not in (*laws, *known, SLOPE.name):
             raise unknown("setting", name, [*laws, *known, SLOPE.name])
+    bands(settings)
     est, law = known[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
     ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
@@ -211,11 +213,12 @@ def online(
     unit: Chosen,
     samples: Iterable[tuple[int, float | None, Sequence[float], Sequence[float]]],
     drives: Sequence[Drives] = (),
-) -> Iterator[list[int]]:
+) -> Generator[list[int]]:
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
     After a sample with a value that is no number, both valves of every axle rest, and the unit
-    starts anew with the next one.
+    starts anew with the next one. They rest too when the samples end or fail, and when the iterator
+    is closed; a feed that only stops to answer is for a watchdog behind `drives`.
 
     Args:
         unit: from `choose`.
@@ -234,24 +237,28 @@ def online(
     axles: list[Axle] = []
     before: float = -math.inf
     v = math.nan
-    for t, measured, y, K in samples:
-        h, before = (t - before) * 1e-9, t
-        if not len(y) == len(K) == (n := len(axles or drives or y)):
-            raise UserError(
-                f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
-                "one of each for every axle in every sample",
-            )
-        if h <= 0.0:
-            raise UserError(f"at {t} ns: not after the sample before", "samples in order of time")
-        if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
-            v = speed_of_axles(c.wheelset, v, h, y, K) if measured is None else measured
-            axles = then(c, axles, h, v, y, K) if axles else first(c, v, y, K)
-            valves = [axle.controller.valve for axle in axles]
-        else:
-            v, axles, valves = math.nan, [], [APPLY] * len(y)
-        for drive, valve in zip(drives, valves, strict=bool(drives)):
-            drive.set(valve != APPLY, valve == VENT)
-        yield valves
+    with ExitStack() as rest:
+        for drive in drives:
+            rest.callback(drive.set, False, False)
+        for t, measured, y, K in samples:
+            h, before = (t - before) * 1e-9, t
+            if not len(y) == len(K) == (n := len(axles or drives or y)):
+                raise UserError(
+                    f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
+                    "one of each for every axle in every sample",
+                )
+            if h <= 0.0:
+                text = f"at {t} ns: not after the sample before"
+                raise UserError(text, "samples in order of time")
+            if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
+                v = speed_of_axles(c.wheelset, v, h, y, K) if measured is None else measured
+                axles = then(c, axles, h, v, y, K) if axles else first(c, v, y, K)
+                valves = [axle.controller.valve for axle in axles]
+            else:
+                v, axles, valves = math.nan, [], [APPLY] * len(y)
+            for drive, valve in zip(drives, valves, strict=bool(drives)):
+                drive.set(valve != APPLY, valve == VENT)
+            yield valves
 
 
 def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:
@@ -272,6 +279,11 @@ def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, 
 
 
 def bands(settings: Settings) -> slope.Bands:
-    """The patent's bands under these settings, by which every controller's region is told."""
+    """The patent's bands under these settings, by which every controller's region is told.
+
+    Raises:
+        UserError: a band without width.
+    """
     p = validated(controllers()["patent"], settings.get("patent", {}))
-    return slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
+    found = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
+    return slope.checked(found, "patent")

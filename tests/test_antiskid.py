@@ -4,9 +4,11 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -179,7 +181,7 @@ def test_a_fourth_controller_is_one_file(tmp_path: Path, monkeypatch: pytest.Mon
     samples = [(k * 10**7, 9.0, [9.0 / 0.42], [1e3 * k]) for k in range(5)]
     chosen = unit.choose("lazy", "leso", {}, short().vehicle)
     assert list(unit.online(chosen, samples, [switches])) == [[HOLD]] * 5
-    assert switches.seen == [(True, False)] * 5
+    assert switches.seen == [(True, False)] * 5 + [(False, False)]
 
 
 @pytest.mark.parametrize(
@@ -225,7 +227,7 @@ def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
     valves = np.array(list(unit.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
     for seen, valve in zip(switches, valves.T.tolist(), strict=True):
-        assert seen.seen == [(x != APPLY, x == VENT) for x in valve]
+        assert seen.seen == [*((x != APPLY, x == VENT) for x in valve), (False, False)]
     return valves
 
 
@@ -252,6 +254,37 @@ def test_a_sample_that_lacks_an_axle_is_refused() -> None:
     samples = [(0, 9.0, [20.0, 20.0], [1e3, 1e3]), (10**7, 9.0, [20.0], [1e3])]
     with pytest.raises(UserError, match="1 wheel speeds"):
         list(unit.online(chosen, samples))
+
+
+@pytest.mark.parametrize("end", ["fails", "order", "drive", "closed"])
+def test_valves_rest_however_the_samples_end(end: str) -> None:
+    slide = [(10**7 * i, 20.0, [47.0 - 0.5 * i] * 2, [15e3] * 2) for i in range(40)]
+
+    class Broken(Switches):
+        def set(self, hold: bool, vent: bool) -> None:
+            super().set(hold, vent)
+            if vent:
+                raise OSError("no answer")
+
+    def samples() -> Iterator[Any]:
+        yield from slide
+        if end == "order":
+            yield slide[0]
+        raise OSError("the bus is off")
+
+    drives = [Switches(), Broken() if end == "drive" else Switches()]
+    valves = unit.online(
+        unit.choose("patent", antiskid.ESTIMATOR, {}, Vehicle()), samples(), drives
+    )
+    if end == "closed":
+        while next(valves) != [VENT, VENT]:
+            pass
+        valves.close()
+    else:
+        with pytest.raises((OSError, UserError)):
+            list(valves)
+    for drive in drives:
+        assert drive.seen[-2:] == [(True, True), (False, False)]
 
 
 def test_samples_out_of_order_and_missing_drives_are_refused() -> None:
@@ -448,6 +481,13 @@ def test_a_unit_may_take_its_vehicle_for_another(key: str, field: str) -> None:
     assert on_dry == antiskid.run(replace(short(), rail=antiskid.DRY), "none").distance[-1]
 
 
+AT_ONCE = {
+    "train": scenario.Train(speed=1e-3),
+    "brake": scenario.Brake((scenario.Command(0.0, 8e5),)),
+    "antiskid": scenario.Antiskid(fill_rate=1e8),
+}
+
+
 @pytest.mark.parametrize(
     ("change", "controller", "algo", "settings", "says"),
     [
@@ -455,10 +495,13 @@ def test_a_unit_may_take_its_vehicle_for_another(key: str, field: str) -> None:
         ({}, "patent", "kalmann", {}, "kalmann"),
         ({}, "patent", "kalman", {"patent": {"slip_hihg": 1.0}}, "slip_hihg"),
         ({}, "patent", "kalman", {"patnet": {}}, "patnet"),
+        ({}, "rule", "kalman", {"patent": {"slip_low": 0.3}}, "slip_low = 0.3 is not below patent"),
+        ({}, "none", "kalman", {"patent": {"slope_low": 0.0, "slope_high": 0.0}}, "patent.slope_"),
         ({}, "patent", "kalman", {"slope": {"delta": -1.0}}, "out of range"),
         ({"dt": 0.015}, "none", "kalman", {}, "dt"),
         ({}, "none", "leso", {"leso": {"euler": 1.0}}, "longest stable"),
         ({"brake": scenario.Brake()}, "none", "kalman", {}, "no train that brakes"),
+        (AT_ONCE, "none", "kalman", {}, "stands at once"),
     ],
 )  # fmt: skip
 def test_bad_requests_are_refused(change, controller, algo, settings, says) -> None:
@@ -466,6 +509,14 @@ def test_bad_requests_are_refused(change, controller, algo, settings, says) -> N
         change = {**change, "antiskid": replace(short().antiskid, period=1e-3)}
     with pytest.raises(UserError, match=says):
         antiskid.run(replace(short(), **change), controller, 0, algo, settings)
+
+
+def test_a_train_too_slow_to_be_judged_has_a_distance_and_no_slip() -> None:
+    crawl = replace(short(), train=scenario.Train(speed=0.5))
+    dry = antiskid.dry_distance(crawl)
+    v = antiskid.verdict(antiskid.run(crawl, "patent"), crawl, dry)
+    assert v.stopping_distance_m >= dry > 0.0
+    assert (v.max_slip, v.utilisation, v.locked_s, v.slide_s) == (None, None, 0.0, 0.0)
 
 
 def test_a_brake_that_is_released_is_no_stop(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,11 @@
 """Compiled code: same numbers as plain Python, kept on disk, never stale."""
 
+import ast
 import json
 import math
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -103,6 +105,38 @@ def test_compiling_is_told_once_for_a_cache(
 @given(a=number, b=number, x=number)
 def test_function_is_the_plain_function(a, b, x):
     assert compiled.function(swapped)(Pair(a, b), x) == swapped(Pair(a, b), x)
+
+
+def test_no_result_is_made_by_calling_python() -> None:
+    """A tuple is: with a signal pending, numba crashes at it."""
+    called, returned = set(), {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and node.returns:
+                returned[path, node.name] = ast.unparse(node.returns)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "compiled.function":
+                called.add((path, ast.unparse(node.args[0])))
+    assert len(called) > 5
+    assert {returned[x] for x in called} <= {"None", "bool", "int", "float"}
+
+
+INTERRUPTED = """
+import signal
+from dataclasses import replace
+from adhesion_cli import antiskid, scenario
+case = scenario.load("slippery-stop")
+antiskid.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+signal.setitimer(signal.ITIMER_REAL, 0.1)
+antiskid.run(case, "none")
+"""
+
+
+def test_a_signal_in_a_compiled_stop_is_heard_at_its_end() -> None:
+    with start(PACKAGE.parent, INTERRUPTED) as process:
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGINT, err
+    assert "KeyboardInterrupt" in err
 
 
 def test_what_goes_by_address_is_compiled_once_for_all(
