@@ -8,8 +8,9 @@ with c_i by what its radius is off and q (−v̇) its creep, which on the rising
 the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
 fall late. A wheel that slides is slower than that, and left out with the second around it, in which
 its creep rises and falls: τ is where most samples of all axles fit. Slides that a controller makes
-alike all along fit, too, but by a q that no creep has: they tell nothing. Its error is that of the
-least squares, the train speed's noise being the same in every axle and slow.
+alike all along fit, too, but by a q that no creep has, or by a c that wheels without brake, which
+roll, do not show: they tell nothing. Its error is that of the least squares, the train speed's
+noise being the same in every axle and slow.
 
 Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
 
@@ -41,7 +42,7 @@ _NO_CREEP = 3.0  # sigma of q: a fit farther off is one of slides
 _SLOWING = 0.2  # a train that does is braked [m/s²]
 _NEAR = 1.0  # before and behind a slide creep is no straight line of force [s]
 _LEAST = 3.0  # so long must a wheel roll while braked [s]
-_SHARE = 0.3  # and for this share of the braking
+_SHARE = 0.5  # and for this share of the braking
 _ALIKE = 0.85  # and an axle that counts, for this share of the time that the best one rolls
 _BLOCK = 3.0  # within it errors are alike [s]
 _SLOW = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
@@ -186,7 +187,8 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
         tau, x = tau + change, f.x
         if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
-    slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1]
+    free = (g.clamping[:, ::every][counts] <= 0.0) & np.isfinite(at(tau, train)) & (s.rim > _CRAWL)
+    slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1] or 2 * f.used[free].sum() < free.sum()
     unclear = scan.unclear(tau, _AS_GOOD) or slides
     return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
 
