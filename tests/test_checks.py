@@ -3,7 +3,7 @@
 import ast
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,7 +16,7 @@ from simulated import Recordings
 from adhesion_cli import analysis, settings, simulate
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Channel, Column, Finding, Result
-from adhesion_cli.physics import G, clamping_force, wheelset
+from adhesion_cli.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.read import align, checks
 from adhesion_cli.read.log import open_source, read
 from adhesion_cli.read.units import ATMOSPHERE
@@ -26,7 +26,7 @@ CODES = {
     "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
     "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
     "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset", "pressure-zero",
-    "train-frozen", "train-spike",
+    "train-frozen", "train-spike", "speed-suspect",
 }  # fmt: skip
 DEFAULT = settings.load()
 VEHICLES = {
@@ -283,6 +283,88 @@ def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path:
         "four-axles": -0.025,
     }  # late in the scenario; pulses of a past interval
     assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + float(stated[2]))
+
+
+def bent(log: Recordings, signal: str, axle: int, of: Callable[[np.ndarray], np.ndarray]
+) -> Recordings:  # fmt: skip
+    """Values times a function of time [s]."""
+    return simulated.changed(
+        log, signal, lambda r: replace(r, value=of(r.t * 1e-9) * r.value, decimals=None), axle
+    )
+
+
+@pytest.mark.parametrize("axle", [0, 3])  # that one does not slide
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_wheel_speeds_that_drift_from_the_trains_are_told(
+    rate: float, axle: int, tmp_path: Path
+) -> None:
+    log = simulated.recordings("low-adhesion", rate=rate, train=True)
+    up = bent(log, "wheel_speed", axle, lambda t: 1.0 + 0.015 * np.maximum(t - 8.0, 0.0))
+    told = [f for f in found(up, tmp_path) if f.code == "speed-suspect"]
+    assert "warning" in {f.severity for f in told}
+    assert {f.channel.split()[0] for f in told} >= {f"wheel_speed_{axle or 3}"}
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
+    rate: float, share: float, tmp_path: Path
+) -> None:
+    log = simulated.recordings("service-brake", rate=rate, train=True)
+    cut = simulated.changed(
+        log, "wheel_speed", lambda r: replace(r, value=np.minimum(r.value, share * r.value.max()))
+    )
+    assert ("speed-frozen", "warning") in [(f.code, f.severity) for f in found(cut, tmp_path)]
+
+
+def sliding(
+    folder: Path, rate: float, seed: int, wrong: Callable[[np.ndarray], np.ndarray]
+) -> Path:
+    """A train speed and two wheels that slide from the brake's first second on, by (1) and (15).
+
+    Args:
+        folder: for the log.
+        rate: of all channels [Hz].
+        seed: of the slides.
+        wrong: what is added to both pressures over time [Pa].
+    """
+    random, t = np.random.default_rng(seed), np.arange(0.0, 50.0, 1.0 / rate)
+    on = np.sin(np.clip((t - 6.0) / 4.0, 0.0, 1.0) * math.pi / 2.0) ** 2
+    slows = on * (0.5 + 0.1 * np.sin(t / 3.0 + seed))
+    v = 40.0 - (np.cumsum(slows) - slows / 2.0) / rate
+    w, columns = wheelset(DEFAULT.vehicle, 1), [t, v + random.normal(0.0, 0.01, len(t))]
+    for axle in (1, 2):
+        rim = v * (1.0 - on * (0.12 + 0.04 * np.sin(1.3 * t + axle + seed)))
+        K = (w.mass * slows - w.inertia / w.radius**2 * np.gradient(rim, t)) / w.phi
+        p = cylinder_pressure(force_line(DEFAULT.vehicle), np.maximum(K, 0.0)) * np.clip(
+            t - 5, 0, 1
+        )
+        columns += [
+            rim / w.radius,
+            np.maximum(p + wrong(t), 0.0) + random.normal(0.0, 500.0, len(t)),
+        ]
+    head = "time [s],train_speed [m/s],wheel_speed_1 [rad/s],bc_pressure_1 [Pa],"
+    rows = "".join(",".join(f"{x:.4f}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    path = folder / "log.csv"
+    path.write_text(head + "wheel_speed_2 [rad/s],bc_pressure_2 [Pa]\n" + rows)
+    return path
+
+
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+@pytest.mark.parametrize(("plus", "way"), [(0.0, ""), (3.7e5, "less"), (-5e5, "more")])
+def test_pressures_that_err_while_every_wheel_slides_are_told_by_the_forces(
+    plus: float, way: str, rate: float, tmp_path: Path
+) -> None:
+    for seed in range(3):
+        path = sliding(
+            tmp_path, rate, seed, lambda t: plus * np.clip(4.0 - np.abs(t - 22.0) / 2.0, 0.0, 1.0)
+        )
+        one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+        told = [f for f in align.records(one, DEFAULT.vehicle)[1] if f.severity == "warning"]
+        if way:
+            assert "pressure-suspect" in {f.code for f in told if f"{way} than the" in f.message}
+        else:
+            assert told == []
 
 
 @pytest.mark.parametrize("scale", [0.9, 0.96, 1.04, 1.1])

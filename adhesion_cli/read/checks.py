@@ -58,14 +58,11 @@ def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
     last = int(_runs(train).first[-1])
     if frozen[-1] and train.data.value[last] > _SLOW:
         t = train.data.t
-        rest = _Runs(np.array([last, len(t)]))  # to the end: wheels on a roller rig slide, too
-        early = bool(np.ptp(train.data.value))  # or the clock is early
-        if early:
-            later = int(np.searchsorted(t, t[last] + round(_EARLY * 1e9)))
-            early = later >= len(t) - 1 or not all(
-                _moved(train, _Runs(np.array([later, len(t)])), w)[0] > _MOVES for w in wheels
-            )
-        if early or not all(_moved(train, rest, w)[0] > _SLIDES for w in wheels):
+        later = int(np.searchsorted(t, t[last] + round(_EARLY * 1e9)))  # the clock may be early
+        goes_on = not np.ptp(train.data.value) or (
+            later < len(t) - 1 and _all_move(train, wheels, later, _MOVES)
+        )
+        if not (goes_on and _all_move(train, wheels, last, _SLIDES)):  # on a roller rig, too
             frozen[last:] = False
     return [
         Fault("train-spike", _JUMPS.format("train"), spikes, True),
@@ -76,6 +73,12 @@ def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
             frozen & ~spikes, True,
         ),
     ]  # fmt: skip
+
+
+def _all_move(train: Channel, wheels: Sequence[Channel], first: int, share: float) -> bool:
+    """Whether every wheel changes by more than a share of itself from a train's sample on."""
+    rest = _Runs(np.array([first, len(train.data.t)]))
+    return all(_moved(train, rest, w)[0] > share for w in wheels)
 
 
 def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
@@ -162,9 +165,10 @@ def stuck_speed(
     It would have moved meanwhile: by as much as the other axles and the train do, or, where the
     log has none, as this speed usually does with the brake applied. More than six quantisation
     steps (four where there are others) and 2 % of it, that is; for much longer than the speed's
-    usual steps last; and then the speed leaps by a good part of it, or never changes again. A wheel
-    that turns from sliding to recovering stands at one value too, but leaves it gently. One that
-    stands without brake while the others turn is no wheel either.
+    usual steps last; and then the speed leaps by a good part of it, or never changes again, or it
+    is the highest of all while the train's changes: there the sensor's range ends. A wheel that
+    turns from sliding to recovering stands at one value too, but leaves it gently. One that stands
+    without brake while the others turn is no wheel either.
 
     Args:
         speed: wheel speed [rad/s].
@@ -184,18 +188,22 @@ def stuck_speed(
         return dead
     expected = _expected(speed, clamping, runs)
     steps = np.full(len(value), 6.0)
+    ends = np.zeros(len(value), dtype=np.bool_)  # of the sensor's range
     if others:
         moved = np.array([_moved(speed, runs, other) for other in others]) * value
         # Where all of them stand still to the last digit, it is the logger that does.
         known = np.isfinite(moved).any(axis=0) & (np.nan_to_num(moved).max(axis=0) > 0.0)
         expected[known] = among(moved[:, known], axis=0)
         steps[known] = 4.0
+        for of_train in moved[[c.meaning == "train_speed" for c in others]]:
+            ends = known & np.isfinite(of_train) & (value >= y.max())
+            expected[ends] = of_train[ends]  # all wheels may stand there
     constant = not np.ptp(y)
     least = 0.1 if constant else _MOVES  # one value alone does not show its step
     stuck = (
         long
         & (expected > np.maximum(steps * speed.step, least * value))
-        & (_leap(y, runs) > 0.3 * expected)
+        & (ends | (_leap(y, runs) > 0.3 * expected))
     )
     if constant and stuck.any():
         return np.ones(len(y), dtype=np.bool_)

@@ -12,7 +12,7 @@ import numpy as np
 from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
 from . import braking
-from .grid import FREE, LEAST, Grid, Scene, far, largest, lasting
+from .grid import FREE, LEAST, Scene, far, largest, lasting
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
@@ -150,15 +150,15 @@ def _late(s: Scene, severity: Severity, doubt: str = "") -> Finding:
 
 def another_factor(s: Scene) -> Iterator[Finding]:
     """The train slows as many times as hard as the pressure explains, all along."""
-    fit = _fit(s.grid)
+    fit = _fit(s)
     if fit is None:
         return
-    factor = fit.slope / s.by_rolling
+    factor = fit.slope
     absurd = not 1.0 / _ABSURD < factor < _ABSURD
     if fit.explained < (0.5 if absurd else _CLEAR if fit.varied else _CLEARER):
         return
     gradient = _CHANGES if fit.varied else GRADIENT
-    if factor <= 0.0 or abs(factor - 1.0) * fit.top * s.by_rolling < gradient:
+    if factor <= 0.0 or abs(factor - 1.0) * fit.top < gradient:
         return
     if abs(math.log(factor)) < math.log1p(braking.SIGMAS * braking.tolerance(s.vehicle)):
         return
@@ -202,33 +202,35 @@ def _another(s: Scene, factor: float, severity: Severity, doubt: str = "") -> Fi
 def unexplained(s: Scene) -> Iterator[Finding]:
     """For a while the train slows more, or less, than the pressure explains elsewhere.
 
-    An axle that slides is braked less than its pressure says, never more.
+    An axle that slides is braked less than its pressure says, never more; vehicles that are not in
+    the log may slide less than those that are.
     """
     g = s.grid
-    x, y = s.by_rolling * g.mean(np.mean(g.clamping, axis=0)), g.braking
+    made, x, y = s.made, s.by_rolling * g.mean(np.mean(g.clamping, axis=0)), g.braking
     known = np.isfinite(x) & (y < _HARDEST) & (y > -_STARTING)
-    rolls = known & g.rolling.all(axis=0)
-    line = _line(x, y, rolls)
-    off = y - (line[0] * x + line[1] if line else x)
-    allowed = 0.2 + (0.15 if line else 3.0 * braking.tolerance(s.vehicle)) * np.fmax(x, y)
-    for where, way in (
-        (known & g.rolling.any(axis=0) & (off > allowed), "more"),
-        (rolls & (off < -allowed) & (x > FREE * np.nanmax(x, initial=0.0)), "less"),
+    sure = known & np.isfinite(made)
+    line = _line(made, y, sure)
+    slope, level = line or (1.0, 0.0)
+    most, least = (slope * f(made, x) + level for f in (np.fmax, np.fmin))
+    allowed = 0.2 + (0.15 if line else 3.0 * braking.tolerance(s.vehicle)) * np.fmax(most, y)
+    for where, way, off in (
+        (known & (sure | g.rolling.any(axis=0)) & (y - most > allowed), "more", y - most),
+        (sure & (least - y > allowed) & (x > FREE * np.nanmax(x, initial=0.0)), "less", least - y),
     ):
         long = lasting(where, _LASTS, g)
         if not long.any():
             continue
-        most = float(np.median(np.abs(off[long])))
+        size = float(np.median(off[long]))
         # Nothing says that a single wheel rolls.
-        slides = g.train is None and len(s.axles) == 1 and way == "more" and most > _SLIDING
+        slides = g.train is None and len(s.axles) == 1 and way == "more" and size > _SLIDING
         # Where the force itself was measured and nothing ever slows, rollers hold the speed.
         measured = s.axles[0].brake.meaning == "clamping_force"
         rig = measured and way == "less" and not (y[known] > _UNBRAKED).any()
-        severity: Severity = "warning" if most > GRADIENT and not rig else "info"
+        severity: Severity = "warning" if size > GRADIENT and not rig else "info"
         text = (
-            f"the train slows {most:.1f} m/s² {way} than the pressure explains, and not so "
+            f"the train slows {size:.1f} m/s² {way} than the pressure explains, and not so "
             f"elsewhere: {'a long slide, ' * slides}a stuck, cut off or drifting pressure sensor, "
-            f"another brake, {'a rig, ' * rig}or a gradient of {100.0 * most / G:.0f} %; "
+            f"another brake, {'a rig, ' * rig}or a gradient of {100.0 * size / G:.0f} %; "
             "leave these times out with --from and --to"
         )
         yield s.told("pressure-suspect", severity, text, s.axles[0].brake, long)
@@ -262,25 +264,24 @@ def _fitted(x: Floats, y: Floats) -> tuple[float, float]:
 
 
 class _Fit(NamedTuple):
-    """Deceleration of the rolling train as a line over the mean K of its axles."""
+    """Deceleration of the train as a line over the one that its wheels make."""
 
-    slope: float  # [m/s² per N]
+    slope: float
     explained: float  # share of the deceleration's square
-    top: float  # highest mean K [N]
-    varied: bool  # K did, so that the slope is the brake's alone
+    top: float  # highest that they make [m/s²]
+    varied: bool  # that did, so that the slope is the brake's alone
     slows: bool  # by much of its speed, as no rig does
 
 
-def _fit(g: Grid) -> _Fit | None:
-    """None where the log has too little of a brake application without slides."""
-    used = g.rolling.all(axis=0)
-    braking = g.braking
+def _fit(s: Scene) -> _Fit | None:
+    """None where the log has too little of a brake application that says how the train slows."""
+    g, made = s.grid, s.made
     K = g.mean(np.mean(g.clamping, axis=0))
-    used = used & np.isfinite(braking) & np.isfinite(K)
+    used = np.isfinite(g.braking) & np.isfinite(made)
     used &= ~far(FREE * np.nanmax(K, initial=0.0) > K, round(_BESIDE / g.step))
     if used.sum() < LEAST or not (K[used] > 0.0).any():
         return None
-    x, y = K[used], braking[used]
+    x, y = made[used], g.braking[used]
     low, high = np.percentile(x, [5.0, 95.0])
     level = 0.0  # braked all the time: no telling a gradient from the brake
     slope = float(x @ y / (x @ x))

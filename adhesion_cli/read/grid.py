@@ -17,11 +17,13 @@ from ..model import (
     Severity,
     Times,
     Vehicle,
+    Wheelset,
 )  # fmt: skip
 from ..physics import GRADIENT, rolling_deceleration, wheelset
 from ..signals import true_runs
 
 LEAST = 8  # samples on it that show anything
+CRAWL = 1.0  # slower, speeds say little about each other, and a wheel may stand [m/s]
 _STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
@@ -161,6 +163,18 @@ class Scene(NamedTuple):
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     @property
+    def made(self) -> Floats:
+        """Deceleration that the adhesion of all wheels makes, (n,) [m/s²]; NaN where not known.
+
+        Without a train speed only of wheels that roll, by K alone: others say nothing of the train.
+        """
+        if self.grid.train is not None:
+            axles = (a.record.axle for a in self.axles)
+            return adhesion(self.grid, [wheelset(self.vehicle, axle) for axle in axles])
+        K = self.grid.mean(np.mean(self.grid.clamping, axis=0))
+        return np.where(self.grid.rolling.all(axis=0), self.by_rolling * K, np.nan)
+
+    @property
     def unless_sliding(self) -> str:
         """What to add where only one wheel says how the train slows."""
         if self.grid.train is not None or len(self.axles) > 1:
@@ -226,9 +240,20 @@ def _even(own: Floats, x: Floats, segments: tuple[slice, ...], t: Floats, step: 
         low = np.clip(t - step / 2.0, u[0], u[-1])
         high = np.clip(t + step / 2.0, u[0], u[-1])
         inside = (t >= u[0]) & (t <= u[-1])
+        inside &= np.interp(t, own[s], known) >= 0.5  # no gap is bridged
         mean = (np.interp(high, u, area) - np.interp(low, u, area))[inside]
         found[inside] = mean / (high - low)[inside]
     return found
+
+
+def adhesion(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
+    """Mean F/m of all wheels over about a second, whether they slide or not, (n,) [m/s²].
+
+    NaN where one may stand: it has less than φK. Source: (1).
+    """
+    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
+    made = [(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each]
+    return np.where((g.rim > CRAWL).all(axis=0), np.mean(made, axis=0), np.nan)
 
 
 def largest(x: Floats) -> Floats:

@@ -24,7 +24,7 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
     ),
     (deceleration.late_pressure,),
     (pressures.odd,),
-    (wheels.speeds,),
+    (wheels.speeds, wheels.apart),
     (wheels.swapped,),
 )
 

@@ -28,12 +28,11 @@ import numpy as np
 
 from ..model import Bools, Floats, Parameter, Wheelset
 from ..signals import white_noise
-from .grid import LEAST, Grid, far
+from .grid import CRAWL, LEAST, Grid, adhesion, far
 
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]
 _TAUS = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN)
-_CRAWL = 1.0  # slower, speeds say little about each other [m/s]
 _FLOOR = 0.03  # 1 sigma by which a rolling wheel may differ, whatever the noise [m/s]
 _CUT = 4.0  # sigma that are no noise
 _WORN = 0.02  # 1 sigma of c [-]
@@ -114,12 +113,11 @@ def delay(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Parameter | N
 
 def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter | None:
     """τ at which the train slows as the adhesion of its wheels makes it, if that is clear."""
-    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
-    made = np.mean([(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each], 0)
-    known = np.isfinite(made) & (g.rim > _CRAWL).all(axis=0)  # a wheel that stands has less than φK
+    made = adhesion(g, wheels)
+    known = np.isfinite(made)
     t: Floats = g.step * np.arange(len(train), dtype=np.float64)
     slowing = -g.slope(train)
-    fit = np.isfinite(slowing) & (train > _CRAWL)
+    fit = np.isfinite(slowing) & (train > CRAWL)
     change = np.gradient(np.nan_to_num(made), g.step)
 
     def at(tau: float) -> tuple[Floats, Floats, Floats]:
@@ -187,7 +185,7 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
         tau, x = tau + change, f.x
         if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
-    free = (g.clamping[:, ::every][counts] <= 0.0) & np.isfinite(at(tau, train)) & (s.rim > _CRAWL)
+    free = (g.clamping[:, ::every][counts] <= 0.0) & np.isfinite(at(tau, train)) & (s.rim > CRAWL)
     slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1] or 2 * f.used[free].sum() < free.sum()
     unclear = scan.unclear(tau, _AS_GOOD) or slides
     return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
@@ -198,7 +196,7 @@ def _start(g: Grid, train: Floats) -> Floats:
     c = np.append(np.zeros(len(g.rim)), _CREEP[0])
     even = np.abs(g.slope(train)) < _SLOWING
     for i, rim in enumerate(g.rim):
-        fast = (rim > 0.3 * np.nanmax(rim)) & (train > _CRAWL)
+        fast = (rim > 0.3 * np.nanmax(rim)) & (train > CRAWL)
         free = fast & even & (g.clamping[i] <= 0.0)
         if free.sum() >= LEAST:
             c[i] = np.median(train[free] / rim[free]) - 1.0
@@ -226,7 +224,7 @@ def _columns(s: _Samples, used: Bools) -> Floats:
 
 def _fit(s: _Samples, v: Floats, start: Floats) -> _Fit:
     """Least squares of c and q over what is no slide; v is shifted already, shape (n,)."""
-    usable = np.isfinite(v) & np.isfinite(s.slowing) & (s.rim > _CRAWL) & (v > _CRAWL)
+    usable = np.isfinite(v) & np.isfinite(s.slowing) & (s.rim > CRAWL) & (v > CRAWL)
     X, d = _columns(s, usable), np.where(usable, v - s.rim, 0.0)
     weights, expected = _prior(s)
     x, left, used, cut = start, d, usable, _CUT * s.noise

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Channel, Finding, Floats, Vehicle
-from .grid import LEAST, Grid, Scene, far
+from .grid import CRAWL, LEAST, Grid, Scene, far, lasting
 from .units import UNITS, listed, others
 
-_CRAWL = 1.0  # slower, speeds say little about each other [m/s]
 _FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
 _SIGMAS = 2.0  # of the wheel radius are tolerated
+_APART = 0.05, 0.3  # a wheel that rolls is no farther from the train's speed: share, and [m/s]
+_LASTS = 2.0  # for longer [s]
 _SWAP = 12  # samples of a slide that show whose pressure it follows
 
 
@@ -25,8 +26,8 @@ class _Match(NamedTuple):
 
 def _match(reference: Floats, y: Floats) -> _Match:
     """The scale at which a speed fits best."""
-    fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), _CRAWL)
-    used = fast & np.isfinite(y) & (y > _CRAWL)
+    fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), CRAWL)
+    used = fast & np.isfinite(y) & (y > CRAWL)
     if used.sum() < LEAST:
         return _Match(1.0, math.inf)
     scale = float(np.median(reference[used] / y[used]))
@@ -64,7 +65,7 @@ def speeds(s: Scene) -> Iterator[Finding]:
         differs = abs(m.scale - 1.0)
         if m.left > floor or differs < max(allowed, 0.005):
             continue
-        free = _free(g, i) & (reference > _CRAWL) & (g.rim[i] > _CRAWL)
+        free = _free(g, i) & (reference > CRAWL) & (g.rim[i] > CRAWL)
         if free.any():  # an unbraked wheel does not slide
             differs = min(
                 differs, 2.0 * abs(float(np.median(reference[free] / g.rim[i][free])) - 1.0)
@@ -75,6 +76,44 @@ def speeds(s: Scene) -> Iterator[Finding]:
             continue
         if differs * float(np.nanmedian(reference)) >= 2.0 * floor:
             yield _odd_wheel(s, i, m.scale)
+
+
+def apart(s: Scene) -> Iterator[Finding]:
+    """Wheels that turn faster than the train, or slower though no brake holds them.
+
+    A brake makes a wheel slower, only a motor makes it faster. Without a train speed that of most
+    wheels is one where none is braked.
+    """
+    g = s.grid
+    reference = g.train
+    if reference is None:
+        if len(s.axles) < 3:
+            return
+        free = np.all([_free(g, i) for i in range(len(s.axles))], axis=0)
+        reference = np.where(free, np.median(g.rim, axis=0), np.nan)
+    braked = np.isfinite(g.braking)  # not driven
+    for i, a in enumerate(s.axles):
+        between = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
+        allowed = _APART[0] * reference + _APART[1] + between
+        off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
+        released = far(g.clamping[i] <= 0.0, 2 * g.half)  # a wheel that slid has caught up
+        where = lasting((off > allowed) & braked | (off < -allowed) & released, _LASTS, g)
+        if not where.any():
+            continue
+        share = float(np.median(off[where] / reference[where]))
+        way, of_brake = "faster than", ""
+        if share < 0.0:
+            way, of_brake = "slower, and no pressure holds it, than", ", a pressure that is lost"
+        other, of_train = "train", ", or a train speed that errs"
+        if g.train is None:
+            other, of_train = "other axles", ""
+        text = (
+            f"the wheel turns {100.0 * abs(share):.0f} % {way} the {other}: a wheel-speed sensor "
+            f"that drifts, saturates, wraps or has another scale{of_brake}{of_train}; force and "
+            "slip are wrong there; leave these times out with --from and --to, or the axle with "
+            "--axle"
+        )
+        yield s.told("speed-suspect", "warning", text, a.speed, where, i)
 
 
 def _free(g: Grid, i: int) -> Bools:
@@ -90,8 +129,8 @@ def _kept_share(g: Grid, i: int) -> float:
     """
     if g.train is None:
         return 1.0
-    fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), _CRAWL)
-    fast &= g.rim[i] > _CRAWL / 10.0
+    fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), CRAWL)
+    fast &= g.rim[i] > CRAWL / 10.0
     share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
     second = max(3, round(1.0 / g.step))
     free = np.sort(share[fast & _free(g, i)])
