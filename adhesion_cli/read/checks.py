@@ -166,7 +166,7 @@ def stuck_speed(
     log has none, as this speed usually does with the brake applied. More than six quantisation
     steps (four where there are others) and 2 % of it, that is; for much longer than the speed's
     usual steps last; and then the speed leaps by a good part of it, or never changes again, or it
-    is the highest of all while the train's changes: there the sensor's range ends. A wheel that
+    is the highest of all while the train's changes (by 10 %): there the sensor's range ends. A wheel that
     turns from sliding to recovering stands at one value too, but leaves it gently. One that stands
     without brake while the others turn is no wheel either.
 
@@ -199,7 +199,7 @@ def stuck_speed(
             ends = known & np.isfinite(of_train) & (value >= y.max())
             expected[ends] = of_train[ends]  # all wheels may stand there
     constant = not np.ptp(y)
-    least = 0.1 if constant else _MOVES  # one value alone does not show its step
+    least = np.where(ends | constant, 0.1, _MOVES)  # one value alone does not show its step
     stuck = (
         long
         & (expected > np.maximum(steps * speed.step, least * value))
