@@ -166,9 +166,9 @@ def stuck_speed(
     log has none, as this speed usually does with the brake applied. More than six quantisation
     steps (four where there are others) and 2 % of it, that is; for much longer than the speed's
     usual steps last; and then the speed leaps by a good part of it, or never changes again, or it
-    is the highest of all while the train's changes (by 10 %): there the sensor's range ends. A wheel that
-    turns from sliding to recovering stands at one value too, but leaves it gently. One that stands
-    without brake while the others turn is no wheel either.
+    is the highest of all while the train's changes by 10 %: there the sensor's range ends. A wheel
+    that turns from sliding to recovering stands at one value too, but leaves it gently. One that
+    stands without brake while the others turn is no wheel either.
 
     Args:
         speed: wheel speed [rad/s].
