@@ -233,7 +233,7 @@ def sweep_document(
     rails: dict[str, dict[str, Any]] = {}
     for r in rows:
         rails.setdefault(r.rail, {})[r.controller] = {
-            **r.values, "patent_less_this_m": r.patent_less_this_m, "shortest": r.shorter,
+            **r.values, **r.beside._asdict(),
         }  # fmt: skip
     return tagged(
         "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,

@@ -30,10 +30,11 @@ from .errors import UserError
 from .model import Bools, Finding, Floats, Result, Times
 from .plant import Track
 from .rail import Condition, condition
+from .read.braking import SIGMAS, tolerance
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
 from .slip import Summary
 from .stop import JUDGED_FROM, Stop, Verdict
-from .sweep import interval, on_all_cores
+from .sweep import Beside, beside, interval, on_all_cores
 from .text import printable
 from .unit import Settings, parameters
 
@@ -69,6 +70,7 @@ class Answer(NamedTuple):
 
     stop: Stop
     values: Values
+    beside: Beside  # over the draws, each the same rail and brake for every controller
 
 
 class _Braking(NamedTuple):
@@ -139,7 +141,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     return Case(
         (begin - result.log.start_ns()) / 1e9, scenario,
         _track(places, [rail and rail.best for rail in rails]), draws,
-        _distance(braking, end) if stands else None, bool(known.all()), [*findings, *told],
+        _distance(braking, end) if stands else None, bool(known.all()),
+        [*findings, *told, *_in_part(result, braking)],
     )  # fmt: skip
 
 
@@ -172,11 +175,14 @@ def answers(
 
     jobs = [(law, k) for law in stops for k in range(len(case.draws))]
     verdicts = on_all_cores(one, jobs, tell)
-    found = {}
-    for n, (law, stop) in enumerate(stops.items()):
-        drawn = zip(*verdicts[n * len(dries) : (n + 1) * len(dries)], strict=True)
+    many = len(case.draws)
+    by_law = {law: verdicts[n * many : (n + 1) * many] for n, law in enumerate(stops)}
+    paired, found = beside(by_law, np.median), {}
+    for law, stop in stops.items():
+        drawn = zip(*by_law[law], strict=True)
         values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
-        found[law] = Answer(stop, values if case.demanded else {**values, "extension": None})
+        known = values if case.demanded else {**values, "extension": None}
+        found[law] = Answer(stop, known, paired[law])
     return dry if case.demanded else None, found
 
 
@@ -195,7 +201,8 @@ def document(
     return antiskid_document(
         stop, case.scenario.name, parameters(found, stop.algo, settings), dry, median,
         log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
-        intervals=spread, findings=findings_document(findings),
+        intervals=spread, beside={law: a.beside._asdict() for law, a in found.items()},
+        findings=findings_document(findings),
     )  # fmt: skip
 
 
@@ -223,6 +230,29 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
     if len(released):
         stop = int(np.flatnonzero(asked[: released[0]] >= _FULL * asked.max())[-1]) + 1
     return _Braking(t[:stop], speed[:stop], K[:, :stop])
+
+
+def _in_part(result: Result, braking: _Braking) -> list[Finding]:
+    """What is told where these axles are not all that slowed the train."""
+    mine = {a.record.axle for a in result.axles}
+    speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
+    if others := sorted({c.axle for c in speeds if c.axle} - mine):
+        names = ", ".join(map(str, others))
+        text = f"without axle {names}: a train of the other axles alone is replayed, not the log's"
+        return [Finding("train-in-part", "warning", text)]
+    if any(a.record.train_speed_made for a in result.axles):
+        return []
+    F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
+    mass = len(mine) * result.vehicle.axle_mass.value
+    by_axles, lost = float(np.sum(F)) * _EVERY / mass, float(braking.speed[0] - braking.speed[-1])
+    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < SIGMAS * tolerance(result.vehicle):
+        return []
+    text = (
+        f"the train lost {lost:.1f} m/s, of which the forces of its {len(mine)} axles explain "
+        f"{by_axles:.1f}: other axles or brakes, a gradient, or another mass; these axles alone "
+        "are replayed, on level track"
+    )
+    return [Finding("train-in-part", "warning", text)]
 
 
 def _column(at: Times, t: Times, values: Floats | None) -> Floats:

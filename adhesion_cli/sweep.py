@@ -1,7 +1,7 @@
 """Many stops: every controller on a set of rails, over seeds, on all cores."""
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -39,6 +39,13 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 
+class Beside(NamedTuple):
+    """A controller beside the others, stop by stop on the same rail with the same noise."""
+
+    patent_less_this_m: tuple[float, float, float] | None  # of the distances
+    shortest: float  # share of the stops in which it stops before every other controller
+
+
 class Row(NamedTuple):
     """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
 
@@ -46,8 +53,7 @@ class Row(NamedTuple):
     controller: str
     dry_distance_m: float
     values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
-    patent_less_this_m: tuple[float, float, float] | None  # of the distances at the same seed
-    shorter: float  # share of the seeds in which it stops before every other controller
+    beside: Beside
 
 
 def sweep(
@@ -60,21 +66,34 @@ def sweep(
     """Every controller on every rail of `RAILS`, with seeds from 0 up; arguments as `verdicts`."""
     found = verdicts(scenario, list(RAILS), list(registry()), range(seeds), algo, settings, tell)
     dry, rows = dry_distance(scenario), []
-    for (rail, controller), mine in found.items():
-        others = [v for (r, c), v in found.items() if r == rail and c != controller]
-        first = [
-            all(x.stopping_distance_m < y.stopping_distance_m for y in rivals)
-            for x, *rivals in zip(mine, *others, strict=True)
-        ]
-        less = [
-            x.stopping_distance_m - y.stopping_distance_m
-            for x, y in zip(found[rail, "patent"], mine, strict=True)
-        ]
-        columns = zip(*mine, strict=True)
-        values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
-        beside = interval(less) if controller != "patent" else None
-        rows.append(Row(rail, controller, dry, values, beside, sum(first) / len(first)))
+    for rail in RAILS:
+        mine = {c: v for (r, c), v in found.items() if r == rail}
+        others = beside(mine)
+        for controller, stops in mine.items():
+            columns = zip(*stops, strict=True)
+            values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
+            rows.append(Row(rail, controller, dry, values, others[controller]))
     return rows
+
+
+def beside(
+    found: Mapping[str, Sequence[Verdict]], middle: Callable[[list[float]], Any] = np.mean
+) -> dict[str, Beside]:
+    """Each controller beside the others.
+
+    Args:
+        found: stops by controller, the same in each place.
+        middle: as of `interval`.
+    """
+    run = {law: [v.stopping_distance_m for v in stops] for law, stops in found.items()}
+    least = np.min(list(run.values()), axis=0)
+    alone = np.sum(np.array(list(run.values())) == least, axis=0) == 1
+    answers = {}
+    for law, mine in run.items():
+        less = np.subtract(run["patent"], mine).tolist()
+        first = float(np.mean((np.array(mine) == least) & alone))
+        answers[law] = Beside(interval(less, middle) if law != "patent" else None, first)
+    return answers
 
 
 def verdicts(

@@ -1,6 +1,7 @@
 """A log's stop run again, against the closed loop on the rail that the log was simulated on."""
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from simulated import recordings, simulation, write
 from adhesion_cli import analysis, antiskid, rail, railfit, replay, scenario, settings, slip
 from adhesion_cli.cli.app import app
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import Result
+from adhesion_cli.model import Parameter, Result
 
 NAME = "low-adhesion"
 KNOWN = (
@@ -64,6 +65,11 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         "low.antiskid.rrd", "low.antiskid.sha256",
         *(f"low.{law}.antiskid.mcap" for law in ("none", "patent", "rule")),
     }  # fmt: skip
+    beside = document["beside"]
+    assert beside["patent"]["patent_less_this_m"] is None
+    assert beside["none"]["patent_less_this_m"][2] < -20.0  # though their own intervals overlap
+    assert sum(x["shortest"] for x in beside.values()) <= 1.0
+    assert beside["none"]["shortest"] == 0.0
     s = scenario.load(NAME)
     for law in ("none", "patent", "rule"):
         stop = antiskid.run(s, law)
@@ -79,6 +85,18 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
         assert found["extension"] == pytest.approx(true.extension, abs=0.02)
         assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.04)
+
+
+def test_a_train_in_part_is_told(log: Path) -> None:
+    """Axles left out, or a train that slows harder than its axles say, as one with others does."""
+    part = analysis.analyze(log, settings.load, ["kalman"], [1, 2], train_speed=True)
+    (told,) = (f for f in replay.case(part).findings if f.code == "train-in-part")
+    assert "without axle 3, 4" in told.message
+    whole = analysed(log)
+    heavy = replace(whole.vehicle, axle_mass=Parameter(1.5 * 4797.0, 10.0))
+    for result, many in ((whole, 0), (replace(whole, vehicle=heavy), 1)):
+        codes = [f.code for f in replay.case(result).findings]
+        assert codes.count("train-in-part") == many
 
 
 def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:

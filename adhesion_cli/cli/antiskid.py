@@ -14,7 +14,7 @@ from .options import Shared, completes, estimators, figure, loader, scenarios, s
 if TYPE_CHECKING:
     from ..scenario import Limit, Scenario
     from ..stop import Stop
-    from ..sweep import Row
+    from ..sweep import Beside, Row
     from ..unit import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
@@ -178,7 +178,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     )
     drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
     head += f"estimator {algo}; {drawn}"
-    verdict = "\n".join([head, _verdicts({law: a.values for law, a in found.items()})])
+    values = {law: a.values for law, a in found.items()}
+    verdict = "\n".join([head, _verdicts(values, {law: a.beside for law, a in found.items()})])
     origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
     made = [
         (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
@@ -244,6 +245,7 @@ _HEADER = [
     "slides [s]", "limited [s]",
 ]  # fmt: skip
 _DIGITS = (1, 3, 3, 3, 2, 0, 3, 1, 1)
+_BESIDE = ["patent less [m]", "shortest"]
 
 
 _Value = float | tuple[float, float, float] | None  # alone or with its interval
@@ -262,11 +264,18 @@ def _cells(values: "Mapping[str, _Value]") -> list[str]:
     return [_cell(x, d) for x, d in zip(values.values(), _DIGITS, strict=True)]
 
 
-def _verdicts(of: "Mapping[str, Mapping[str, _Value]]") -> str:
+def _beside(of: "Beside") -> list[str]:
+    return [_cell(of.patent_less_this_m, 1), f"{of.shortest:.0%}"]
+
+
+def _verdicts(
+    of: "Mapping[str, Mapping[str, _Value]]", beside: "Mapping[str, Beside] | None" = None
+) -> str:
     from .show import NARROW, table
 
-    cells = zip(*(_cells(v) for v in of.values()), strict=True)
-    rows = [[name, *row] for name, row in zip(_HEADER, cells, strict=True)]
+    header = [*_HEADER, *(_BESIDE if beside else [])]
+    columns = [_cells(v) + (_beside(beside[law]) if beside else []) for law, v in of.items()]
+    rows = [[name, *row] for name, row in zip(header, zip(*columns, strict=True), strict=True)]
     return table(["", *of], rows, width=NARROW)
 
 
@@ -283,9 +292,8 @@ def _rails(rows: "Sequence[Row]") -> str:
             r.rail,
             r.controller,
             *_cells(r.values),
-            _cell(r.patent_less_this_m, 1),
-            f"{r.shorter:.0%}",
+            *_beside(r.beside),
         ]
         for r in rows
     ]
-    return table(["rail", "controller", *_HEADER, "patent less [m]", "shortest"], body, left=2)
+    return table(["rail", "controller", *_HEADER, *_BESIDE], body, left=2)
