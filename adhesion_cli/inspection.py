@@ -7,9 +7,11 @@ from typing import Any
 
 from .document import channel_document, findings_document, iso
 from .errors import UserError
-from .model import Finding, Log
+from .model import Finding, Log, Severity
 from .read import align
-from .read.log import open_source, survey, without_empty
+from .read.log import needed, open_source, survey, without_empty
+from .read.meaning import name
+from .read.source import Source
 from .settings import Settings
 
 
@@ -36,7 +38,7 @@ def inspect(
         doc |= {"status": "error", "error": error.text, "hint": error.hint}
         return doc, error.code
     seen(log)
-    findings = list(dict.fromkeys((*log.findings, *_of_records(log, settings))))
+    findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
     worst = {f.severity for f in findings}
@@ -61,14 +63,17 @@ def inspect(
     return doc, 3 if worst - {"info"} else 0
 
 
-def _of_records(log: Log, settings: Settings) -> list[Finding]:
+def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
     """What only the channels together show, as a frozen speed; or why there is no record."""
-    meant = replace(log, channels=tuple(c for c in log.channels if c.meaning))
+    severity: Severity = "info"
     try:
-        full = without_empty(meant)
-    except UserError as error:  # all of what is needed is lost; the hint leads here
-        return [Finding("not-analysable", "warning", error.text)]
-    try:
-        return [*full.findings, *align.records(full, settings.vehicle)[1]]
+        chosen, findings = needed(source, settings.mappings)
+        taken = {(name(m.field), m.field.path, m.axle) for m in chosen}
+        meant = tuple(c for c in log.channels if (c.name, c.field, c.axle) in taken and c.meaning)
+        severity = "warning"  # where all of what is needed is lost
+        full = without_empty(replace(log, channels=meant))
+        severity = "info"
+        return [*findings, *full.findings, *align.records(full, settings.vehicle)[1]]
     except UserError as error:
-        return [Finding("not-analysable", "info", f"{error.text}; {error.hint}")]
+        remedy = [part for part in error.hint.split("; ") if "`adhesion inspect" not in part]
+        return [Finding("not-analysable", severity, "; ".join([error.text, *remedy]))]

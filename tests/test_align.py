@@ -175,6 +175,9 @@ def test_refusals_name_the_place_and_the_remedy() -> None:
         align.records(log(speed), Vehicle())
     with pytest.raises(UserError, match="no overlap in time"):
         align.records(log(channel("pressure", t + 1e4, p), speed), Vehicle())
+    apart = channel("pressure", t, p, 1), channel("wheel_speed", t, y, 2)
+    with pytest.raises(UserError, match=r"axle 1 has no wheel speed.*axle 2 has no pressure"):
+        align.records(log(*apart), Vehicle())
     with pytest.raises(UserError, match="1 usable"):
         align.records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
     with pytest.raises(UserError, match="no axle 7"):

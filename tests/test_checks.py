@@ -569,6 +569,18 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
     assert not checks.standing_pressure(pressure(dead, 10.0, 1000.0)).stuck.any()
 
 
+def test_a_pressure_is_saturated_or_stuck_but_not_both() -> None:
+    p = application(25.0, 1000.0, 1000.0)
+    cut, others = np.minimum(p, 2e5), [pressure(p, 25.0, 1000.0), pressure(0.95 * p, 25.0, 950.0)]
+    standing = checks.standing_pressure(pressure(cut, 25.0, 1000.0), others)
+    assert standing.saturated.sum() > 300
+    assert not standing.stuck.any()
+    kept = np.where(np.arange(len(p)) > 200, p[200], p)  # at full pressure when all others let go
+    standing = checks.standing_pressure(pressure(kept, 25.0, 1000.0), others)
+    assert standing.stuck[202:].all()
+    assert not standing.saturated.any()
+
+
 # --- sensors that are dead all along ------------------------------------------------------------
 
 MANY = ["four-axles", "low-adhesion", "slippery-stop"]

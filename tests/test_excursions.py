@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from adhesion_cli import analysis, settings
 from adhesion_cli.model import Bools, Channel, Column, Floats, Meaning
-from adhesion_cli.read import checks
+from adhesion_cli.read import checks, excursions
 from adhesion_cli.read.log import _step
 
 KMH = 1.0 / 3.6 / 0.42  # [rad/s]
@@ -164,6 +164,62 @@ def test_a_signal_that_is_no_wheels_is_left_alone() -> None:
     t = np.arange(0.0, 20.0, 0.01)
     y = np.random.default_rng(1).uniform(0.0, 400.0, len(t))
     assert not checks.speed_spikes(channel(t, y, "wheel_speed")).any()
+
+
+@pytest.mark.parametrize("density", [0.01, 0.1, 0.25, 0.35, 0.5, 0.6])
+@pytest.mark.parametrize("noise", [3e-3, 0.05])
+def test_drop_outs_are_found_however_many(density: float, noise: float) -> None:
+    random = np.random.default_rng(round(1000 * density))
+    t, y = drawn(50.0, lines((0, 60), (2, 60), (20, 30), (23, 30)), noise, 0.0)
+    dead = random.random(len(t)) < density
+    y[dead] = 0.0
+    # A row of zeros of 0.2 s may be a slide, one at the end a release.
+    assert (checks.speed_spikes(channel(t, y, "wheel_speed")) != dead).mean() < 0.03
+    t, p = drawn(50.0, lines((0, 0), (2, 0), (4, 3e5), (24, 3e5)), 1e5 * noise, 1000.0)
+    dead = (random.random(len(t)) < density) & (t > 5.0)
+    p[dead] = 0.0
+    assert (checks.pressure_spikes(channel(t, p, "pressure")) != dead).mean() < 0.03
+
+
+@pytest.mark.parametrize("every", [2, 3, 6])
+@pytest.mark.parametrize("first", [0, 1])
+def test_regular_drop_outs_are_found(every: int, first: int) -> None:
+    t, y = drawn(100.0, lines((0, 60), (20, 30)), 3e-3, 0.0)
+    y[first::every] = 0.0
+    found = checks.speed_spikes(channel(t, y, "wheel_speed"))
+    assert (found == (y == 0.0)).all()
+
+
+@pytest.mark.parametrize("sigma", [0.5, 2.0, 8.0])
+def test_noise_is_no_drop_out(sigma: float) -> None:
+    for rate in (5.0, 100.0, 1000.0):
+        t, y = drawn(rate, STOP, sigma, 0.0)
+        assert not excursions.of_wheel(channel(t, y, "wheel_speed")).any()
+
+
+def test_a_speed_whose_true_half_is_not_known_is_left_out_whole() -> None:
+    t, y = drawn(100.0, lines((0, 60), (20, 30)), 3e-3, 0.0)
+    half = np.random.default_rng(4).random(len(t)) < 0.5
+    (fault,) = checks.of_speed(channel(t, np.where(half, y / 2.0, y), "wheel_speed"))
+    assert fault.code == "speed-spike"
+    assert fault.where.all()
+
+
+@pytest.mark.parametrize("rate", [10.0, 200.0])
+def test_rows_of_two_devices_by_turns_are_told(rate: float) -> None:
+    t, y = drawn(rate, STOP, 3e-3, 0.0)
+    (fault,) = checks.of_speed(channel(t, y, "wheel_speed"))
+    assert fault.code == "speed-spike"
+    y[1::2] = 0.93 * y[1::2]
+    (fault,) = checks.of_speed(channel(t, y, "wheel_speed"))
+    assert fault.code == "interleaved"
+    assert fault.where.all()
+
+
+def test_a_sensor_is_not_accused_of_its_unit() -> None:
+    t, p = drawn(25.0, DUMPS, 1000.0, 0.0)
+    faults = checks.of_pressure(channel(t, 100.0 * (p - 500.0), "pressure"))  # kPa as bar
+    assert not any(f.where.any() for f in faults)
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ Window = tuple[float | None, float | None]  # seconds after the log's start, fro
 _REVERSE = 1.0  # wheel speed that no noise around standstill reaches [rad/s]
 _TOLD = 3.0  # sigma from zero is a train speed that is late
 _COUNTED = 0.75  # of an interval, a wheel speed by counted pulses is late itself
+_DEAD = ("interleaved", "speed-frozen", "speed-spike", "pressure-frozen", "pressure-spike")
 SHORTEST = 3  # samples: fewer give no derivative with an error
 
 
@@ -417,7 +418,12 @@ def _nothing(
             "seconds after the log's start",
             code=2,
         )
-    if dead := next((f for f in findings if f.code in ("speed-frozen", "pressure-frozen")), None):
+    if lacking := [f.message for f in findings if f.code == "axle-incomplete"]:
+        return UserError(
+            f"{log.path}: nothing to analyse: {'; '.join(lacking)}",
+            "state which channel is which axle's in [channels]",
+        )
+    if dead := next((f for f in findings if f.code in _DEAD), None):
         text, _, remedy = dead.message.rpartition("; ")
         return UserError(f"{log.path}: nothing to analyse: {dead.channel}: {text}", remedy)
     return UserError(

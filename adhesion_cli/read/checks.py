@@ -35,6 +35,14 @@ _JUMPS = (
     "jumps as no {} can, and comes back or never changes again: a spike, a drop-out or a dead "
     "sensor; left out; check the sensor and its wire"
 )
+_TURNS = (
+    "alternates from sample to sample between two: rows of two devices by turns, or a broken "
+    "sensor; all left out; state [channels] group, or another channel"
+)
+_TORN = (
+    "jumps to and fro as no {} can, and which of it is true is not known: a broken sensor, or rows "
+    "of two devices by turns; all left out; check the sensor, or state [channels] group"
+)
 
 
 class Fault(NamedTuple):
@@ -48,7 +56,15 @@ class Fault(NamedTuple):
 
 def of_speed(speed: Channel) -> list[Fault]:
     """What a wheel speed [rad/s] shows by itself."""
-    return [Fault("speed-spike", _JUMPS.format("wheel"), speed_spikes(speed), True)]
+    if excursions.by_turns(speed):
+        every = np.ones(len(speed.data.t), dtype=np.bool_)
+        return [Fault("interleaved", _TURNS, every, True)]
+    spikes = speed_spikes(speed)
+    return [Fault("speed-spike", _jumps("wheel", spikes), spikes, True)]
+
+
+def _jumps(body: str, spikes: Bools) -> str:
+    return (_TORN if spikes.all() else _JUMPS).format(body)
 
 
 def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
@@ -65,7 +81,7 @@ def of_train(train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
         if not (goes_on and _all_move(train, wheels, last, _SLIDES)):  # on a roller rig, too
             frozen[last:] = False
     return [
-        Fault("train-spike", _JUMPS.format("train"), spikes, True),
+        Fault("train-spike", _jumps("train", spikes), spikes, True),
         Fault(
             "train-frozen",
             "repeats one value, or zero, while every wheel says it must change: left out; check "
@@ -83,7 +99,7 @@ def _all_move(train: Channel, wheels: Sequence[Channel], first: int, share: floa
 
 def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
     """What a pressure [Pa] or K [N] shows by itself and beside the other axles'."""
-    below = pressure.data.value < _VACUUM
+    below = pressure.data.value < _VACUUM * max(excursions.scale(pressure), 1.0)
     spikes = pressure_spikes(pressure) & ~below
     stuck, saturated = standing_pressure(pressure, others)
     return [
@@ -97,9 +113,7 @@ def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault
             "pressure-impossible", "is far below zero: a broken sensor or wire; left out",
             below, True,
         ),
-        Fault(
-            "pressure-spike", _JUMPS.format("cylinder"), spikes, True,
-        ),
+        Fault("pressure-spike", _jumps("cylinder", spikes), spikes, True),
         Fault(
             "pressure-saturated",
             "stands at its highest value without its noise: the sensor's range ends there, the "
@@ -391,15 +405,16 @@ def standing_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Stan
     x = pressure.data.value
     runs = _runs(pressure)
     silent = _silent(pressure, runs)
-    flat = _flat_top(pressure, runs, silent)
+    below, above = _left_alone(pressure, runs, others)
+    alone = below | above
+    flat = _flat_top(pressure, runs, silent) & ~above
     saturated = _repeats(len(x), runs, flat)
-    alone = _left_alone(pressure, runs, others)
     if alone.any() and not np.ptp(x):
         return Standing(np.ones(len(x), dtype=np.bool_), saturated)
     silent &= ~flat
     if silent.any() and _cut_off(pressure, runs):
         silent[silent] = x[runs.first[silent]] > x.min()
-    return Standing(_repeats(len(x), runs, silent | alone), saturated)
+    return Standing(_repeats(len(x), runs, silent | alone & ~flat), saturated)
 
 
 def _flat_top(pressure: Channel, runs: _Runs, silent: Bools) -> Bools:
@@ -452,14 +467,14 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
 
 
 def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bools:
-    """Runs left behind by every other axle's pressure, for longer than a valve would; shape (k,).
+    """Runs below every other axle's pressure, and above, for longer than by a valve; shape (2, k).
 
     All below it: the brake is released, and no slide protection vents every other axle for that
     long (a single other one it may). Or all above it. One at full pressure while others are vented
     is no fault.
     """
     t, x = pressure.data.t, pressure.data.value
-    found = np.zeros(len(runs.first), dtype=np.bool_)
+    found = np.zeros((2, len(runs.first)), dtype=np.bool_)
     if not others:
         return found
     top = max(float(c.data.value.max()) for c in others)
@@ -481,6 +496,6 @@ def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bo
         above, below = beside > value + 0.3 * top, beside < value - 0.3 * top
         if len(others) == 1 or whole:
             below = (beside < 0.05 * top) & (value > 0.1 * top)
-        for apart in (above.all(axis=0), below.all(axis=0)):
-            found[i] |= any(seconds[b - 1] - seconds[a] >= lasts for a, b in true_runs(apart))
+        for side, apart in enumerate((above.all(axis=0), below.all(axis=0))):
+            found[side, i] = any(seconds[b - 1] - seconds[a] >= lasts for a, b in true_runs(apart))
     return found

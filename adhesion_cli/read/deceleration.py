@@ -12,11 +12,11 @@ import numpy as np
 from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
 from . import braking
+from .excursions import HIGHEST
 from .grid import FREE, LEAST, Scene, far, largest, lasting
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
-_HIGHEST = 12e5  # no brake cylinder has more [Pa]
 _HARDEST = 3.0  # no rail brakes a rolling wheel harder for long [m/s²]
 _STARTING = 1.5  # nor does a train start harder [m/s²]
 _CHANGES = 0.15  # deceleration by which a gradient changes between two brakes [m/s²]
@@ -50,7 +50,7 @@ def impossible(s: Scene) -> Iterator[Finding]:
             )
             yield s.told("unit-suspect", "warning", text, a.speed, fast, i)
     for i, (a, pressure) in enumerate(zip(s.axles, s.grid.pressure, strict=True)):
-        if (high := pressure > _HIGHEST).any():
+        if (high := pressure > HIGHEST).any():
             top = float(np.nanmax(pressure))
             likely = others(a.brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)  # noqa: B023
             text = (

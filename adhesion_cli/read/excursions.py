@@ -17,6 +17,10 @@ from . import timeaxis
 
 _BACK = 300  # pieces that may lie between two that belong together
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
+_ZERO = 0.3  # of the weight of other values: dead sensors read it
+_CLEAR = 0.65  # of the weight, zeros apart: with less, which part is the wheel's is not known
+_RETURNS = 0.8  # of the impossible steps: with less the signal goes its way, in another unit
+_TURNS = 20  # samples that may not alternate by chance
 STANDS = 0.3  # a signal that reads zero for this long may be at rest [s]
 
 
@@ -37,11 +41,24 @@ WHEEL = Limits(250.0, 150.0, 2.0, 5.0, np.inf)
 _CYLINDER = Limits(2e6, 5e6, 2e4, 2e4, 3.0)
 _TRAIN = Limits(10.0, 10.0, 1.0, 2.5, np.inf)
 _FULL = 5e5  # pressure of that cylinder [Pa]
+_APPLIED = 1e5  # a brake is, above this [Pa]
+HIGHEST = 12e5  # no brake cylinder has more [Pa]
 
 
 def of_wheel(speed: Channel) -> Bools:
     """Samples of a wheel speed [rad/s] that no wheel can reach and leave again, shape (n,)."""
     return _of(speed, WHEEL)
+
+
+def by_turns(c: Channel) -> bool:
+    """Whether every second sample is another signal's, all log long and neither zero."""
+    x = c.data.value
+    if len(x) < _TURNS or np.mean(x == 0.0) > 1.0 - _RETURNS:
+        return False
+    there, along = np.diff(x), np.abs(x[2:] - x[:-2])
+    returns = float(np.mean(there[1:] * there[:-1] < 0.0))
+    away = float(np.median(np.abs(there)))
+    return returns > _RETURNS and away > 4.0 * (float(np.median(along)) + c.step)
 
 
 def of_train(speed: Channel) -> Bools:
@@ -54,16 +71,27 @@ def of_cylinder(brake: Channel) -> Bools:
 
     None where more steps stay than return: it is no cylinder's, or a slow one's held.
     """
-    if brake.meaning == "pressure":
-        return _of(brake, _CYLINDER)
-    share = float(np.quantile(np.abs(brake.data.value), 0.99)) / _FULL
+    share = scale(brake)
     rise, fall, least, start, longest = _CYLINDER
     return _of(brake, Limits(share * rise, share * fall, share * least, share * start, longest))
 
 
+def scale(brake: Channel) -> float:
+    """By how much a brake's values are larger than that cylinder's.
+
+    Of a pressure 1, but in a unit in which no cylinder has it: its sensor is not accused of that.
+    """
+    x = brake.data.value
+    if brake.meaning != "pressure":
+        return float(np.quantile(np.abs(x), 0.99)) / _FULL
+    applied = x[x > _APPLIED]
+    usual = float(np.median(applied)) if len(applied) else 0.0
+    return usual / _FULL if usual > HIGHEST else 1.0
+
+
 def _of(c: Channel, limits: Limits) -> Bools:
     found = np.zeros(len(c.data.t), dtype=np.bool_)
-    noise = 8.0 * _sigma(c.data.value, c.step) + 6.0 * c.step
+    noise = by_noise(c, limits.least)
     limits = limits._replace(least=limits.least + noise, start=limits.start + noise)
     for piece in timeaxis.pieces(c.starts, len(found)):
         found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.step, limits)
@@ -91,13 +119,13 @@ class _Signal(NamedTuple):
 
 
 def _impossible(t: Times, x: Floats, step: float, limits: Limits) -> Bools:
-    """The samples that the kept ones exclude, shape (n,)."""
+    """The samples that the kept ones exclude, or all, shape (n,)."""
     found = np.zeros(len(x), dtype=np.bool_)
     change = np.diff(x)
     if len(x) < 5 or np.abs(change).max() <= limits.least:
         return found
     seconds = (t - t[0]) / 1e9
-    refresh = max(float(np.median(np.diff(seconds))), _held(seconds, x, step))
+    refresh = max(float(np.median(np.diff(seconds))), _held(seconds, x, step, limits))
     signal = _Signal(seconds, x, _rest(seconds, x, step), refresh, limits)
     at = np.arange(len(x) - 1)
     if signal.possible(at, at + 1).all():
@@ -108,9 +136,13 @@ def _impossible(t: Times, x: Floats, step: float, limits: Limits) -> Bools:
     past = np.append(cut, len(x))
     changes = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
     weight = changes[past - 1] - changes[first] + _REPEATED * (past - first)
+    shows = x[first] != 0.0
+    weight[~shows] *= _ZERO
     kept = _heaviest(signal, first, past - 1, weight)
-    if weight[kept].sum() < 0.5 * weight.sum():
-        return found  # no wheel, no cylinder at all: units, or another signal
+    if weight[kept & shows].sum() < _CLEAR * weight[shows].sum():
+        steps = np.sign(change[~signal.possible(at, at + 1)])
+        returns = np.mean(steps[1:] != steps[:-1]) if len(steps) > 1 else 0.0
+        return np.full(len(x), returns > _RETURNS)
     stays = 0
     for a, b in true_runs(~kept):
         inside = slice(first[a], past[b - 1])
@@ -151,23 +183,35 @@ def _rest(seconds: Floats, x: Floats, step: float) -> Bools:
     return zero
 
 
-def _sigma(x: Floats, step: float) -> float:
-    """1 sigma of the white noise beyond the rounding, by the median: excursions may be many."""
-    readings = x[np.diff(x, prepend=np.nan) != 0.0]
-    if len(readings) < 3:
-        return 0.0
-    bend = 1.4826 * float(np.median(np.abs(np.diff(readings, 2))))
-    return max(bend - 3.0 * step, 0.0) / math.sqrt(6.0)
+def by_noise(c: Channel, least: float) -> float:
+    """More than two samples differ by from white noise and rounding.
+
+    By the median bend of the samples that lie within it, beginning with `least`: noise brings in
+    more of itself each time, drop-outs stay outside however many they are.
+    """
+    x, sigma, before = c.data.value, 0.0, -1.0
+    bend = np.abs(np.diff(x[np.diff(x, prepend=np.nan) != 0.0], 2))
+    while sigma > 1.01 * before:
+        before = sigma
+        inside = bend[bend <= 2.0 * least + 10.0 * sigma + 6.0 * c.step]
+        if len(inside):
+            middle = 1.4826 * float(np.median(inside))
+            sigma = max(sigma, (middle - 3.0 * c.step) / math.sqrt(6.0))
+    return 8.0 * sigma + 6.0 * c.step
 
 
-def _held(seconds: Floats, x: Floats, step: float) -> float:
+def _held(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:
     """How long a signal that goes on changing one way holds each value [s]; 0 where unknown.
 
     More than its own rate where a slow signal stands in a fast table. Single steps of a rounded
-    signal do not show it, nor do excursions: they come back.
+    signal do not show it, nor do excursions: they come back. One that never goes on and may be a
+    brake's steps holds each for the least time between two.
     """
     change = np.diff(x)
     at = np.flatnonzero(np.abs(change) > 1.5 * step)
     on = np.sign(change[at][1:]) == np.sign(change[at][:-1])
-    every = np.diff(seconds[at + 1])[on]
-    return float(np.median(every)) if len(every) else 0.0
+    if on.any():
+        return float(np.median(np.diff(seconds[at + 1])[on]))
+    if limits.longest == np.inf:
+        return 0.0
+    return float(np.diff(seconds[np.flatnonzero(change)]).min(initial=limits.longest))

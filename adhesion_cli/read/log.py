@@ -66,6 +66,17 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
         UserError: where the log cannot be read, a unit that is needed cannot be known, or a
             channel has no usable sample.
     """
+    chosen, findings = needed(source, mappings)
+    log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
+    return without_empty(log)
+
+
+def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
+    """What an analysis takes of a log, each with its unit known, and what was found on the way.
+
+    Raises:
+        UserError: where a unit that is needed cannot be known.
+    """
     meant, findings = _understood(source, mappings)
     chosen = [m for m in meant if m.meaning]
     _refuse_repeated(chosen, source, {m.meaning for m in mappings})
@@ -78,8 +89,7 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
             findings.append(Finding("unit-unknown", "warning", text, title(m.field)))
         else:
             _unit_of(m, source.path)
-    log = _log(source, chosen, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, max_gap_ns))
-    return without_empty(log)
+    return chosen, findings
 
 
 def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meaning]) -> None:
