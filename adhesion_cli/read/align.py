@@ -418,14 +418,14 @@ def _nothing(
             "seconds after the log's start",
             code=2,
         )
+    if dead := next((f for f in findings if f.code in _DEAD), None):
+        text, _, remedy = dead.message.rpartition("; ")
+        return UserError(f"{log.path}: nothing to analyse: {dead.channel}: {text}", remedy)
     if lacking := [f.message for f in findings if f.code == "axle-incomplete"]:
         return UserError(
             f"{log.path}: nothing to analyse: {'; '.join(lacking)}",
             "state which channel is which axle's in [channels]",
         )
-    if dead := next((f for f in findings if f.code in _DEAD), None):
-        text, _, remedy = dead.message.rpartition("; ")
-        return UserError(f"{log.path}: nothing to analyse: {dead.channel}: {text}", remedy)
     return UserError(
         f"{log.path}: no overlap in time of wheel speed ({span(speeds)}) "
         f"and pressure ({span(brakes)})",
