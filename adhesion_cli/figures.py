@@ -7,11 +7,11 @@ import numpy as np
 
 from . import physics
 from .controller import APPLY, HOLD, VENT
-from .model import AxleResult, Result, Vehicle
+from .model import AxleResult, Floats, Result, Vehicle
 from .physics import G
 from .rail import Contact, creep_force
 from .railfit import RailFit
-from .slip import Slide, Summary
+from .slip import Summary
 from .slope import REGIONS, Bands
 from .stop import Stop
 from .write.svg import BLACK, COLOURS, GREY, Band, Line, Panel
@@ -52,9 +52,10 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
         for i, region in enumerate(REGIONS)
     ]
     spans, curves = [], []
-    if summary.rail:
-        most = float(np.nanmax(slip))
-        curves = list(_fitted(summary.rail, axle, summary.slides, vehicle, most))
+    if summary.rail and (v := record.train_speed) is not None:
+        speeds = np.concatenate([v[x.where] for x in summary.slides])
+        most = max(x.max_slip for x in summary.slides)
+        curves = list(_fitted(summary.rail, speeds, vehicle, most))
         if peak := summary.rail.peak_slip:
             spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, _ORANGE)]
     told = Line("slope dµ/ds", t, slope, BLACK)
@@ -67,14 +68,10 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
     ]  # fmt: skip
 
 
-def _fitted(
-    rail: RailFit, axle: AxleResult, slides: Sequence[Slide], vehicle: Vehicle, most: float
-) -> Iterator[Line]:
+def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Iterator[Line]:
     """The likeliest curve up to a slip, at the peak's speed and near the ends of the slides'."""
     patch = Contact().patch(vehicle.axle_mass.value * G)
     slip = np.geomspace(1e-4, most, 200)
-    assert axle.record.train_speed is not None
-    speeds = np.concatenate([axle.record.train_speed[x.where] for x in slides])
     low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
     for v, colour in ((rail.speed, BLACK), (low, GREY), (high, GREY)):
         mu = [creep_force(float(s) * v, v, rail.best, patch)[0] / patch.load for s in slip]

@@ -411,7 +411,11 @@ def test_the_command(tmp_path: Path) -> None:
     assert third["slides"] == []
     again = run(log.name, "--force", "--axle", "1", "-a", "leso", "--figure", "slip.svg")
     assert again.returncode == 0, again.stderr
-    assert again.stdout.endswith("wrote slip.svg\n")
+    assert again.stdout.endswith("wrote slip.svg\nwrote stop.slip.sha256\n")
+    listed = (tmp_path / "stop.slip.sha256").read_text().splitlines()[1:]
+    assert [line.split("  ")[1] for line in listed] == [
+        "stop.slip.mcap", "stop.slip.rrd", "slip.svg",
+    ]  # fmt: skip
     picture = (tmp_path / "slip.svg").read_text()
     low, high = (100.0 * x for x in first["peak_slip_ci"])
     assert all(text in picture for text in (*slope.REGIONS, "peak, 95 %", "axle 1: confidence"))

@@ -72,6 +72,36 @@ def test_sha256sum_reads_the_manifest(tmp_path: Path) -> None:
     subprocess.run(["sha256sum", "-c", "--strict", "a.adhesion.sha256"], cwd=tmp_path, check=True)
 
 
+def test_a_set_may_lie_in_two_folders(folder: Path) -> None:
+    (folder / "results").mkdir()
+    (folder / "pictures").mkdir()
+    (folder / "link").symlink_to("pictures")
+    paths = [*pair(folder / "results"), folder / "link" / "a.svg"]
+    places = [p for p in folder.rglob("*") if p.is_dir()]
+
+    def fail() -> None:
+        with files.outputs(paths, False) as temporary:
+            for path in temporary:
+                path.write_text("half")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
+    assert all(names(place) == set() for place in places)
+    write(paths, "new")
+    subprocess.run(
+        ["sha256sum", "-c", "--strict", "a.adhesion.sha256"], cwd=folder / "results", check=True
+    )
+    assert "  ../pictures/a.svg\n" in (folder / "results" / "a.adhesion.sha256").read_text()
+    paths[0].unlink()
+    with pytest.raises(UserError, match="exists already"):
+        write(paths, "newer")
+    assert paths[2].read_text() == "new"
+    write(paths, "newer", force=True)
+    assert {p.read_text() for p in paths} == {"newer"}
+    assert names(folder / "pictures") == {"a.svg"}
+
+
 def test_single_file_needs_no_manifest(folder: Path) -> None:
     write([folder / "a.csv"], "new")
     assert names(folder) == {"a.csv"}

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from . import results
-from .options import Shared, completes, estimators, figure, loader, scenarios, shared, targets
+from .options import (
+    Shared,
+    completes,
+    draw,
+    estimators,
+    loader,
+    pictures,
+    scenarios,
+    shared,
+    targets,
+)
 
 if TYPE_CHECKING:
     from ..scenario import Limit, Scenario
@@ -115,10 +125,12 @@ def command(
         rows = sweep(case, seeds, algo, settings, tell)
         document = sweep_document(case.name, seeds, algo, made_with, rows)
         title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
-        with figure(shared, [Path(scenario)], title, lambda: of_sweep(rows)) as drawn:
-            pass
-        text = "\n".join([_rails(rows), *map(show.wrote, drawn.values())])
-        print(dumps({**document, "outputs": drawn}) if shared.json else text)
+        for picture in pictures(shared):
+            with files.outputs([picture], shared.force, inputs=[Path(scenario)]) as (place,):
+                draw(place, title, of_sweep(rows))
+        text = "\n".join([_rails(rows), *map(show.wrote, pictures(shared))])
+        document["outputs"] = results.named(pictures(shared))
+        print(dumps(document) if shared.json else text)
         return 0
 
     paths = _paths(shared, case.name)
@@ -222,17 +234,17 @@ def _write(
 
     weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
     drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
-    with (
-        figure(shared, [source], title, lambda: of_stops(all_stops, weight, drawn)) as picture,
-        files.outputs(paths, shared.force, inputs=[source]) as (recording, *records),
-    ):
-        for record, (stop, carried) in zip(records, stops, strict=True):
+    every = [*paths, *pictures(shared)]
+    with files.outputs(every, shared.force, inputs=[source]) as (recording, *places):
+        for record, (stop, carried) in zip(places, stops, strict=False):
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, text)
+        for place in places[len(stops) :]:
+            draw(place, title, of_stops(all_stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
-    outputs = dict(zip(kinds, map(str, paths), strict=True)) | picture
+    outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
     whole = {**document, "outputs": outputs}
-    told = "\n".join([text, show.wrote(*paths), *map(show.wrote, picture.values())])
+    told = "\n".join([text, show.wrote(*every)])
     print(dumps(whole) if shared.json else told)
     if shared.view:
         from .view import show_recording

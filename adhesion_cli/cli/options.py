@@ -167,7 +167,7 @@ def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
         from ..errors import UserError
 
         raise UserError(f"{shared.figure}: the picture is SVG", "--figure FILE.svg", code=2)
-    return [*paths, *(x for x in (shared.rejects, shared.figure) if x)]
+    return [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
 
 
 @contextmanager
@@ -191,27 +191,17 @@ def rejects(shared: Shared, logs: "Iterable[Log]", inputs: Sequence[Path]) -> It
     show.message(f"wrote {shared.rejects}: {count} rows and cells left out", shared.quiet)
 
 
-@contextmanager
-def figure(
-    shared: Shared, inputs: Sequence[Path], title: str, panels: "Callable[[], Sequence[Panel]]"
-) -> "Iterator[dict[str, str]]":
-    """Draws the panels, if asked for; the file appears after what is written within.
+def pictures(shared: Shared) -> list[Path]:
+    """The picture, if asked for."""
+    return [shared.figure] if shared.figure else []
 
-    Yields:
-        The picture as an output, by format.
 
-    Raises:
-        UserError: where it cannot be written.
-    """
-    if shared.figure is None:
-        yield {}
-        return
+def draw(place: Path, title: str, panels: "Sequence[Panel]") -> None:
+    """Writes the picture of `--figure`."""
     from ..text import printable
-    from ..write import files, svg
+    from ..write import svg
 
-    with files.outputs([shared.figure], shared.force, inputs=inputs) as (place,):
-        svg.write(place, printable(title), panels(), columns=3)
-        yield {"svg": str(shared.figure)}
+    svg.write(place, printable(title), panels, columns=3)
 
 
 def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:

@@ -1,11 +1,11 @@
 """What commands that analyse logs share: all are analysed, then everything is written."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import Shared, checked, rejects, targets
+from .options import Shared, checked, pictures, rejects, targets
 
 if TYPE_CHECKING:
     from ..model import Finding, Result
@@ -25,9 +25,9 @@ def pair(shared: Shared, log: Path, kind: str) -> Pair:
     return folder / f"{stem(log)}.{kind}.mcap", folder / f"{stem(log)}.{kind}.rrd"
 
 
-def named(files: Pair) -> dict[str, str]:
-    """The outputs as the JSON names them."""
-    return {"mcap": str(files[0]), "rrd": str(files[1])}
+def named(files: Sequence[Path]) -> dict[str, str]:
+    """The outputs as the JSON names them: by format."""
+    return {file.suffix.removeprefix(".").lower(): str(file) for file in files}
 
 
 def analysed(
@@ -57,14 +57,16 @@ def analysed(
 def write(
     shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair],
     slips: "Sequence[tuple[str, Sequence[str]]]" = (),
+    draw: "Callable[[Path], None]" = lambda _: None,
 ) -> None:  # fmt: skip
-    """Writes both files of each result; none gets its name before all are written.
+    """Writes both files of each result, and a picture; none gets its name before all are written.
 
     Args:
         shared: whether existing ones are replaced, and where to what was left out goes.
         results: of the logs.
         pairs: the files of each.
         slips: the document on each log's slip, and a note on that of each axle.
+        draw: of the one log there is with `--figure`, to the place given.
     """
     from .. import estimator
     from ..write import files, mcap, rrd
@@ -73,10 +75,14 @@ def write(
     with ExitStack() as stack:
         stack.enter_context(rejects(shared, (r.log for r in results), inputs))
         for i, (result, of) in enumerate(zip(results, pairs, strict=True)):
-            record, picture = stack.enter_context(files.outputs(of, shared.force, inputs=inputs))
+            record, recording, *drawn = stack.enter_context(
+                files.outputs([*of, *pictures(shared)], shared.force, inputs=inputs)
+            )
             slip, notes = slips[i] if slips else (None, ())
             mcap.write_result(record, result, embedded([result]), slip)
-            rrd.write_result(picture, result, list(estimator.registry()), notes)
+            rrd.write_result(recording, result, list(estimator.registry()), notes)
+            for place in drawn:
+                draw(place)
 
 
 def embedded(results: "Sequence[Result]") -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import results
-from .options import EVERY, Logs, Shared, figure, shared
+from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
     from ..railfit import RailFit
@@ -46,18 +46,18 @@ def command(logs: Logs, shared: Shared) -> int:
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.settings["bands"])
-    with figure(shared, logs, title, lambda: of_slip(first, summaries[0], bands)) as drawn:
-        results.write(shared, analysed, pairs, slips)
+    results.write(
+        shared, analysed, pairs, slips,
+        lambda place: draw(place, title, of_slip(first, summaries[0], bands)),
+    )  # fmt: skip
     if shared.json:
-        outputs = [results.named(pair) | drawn for pair in pairs]
+        outputs = [results.named([*pair, *pictures(shared)]) for pair in pairs]
         print(dumps(slip_document([r.log for r in analysed], summaries, findings, outputs)))
     else:
         for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
             print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
-            print(show.wrote(*pair))
+            print(show.wrote(*pair, *pictures(shared)))
             show.message(show.findings(told), shared.quiet or not told)
-        if drawn:
-            print(show.wrote(*drawn.values()))
     return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 

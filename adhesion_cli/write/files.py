@@ -4,6 +4,9 @@ What is written has no name until everything is written, checked and on the disk
 are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere they are hidden files
 beside the target, removed at the end of the run unless it was killed.
 
+A file of a set may lie in another folder; the manifest stands in the record's and names it from
+there.
+
 Several files cannot get their names in one stroke. The first of a set is the record, the others are
 made from it. When a set replaces an older one, the old manifest and the old others go first, then
 the record is replaced in one stroke, then the new others appear, the manifest last:
@@ -94,7 +97,7 @@ def outputs(
     With several files a manifest of their SHA-256 is written beside them.
 
     Args:
-        paths: final names, in one folder; the first is the record the others are made from.
+        paths: final names; the first is the record the others are made from.
         force: whether existing results may be replaced.
         inputs: what the run reads, which must survive.
         record: the first of the set, where it is there already and `paths` is made from it anew.
@@ -107,20 +110,20 @@ def outputs(
     """
     kept = [record] if record else []
     check(paths, force, inputs=[*inputs, *kept])
-    folder = paths[0].parent
+    folders = list(dict.fromkeys(path.parent for path in paths))
     try:
         with ExitStack() as stack:
-            files = [stack.enter_context(_Unnamed(folder)) for _ in paths]
+            files = [stack.enter_context(_Unnamed(path.parent)) for path in paths]
             yield [f.path for f in files]
             targets = list(paths)
             if len(paths) + len(kept) > 1:
                 text = _manifest([*kept, *paths], [*kept, *(f.path for f in files)])
                 targets.append(manifest(paths[0]))
-                files.append(stack.enter_context(_Unnamed(folder)))
+                files.append(stack.enter_context(_Unnamed(folders[0])))
                 files[-1].path.write_text(text, "utf-8", "surrogateescape")
             for file in files:
                 os.fsync(file.descriptor)
-            with _locked(folder):
+            with _locked(folders):
                 if not force:
                     _refuse_existing(paths)  # another run was faster
                 _remove_manifest(paths[0])
@@ -131,8 +134,9 @@ def outputs(
                 for path, file in zip(targets, files, strict=True):
                     file.publish(path)
     except OSError as error:
+        places = ", ".join(map(_shown, folders))
         raise UserError(
-            f"{_shown(folder)}: cannot write the results ({error.strerror or error})",
+            f"{places}: cannot write the results ({error.strerror or error})",
             "free space there, or write to another folder",
         ) from error
 
@@ -187,19 +191,24 @@ class _Unnamed:
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other runs from publishing into the folder meanwhile; then bring the names to disk."""
+def _locked(folders: Sequence[Path]) -> Iterator[None]:
+    """Keep other runs from publishing into the folders meanwhile; then bring the names to disk.
+
+    Every run locks them in the same order, each once: none waits for one that waits for it.
+    """
     if fcntl is None:
         yield
         return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+    with ExitStack() as stack:
+        descriptors = []
+        for folder in sorted({x.resolve() for x in folders}):
+            descriptors.append(os.open(folder, os.O_RDONLY | os.O_CLOEXEC))
+            stack.callback(os.close, descriptors[-1])
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(descriptors[-1], fcntl.LOCK_EX)
         yield
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        for descriptor in descriptors:
+            os.fsync(descriptor)
 
 
 def belong_together(paths: Sequence[Path]) -> bool:
@@ -218,7 +227,9 @@ def manifest(path: Path) -> Path:
 
 
 def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> str:
-    return _OURS + "".join(_line(p.name, w) for p, w in zip(paths, written, strict=True))
+    here = paths[0].parent.resolve()
+    names = (os.path.relpath(p.parent.resolve() / p.name, here) for p in paths)
+    return _OURS + "".join(map(_line, names, written))
 
 
 def _line(name: str, place: Path) -> str:
