@@ -21,7 +21,7 @@ from . import physics, slope
 from .controller import registry
 from .errors import UserError
 from .estimator import check_step
-from .model import Floats, Vehicle, Wheelset
+from .model import Floats, Vehicle
 from .physics import clamping
 from .plant import (
     Demand,
@@ -41,7 +41,7 @@ from .rail import Patch
 from .scenario import Limit, Rail, Scenario, Section
 from .slope import region
 from .stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
-from .unit import Constants, Settings, bands, choose, judged_slip, speed_of_axles, start, tick
+from .unit import Constants, Settings, bands, choose, slip_of, start, tick
 
 DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
@@ -81,16 +81,18 @@ class _Past(NamedTuple):
 class _Trace(NamedTuple):
     """Columns of `Stop`, a row per tick."""
 
-    train_speed: Floats  # shape (ticks,), as the next three
+    train_speed: Floats  # shape (ticks,), as the next four
     distance: Floats
     demand: Floats
     measured_train_speed: Floats
+    train_speed_doubt: Floats
     rim_speed: Floats  # shape (ticks, axles), as the others
     pressure: Floats
     measured_wheel_speed: Floats
     measured_pressure: Floats
     measured_clamping_force: Floats
     measured_slip: Floats
+    judged_slip: Floats
     estimate: Floats
     slope: Floats
     confidence: Floats
@@ -105,7 +107,6 @@ class _World(NamedTuple):
     track: Track
     demand: Demand
     wheels: Wheels
-    wheelset: Wheelset
     unit: _Unit
     noise: _Noise
     past: _Past
@@ -160,8 +161,7 @@ def _measure(world: _World, j: int) -> None:
         trace.measured_pressure[j, i] = past.p[row, i] + noise.pressure[j, i]
         K[i] = clamping(world.plant.brake, trace.measured_pressure[j, i])
     if not unit.measured:
-        before = trace.measured_train_speed[j - 1] if j > 0 else math.nan
-        v = speed_of_axles(world.wheelset, before, unit.every * world.dt, y, K)
+        v = math.nan
     elif v > 0.0:
         v = max(v + noise.train_speed[j], 0.0)
     trace.measured_train_speed[j] = v
@@ -193,15 +193,16 @@ def _march(
         if not train.v > 0.0:
             return -j if math.isnan(train.v) else j
         if j == 0:
-            axles = start(c, trace.measured_train_speed[0], y[0], K[0])
+            known, axles = start(c, trace.measured_train_speed[0], y[0], K[0])
         else:
-            axles = tick(c, axles, h, trace.measured_train_speed[j], y[j], K[j])
+            known, axles = tick(c, known, axles, h, trace.measured_train_speed[j], y[j], K[j])
+        trace.measured_train_speed[j], trace.train_speed_doubt[j] = known.v, known.doubt
         for i in range(len(axles)):
-            s = judged_slip(c.wheelset, trace.measured_train_speed[j], y[j, i])
-            k = axles[i].slope
-            trace.measured_slip[j, i], trace.estimate[j, i] = s, axles[i].estimator.F
+            k, judged = axles[i].slope, axles[i].controller.judged
+            trace.measured_slip[j, i] = slip_of(c.wheelset, known.v, y[j, i])
+            trace.judged_slip[j, i], trace.estimate[j, i] = judged, axles[i].estimator.F
             trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
-            trace.region[j, i] = region(s, k.slope, bands)
+            trace.region[j, i] = region(judged, k.slope, bands)
             trace.valve[j, i] = axles[i].controller.valve
     return len(trace.demand)
 
@@ -291,13 +292,13 @@ def run(
             )
         )
     )  # fmt: skip
-    columns = [np.empty(size) for size in (ticks,) * 4 + (shape,) * 9]
+    columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
     train, wheels = rolling(scenario.train.speed, axles)
     unit = _Unit(every, delay, dead, known.train_speed == "measured")
     past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
     c = chosen.constants
-    world = _World(plant, track, demand, wheels, c.wheelset, unit, noise, past, trace, dt)
+    world = _World(plant, track, demand, wheels, unit, noise, past, trace, dt)
     drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
     done = march(drive, world, train, c, bands(settings))

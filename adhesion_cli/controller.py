@@ -1,7 +1,7 @@
 """What a controller of a brake cylinder's valves is, and which ones there are.
 
 A controller is a method (`methods` says what its file holds) in `controllers/`, one per axle. Its
-`State` ends with `valve`, the command, and it has
+`State` ends with `judged`, the slip that it went by, and `valve`, the command, and it has
 
 - `init(p, o) -> State`, at the first tick;
 - `step(p, s, h, o) -> State`, one tick later: `h` is the interval since the last [s], `o` what is
@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 from . import methods
 from .methods import About, Kind, Method
 
-APPLY, HOLD, VENT = 0, 1, 2  # both valves at rest; hold valve; hold and vent valve
+APPLY, HOLD, VENT = 0, 1, 2  # both valves at rest; hold valve; hold and vent valve: ever less air
 
 
 class Observed(NamedTuple):
@@ -21,10 +21,12 @@ class Observed(NamedTuple):
 
     rim_speed: float  # ωR, measured [m/s]
     slip: float  # s [-], over a floor of the speed
+    slip_doubt: float  # by which s may be another, as the train's speed may [-]
     slip_rate: float  # ds/dt that estimated and braking force make, (1) in (2) [1/s]
     coefficient: float  # μ̂ = F̂/(m g) [-]
     slope: float  # k = dμ/ds [-], NaN where not observable
     confidence: float  # in the slope: 0 not observable, 1 certain
+    at_least: int  # valve that the unit asks for, to see its train's speed: `APPLY` for nothing
 
 
 class Drives(Protocol):
@@ -34,7 +36,10 @@ class Drives(Protocol):
         """Energises them or not; both at rest is the brake's own pressure."""
 
 
-KIND = Kind("controllers", "a controller", About, "valve", "the command", "controller")
+KIND = Kind(
+    "controllers", "a controller", About, ("judged", "valve"),
+    "the slip it went by and the command", "controller",
+)  # fmt: skip
 
 
 def registry() -> dict[str, Method]:

@@ -55,7 +55,7 @@ class Estimator(Method):
     longest_step: Callable[[Any], float]
 
 
-KIND = Kind("estimators", "an estimator", About, "F", "the estimate [N]", "estimator")
+KIND = Kind("estimators", "an estimator", About, ("F",), "the estimate [N]", "estimator")
 
 
 def registry(*extra_folders: Path) -> dict[str, Estimator]:

@@ -54,8 +54,8 @@ class Kind(NamedTuple):
     folder: str  # in the package
     called: str  # "an estimator"
     about: type[About]  # what `ABOUT` is
-    answer: str  # last field of State
-    meaning: str  # of it
+    answer: tuple[str, ...]  # last fields of State
+    meaning: str  # of them
     module: str  # that says what a file must hold
 
     @property
@@ -145,8 +145,8 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
     if not isinstance(about, kind.about):
         text = f"{path}: ABOUT must be a `{kind.about.__module__}.{kind.about.__name__}`"
         raise UserError(text, kind.remedy)
-    if S._fields[-1] != kind.answer:
-        text = f"{path}: the last field of State must be {kind.answer}, {kind.meaning}"
+    if S._fields[-len(kind.answer) :] != kind.answer:
+        text = f"{path}: State must end with {', '.join(kind.answer)}: {kind.meaning}"
         raise UserError(text, kind.remedy)
     known = quantities(P)
     for name in P._fields:

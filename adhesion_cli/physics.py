@@ -90,7 +90,7 @@ def reference_speed(before: float, fastest: float, braking: float, h: float) -> 
     Args:
         before: the same at the step before [m/s].
         fastest: largest rim speed of all axles [m/s].
-        braking: what `braked` gives of the axles' clamping force [m/s²].
+        braking: deceleration by the axles' brakes, from `braked`, or by their forces [m/s²].
         h: interval [s].
     """
     slowest = before - (HARDER * braking + GRADIENT) * h

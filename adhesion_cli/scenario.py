@@ -143,7 +143,7 @@ class Antiskid:
     """Sensors and valves of an anti-skid unit; ours, illustrative.
 
     Attributes:
-        train_speed: `measured`, as by a radar, or made of the `axles` (`physics.reference_speed`).
+        train_speed: `measured`, as by a radar, or made of the `axles` (`trainspeed`).
     """
 
     train_speed: Literal["measured", "axles"] = "measured"

@@ -32,15 +32,17 @@ class Stop:
     peak_slip: Floats  # and the slip at which it does
     slip: Floats  # true slip, NaN below `JUDGED_FROM`
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
-    measured_train_speed: Floats  # what the unit had of its sensors
+    measured_train_speed: Floats  # what the unit had of its sensors, or made of its axles
+    train_speed_doubt: Floats  # `trainspeed.Known.doubt`
     measured_wheel_speed: Floats  # [rad/s]
     measured_pressure: Floats
     measured_clamping_force: Floats  # K of that pressure
-    measured_slip: Floats  # `unit.judged_slip`; the patent's law judges it a time ahead
+    measured_slip: Floats  # `unit.slip_of`
+    judged_slip: Floats  # that the controller went by: the patent's law judges it a time ahead
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable
     confidence: Floats
-    region: NDArray[np.int8]  # index into `slope.REGIONS`, of slip and slope as measured
+    region: NDArray[np.int8]  # index into `slope.REGIONS`, of judged slip and slope
     air: float  # taken in by all cylinders [normal litres]
 
     def sliding(self) -> NDArray[np.int8]:

@@ -24,10 +24,11 @@ from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
 from .methods import Method, bound, validated
 from .model import Floats, Vehicle, Wheelset
-from .physics import G, braked, reference_speed, slip_over
+from .physics import G, slip_over
 from .slope import init as slope_init
 from .slope import step as slope_step
 from .stop import JUDGED_FROM
+from .trainspeed import NONE, Known, Witness, asks_pilot, further, pilots_valve, watched
 
 SPEED_NOISE = 0.02  # of v − ωR where nothing else is stated, a radar's [m/s]
 Settings = Mapping[str, Mapping[str, float]]
@@ -64,6 +65,7 @@ class Axle(NamedTuple):
 
     estimator: Any
     slope: slope.State
+    witness: Witness
     controller: Any  # its `valve` is the command
 
 
@@ -86,90 +88,99 @@ class Chosen(NamedTuple):
 # --- one tick: plain Python that compiles ---------------------------------------------------------
 
 
-def judged_slip(w: Wheelset, v: float, y: float) -> float:
+def slip_of(w: Wheelset, v: float, y: float) -> float:
     """Slip [-] over a speed of at least `JUDGED_FROM`: there is one until v = 0 [S6]."""
     s: float = slip_over(v, y * w.radius, JUDGED_FROM)
     return s
 
 
 def observed(
-    w: Wheelset, v: float, y: float, K: float, F: float, slowing: float, k: slope.State
-) -> Observed:
+    w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
+    at_least: int,
+) -> Observed:  # fmt: skip
     """What the controller is told. Source: [S1].
 
     ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
 
     Args:
         w: the wheelset.
-        v: train speed [m/s].
+        train: what is known of it.
         y: wheel speed [rad/s].
         K: clamping force [N].
         F: estimated adhesion force [N].
         slowing: deceleration of the train that the estimated forces of its axles make [m/s²].
         k: slope at the operating point.
+        at_least: valve that the unit asks for.
     """
-    s = judged_slip(w, v, y)
+    s = slip_of(w, train.v, y)
     rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
     if y <= 0.0 and rate > 0.0:
         rate = 0.0  # the wheel stands
-    mu = F / (w.mass * G)
-    return Observed(y * w.radius, s, rate / max(v, JUDGED_FROM), mu, k.slope, k.confidence)
+    v, mu = max(train.v, JUDGED_FROM), F / (w.mass * G)
+    return Observed(y * w.radius, s, train.doubt / v, rate / v, mu, k.slope, k.confidence, at_least)
 
 
-def start(c: Constants, v: float, y: Values, K: Values) -> list[Axle]:
-    """State of every axle at the first tick; arguments as of `tick`."""
-    w, k, total = c.wheelset, slope_init(c.slope, 0.0, 0.0), 0.0
+def start(c: Constants, v: float, y: Values, K: Values) -> tuple[Known, list[Axle]]:
+    """The train and the state of every axle at the first tick; arguments as of `tick`."""
+    w, k, total, fastest = c.wheelset, slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
     estimates = []
     for i in range(len(y)):
         estimates.append(estimate_init(c.estimator, w, K[i], y[i]))
         total += estimates[i].F
+        fastest = max(fastest, y[i] * w.radius)
     slowing = total / (len(y) * w.mass)  # (1)
+    train = Known(fastest if v != v else v, 0.0, NONE)
     axles = []
     for i in range(len(y)):
-        o = observed(w, v, y[i], K[i], estimates[i].F, slowing, k)
-        axles.append(Axle(estimates[i], k, control_init(c.controller, o)))
-    return axles
+        o = observed(w, train, y[i], K[i], estimates[i].F, slowing, k, APPLY)
+        axles.append(Axle(estimates[i], k, Witness(0.0, 0.0), control_init(c.controller, o)))
+    return train, axles
 
 
-def tick(c: Constants, before: list[Axle], h: float, v: float, y: Values, K: Values) -> list[Axle]:
-    """State of every axle one tick later.
+def tick(
+    c: Constants, train: Known, before: list[Axle], h: float, v: float, y: Values, K: Values
+) -> tuple[Known, list[Axle]]:
+    """The train and the state of every axle one tick later.
 
     Args:
         c: constants.
+        train: at the tick before.
         before: state of every axle at the tick before.
         h: interval since then [s].
-        v: train speed [m/s].
+        v: train speed [m/s]; NaN where it is not measured.
         y: wheel speeds [rad/s], shape (axles,).
         K: clamping forces [N], shape (axles,).
     """
-    w, total = c.wheelset, 0.0
+    w, total, fastest, rolls = c.wheelset, 0.0, 0.0, False
     estimates = []
     for i in range(len(y)):
         estimates.append(estimate_step(c.estimator, w, before[i].estimator, h, K[i], y[i]))
         total += estimates[i].F
-    slowing = total / (len(y) * w.mass)  # (1)
-    axles, noise = [], c.speed_noise / max(v, JUDGED_FROM)
-    for i in range(len(y)):
-        F = estimates[i].F
-        s, mu = judged_slip(w, v, y[i]), F / (w.mass * G)  # [S1]
-        k = slope_step(c.slope, before[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
-        o = observed(w, v, y[i], K[i], F, slowing, k)
-        axles.append(Axle(estimates[i], k, control_step(c.controller, before[i].controller, h, o)))
-    return axles  # [S4] [S5]: what the controller decides
-
-
-def speed_of_axles(w: Wheelset, before: float, h: float, y: Values, K: Values) -> float:
-    """Train speed [m/s] for a unit that measures none: `physics.reference_speed` of its axles.
-
-    `before` is the same at the tick before, NaN at the first; the others are as of `tick`.
-    """
-    fastest, braking = 0.0, 0.0
-    for i in range(len(y)):
         fastest = max(fastest, y[i] * w.radius)
-        braking += braked(K[i], w)
-    if before != before:  # NaN
-        return fastest
-    return reference_speed(before, fastest, braking / len(y), h)
+        rolls = rolls or before[i].witness.given == 0.0
+    slowing = total / (len(y) * w.mass)  # (1)
+    train = further(train, rolls, fastest, slowing, h) if v != v else Known(v, 0.0, NONE)
+    witnesses, pilot = [], 0
+    for i in range(len(y)):
+        F, rim, was = estimates[i].F, y[i] * w.radius, before[i].witness
+        x = watched(w, was, train.v, slowing, rim, K[i], F, before[i].controller.valve, h)
+        if train.doubt > 0.0 and x.given == 0.0:
+            train = Known(fastest, 0.0, NONE)  # a wheel shows the train's speed again
+        witnesses.append(x)
+        if y[i] > y[pilot]:
+            pilot = i
+    if asks_pilot(train):
+        train = Known(train.v, train.doubt, pilot)
+    axles, noise = [], c.speed_noise / max(train.v, JUDGED_FROM)
+    for i in range(len(y)):
+        F, x = estimates[i].F, witnesses[i]
+        s, mu = slip_of(w, train.v, y[i]), F / (w.mass * G)  # [S1]
+        k = slope_step(c.slope, before[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
+        at_least = pilots_valve(w, x, K[i]) if i == train.pilot else APPLY
+        o = observed(w, train, y[i], K[i], F, slowing, k, at_least)
+        law = control_step(c.controller, before[i].controller, h, o)  # [S4] [S5]
+        axles.append(Axle(estimates[i], k, x, law))
+    return train, axles
 
 
 # --- around it ------------------------------------------------------------------------------------
@@ -234,9 +245,8 @@ def online(
     """
     first, then = (bound(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
-    axles: list[Axle] = []
+    train, axles = Known(math.nan, 0.0, NONE), list[Axle]()
     before: float = -math.inf
-    v = math.nan
     with ExitStack() as rest:
         for drive in drives:
             rest.callback(drive.set, False, False)
@@ -251,11 +261,11 @@ def online(
                 text = f"at {t} ns: not after the sample before"
                 raise UserError(text, "samples in order of time")
             if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
-                v = speed_of_axles(c.wheelset, v, h, y, K) if measured is None else measured
-                axles = then(c, axles, h, v, y, K) if axles else first(c, v, y, K)
+                v = math.nan if measured is None else measured
+                train, axles = then(c, train, axles, h, v, y, K) if axles else first(c, v, y, K)
                 valves = [axle.controller.valve for axle in axles]
             else:
-                v, axles, valves = math.nan, [], [APPLY] * len(y)
+                axles, valves = [], [APPLY] * len(y)
             for drive, valve in zip(drives, valves, strict=bool(drives)):
                 drive.set(valve != APPLY, valve == VENT)
             yield valves

@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 from adhesion_cli import scenario, sweep, unit
+from adhesion_cli.antiskid import ESTIMATOR
 from adhesion_cli.errors import UserError
 from adhesion_cli.stop import Verdict
 
@@ -58,7 +59,7 @@ def settings(x: Point) -> dict[str, dict[str, float]]:
 
 
 def shipped(law: str) -> Point:
-    known = unit.parameters([law], "kalman", {})
+    known = unit.parameters([law], ESTIMATOR, {})
     return {name: known[name.split(".")[0]][name.split(".")[1]] for name in SPACES[law]}
 
 

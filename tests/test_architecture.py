@@ -18,7 +18,7 @@ LAYERS = [
     {"model", "text", "toml"},
     {"physics", "methods", "stop"},
     {"estimator", "controller", "signals"},
-    {"estimators", "compiled", "rail", "slope"},
+    {"estimators", "compiled", "rail", "slope", "trainspeed"},
     {"runout", "smoother", "controllers", "railfit"},
     {"reference"},
     {"metrics", "read", "write"},

@@ -539,7 +539,7 @@ def test_a_sixth_estimator_is_one_file(tmp_path):
         (("def step", "def stop"), "lacks step"),
         (("class Params", "clas Params"), "SyntaxError"),
         (("from typing", "from typong"), "ModuleNotFoundError"),
-        (("    F: float", "    G: float"), "last field of State"),
+        (("    F: float", "    G: float"), "State must end with F"),
         (('Annotated[float, Quantity("-", "factor on the result", 0.0, 2.0)]', "float"), "gain"),
         ((" = 1.0\n", "\n"), "gain"),
     ],

@@ -11,19 +11,20 @@ class Params(NamedTuple):
 
 
 class State(NamedTuple):
-    """Valve command."""
+    """Slip, and valve command."""
 
+    judged: float
     valve: int
 
 
 def init(p: Params, o: Observed) -> State:
     """Both valves at rest."""
-    return State(APPLY)
+    return State(o.slip, APPLY)
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """Nothing changes."""
-    return State(APPLY)
+    return State(o.slip, APPLY)
 
 
 ABOUT = About("No wheel slide protection", "the brake as it is")

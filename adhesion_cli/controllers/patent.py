@@ -4,6 +4,7 @@
 that time, and the estimated force says at once where the wheel is going (1); nothing is
 differentiated.
 [S4] True where slip is in its band **and** slope in its band, see `slope.region`.
+Where the train speed is doubtful, so is slip: it is taken for as much as it may be.
 [S5] True: hold. False: move the point along the curve; beyond the bands vent, below them apply.
 [S6] At every tick until the train stands.
 
@@ -38,31 +39,29 @@ class Params(NamedTuple):
 
 
 class State(NamedTuple):
-    """Clock and valve command."""
+    """Clock, judged slip and valve command."""
 
     blind: float  # so long without a slope, since the last probe [s]
+    judged: float  # slip that the AND-test had [-]
     valve: int
 
 
 def init(p: Params, o: Observed) -> State:
     """Both valves at rest."""
-    return State(0.0, APPLY)
+    return State(0.0, o.slip, APPLY)
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """One tick on."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    where = region(o.slip + p.horizon * o.slip_rate, o.slope, bands)  # [S4]
-    if where == 3:  # beyond
-        return State(0.0, VENT)  # [S5]
-    if where == 1:  # below
-        return State(0.0, APPLY)  # [S5]
-    if where == 2:  # optimal
-        return State(0.0, HOLD)
-    blind = s.blind + h
-    if blind < p.patience:
-        return State(blind, HOLD)
-    return State(blind if blind < p.patience + p.probe else 0.0, APPLY)
+    judged = o.slip + o.slip_doubt + p.horizon * o.slip_rate
+    where = region(judged, o.slope, bands)  # [S4]
+    blind = s.blind + h if where == 0 else 0.0  # unknown
+    looks = where == 0 and blind >= p.patience  # for the slope
+    valve = VENT if where == 3 else APPLY if where == 1 or looks else HOLD  # [S5]
+    if blind >= p.patience + p.probe:
+        blind = 0.0
+    return State(blind, judged, max(valve, o.at_least))
 
 
 ABOUT = About(

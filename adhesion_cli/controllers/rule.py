@@ -43,12 +43,13 @@ class State(NamedTuple):
     venting: float  # so long [s]
     cycle: float  # place in a cycle of pulse and pause [s]; below 0: after the watchdog
     sliding: float  # 1 from the first vent until pressure has long been back
+    judged: float  # slip [-]
     valve: int
 
 
 def init(p: Params, o: Observed) -> State:
     """Both valves at rest."""
-    return State(o.rim_speed, 0.0, 0.0, 0.0, 0.0, APPLY)
+    return State(o.rim_speed, 0.0, 0.0, 0.0, 0.0, o.slip, APPLY)
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
@@ -71,8 +72,9 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
         if cycle > p.pulse + p.pause:
             cycle = 0.0
         valve = APPLY if cycle < p.pulse or sliding == 0.0 else HOLD
+    valve = max(valve, o.at_least)
     venting = s.venting + h if valve == VENT else 0.0
-    return State(o.rim_speed, acceleration, venting, cycle, sliding, valve)
+    return State(o.rim_speed, acceleration, venting, cycle, sliding, o.slip, valve)
 
 
 ABOUT = About(

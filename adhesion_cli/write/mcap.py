@@ -297,8 +297,8 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
         tail=stop.region[:, i].astype(np.int64),
     )  # fmt: skip
     for name, unit, values in (
-        ("valve", "-", stop.valve), ("peak/force", "N", stop.peak),
-        ("peak/slip", "-", stop.peak_slip),
+        ("valve", "-", stop.valve), ("judged_slip", "-", stop.judged_slip),
+        ("peak/force", "N", stop.peak), ("peak/slip", "-", stop.peak_slip),
     ):  # fmt: skip
         column = values[:, i].astype(np.float64)
         yield _scalar(f"{topic}/{name}", unit, Column(stop.t, column, np.isfinite(column)))

@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from ...model import Floats, Times
-from ...slope import REGIONS, Bands
+from ...slope import REGIONS
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
@@ -166,13 +166,13 @@ def send_states(
     return len(at)
 
 
-def send_slope_band(
-    rec: rr.RecordingStream, path: str, times: Clock, t: Times, bands: Bands
+def send_band(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, low: float, high: float
 ) -> int:
-    """Sends the edges of the slope's band, from the first time to the last; returns its rows."""
+    """Sends the edges of a band of [S4], from the first time to the last; returns its rows."""
     colour, ends = REGION_STATES[2][1], np.ones(2)
-    edges = [("least", colour, bands.slope_low * ends), ("most", colour, bands.slope_high * ends)]
-    return send_plot(rec, f"{path}/slope/band", times, t[[0, -1]], lines("", edges, 1.0))
+    edges = [("least", colour, low * ends), ("most", colour, high * ends)]
+    return send_plot(rec, f"{path}/band", times, t[[0, -1]], lines("", edges, 1.0))
 
 
 # ---- views

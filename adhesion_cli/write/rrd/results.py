@@ -38,8 +38,8 @@ from .parts import (
     Plot,
     chart,
     lines,
+    send_band,
     send_plot,
-    send_slope_band,
     send_states,
     slope_charts,
     span_of,
@@ -223,8 +223,8 @@ class _Page:
         rows = send_curve(rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands)
         if axle.slope is not None and self.bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
-                of = f"{root}/axle/{axle.record.axle}"
-                rows += send_slope_band(rec, of, self._times, axle.record.t, self.bands)
+                of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
+                rows += send_band(rec, of, self._times, axle.record.t, b.slope_low, b.slope_high)
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:

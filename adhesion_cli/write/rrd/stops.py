@@ -28,12 +28,14 @@ from .parts import (
     WHEELS,
     chart,
     lines,
+    send_band,
     send_plot,
-    send_slope_band,
     send_states,
     slope_charts,
     states_view,
 )
+
+_SLIPS = (-10.0, 50.0)  # drawn: what is judged ahead may be far more [%]
 
 
 def write_stops(
@@ -92,10 +94,14 @@ class _Stops:
             ("true", TRUTH, stop.force[:, i]),
             (f"estimated ({stop.algo})", CLAMPING, stop.estimate[:, i]),
         ]
+        slips = [
+            ("measured", WHEEL, 100.0 * stop.measured_slip[:, i]),
+            ("judged", CLAMPING, 100.0 * stop.judged_slip[:, i]),
+        ]
         rows = 0
         for plot in (
             lines("speed", speeds), lines("pressure", pressures), lines("force", forces),
-            lines("slope", [("slope dµ/ds", SLOPE, stop.slope[:, i])]),
+            lines("judged", slips), lines("slope", [("slope dµ/ds", SLOPE, stop.slope[:, i])]),
             lines("confidence", [("confidence", REFERENCE, stop.confidence[:, i])]),
         ):  # fmt: skip
             rows += send_plot(rec, f"{path}/{plot.name}", _since_start, stop.t, plot)
@@ -110,7 +116,11 @@ class _Stops:
 
         bands = self.bands.get(stop.controller)
         if bands:
-            rows += send_slope_band(rec, path, _since_start, stop.t, bands)
+            for name, low, high in (
+                ("judged", 100.0 * bands.slip_low, 100.0 * bands.slip_high),
+                ("slope", bands.slope_low, bands.slope_high),
+            ):
+                rows += send_band(rec, f"{path}/{name}", _since_start, stop.t, low, high)
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
         peak = stop.peak_slip[:, i], stop.peak[:, i] / self.weight
         return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak)
@@ -140,12 +150,13 @@ class _Stops:
             wheel.append(rrb.Vertical(*views, row_shares=[2.5, 2.5, 2.5, 4.0]))
             views = [
                 chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
+                chart(f"{path}/judged", f"{who}: slip as judged [%]", _SLIPS, legend="RightTop"),
                 *slope_charts(path, who, stop.slope[:, axle - 1]),
             ]
-            judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 1.0]))
+            judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 2.0, 1.0]))
         return rrb.Tabs(
             rrb.Horizontal(*wheel, name="Wheel, valves, slip"),
-            rrb.Horizontal(*judged, name="Force, slope"), name=f"Axle {axle}",
+            rrb.Horizontal(*judged, name="Force, slip, slope"), name=f"Axle {axle}",
         )  # fmt: skip
 
 
