@@ -33,7 +33,7 @@ _DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown w
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
 _NATS = 3.0  # of a likelihood that knows no error alike from sample to sample count as one
-_NEVER = 1e-3  # less likely, it is not
+_NEVER, _LIKELY = 1e-3, 0.8  # less likely, it is not; and more so, it is taken for it
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
@@ -239,10 +239,10 @@ def _half_late(
 def _mixed(
     one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: float
 ) -> tuple[Floats, Floats]:
-    """Mean and 1 sigma of either, the other one so likely."""
-    mean = (1.0 - share) * one[0] + share * other[0]
-    variances = [sigma**2 + (x - mean) ** 2 for x, sigma in (one, other)]
-    return mean, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
+    """The first one, the other where that is clearly likelier; 1 sigma about it of either."""
+    chosen = other[0] if share > _LIKELY else one[0]
+    variances = [sigma**2 + (x - chosen) ** 2 for x, sigma in (one, other)]
+    return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
 
 
 def _rolling(
