@@ -31,6 +31,7 @@ from .words import (
     time_unit,
 )
 
+NAIVE, ZONED = -1, -2  # in place of a power of ten: stamps without a zone, or with one
 TIME_UNITS = (*NS_PER_UNIT, "iso", "dmy", "mdy", "excel", "matlab")
 
 _S = 1_000_000_000
@@ -122,8 +123,11 @@ class Clock:
 
     @property
     def power(self) -> int | None:
-        """Of ten, by which the column's decimals are ns; None where it is no such number."""
-        return None if self.pattern else {"s": 9, "ms": 6, "us": 3, "ns": 0}.get(self.unit)
+        """Of ten, by which the column's decimals are ns, or what ISO stamps it holds; else None."""
+        if self.pattern:
+            (kind, *_) = self.types
+            return (ZONED if kind.tz else NAIVE) if pa.types.is_timestamp(kind) else None
+        return {"s": 9, "ms": 6, "us": 3, "ns": 0}.get(self.unit)
 
     def is_exact(self, array: Any) -> bool:
         """Whether a block of the clock's column, read as float64, keeps nanoseconds."""

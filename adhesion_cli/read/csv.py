@@ -1,7 +1,7 @@
 """Delimited text logs, parsed in blocks of whole lines, every line accounted for.
 
 `sniff` decides the dialect and `clock` the time; here the wanted columns are read with explicit
-types by pyarrow, blocks of plain numbers in a long log by `plain`, and what cannot be read is
+types by pyarrow, plain numbers in a long log by `plain`, and what cannot be read is
 counted and located. A block is what is in memory beside the wanted columns.
 """
 
@@ -395,8 +395,9 @@ class _Scan:
             if above:
                 self.rejects.add(np.array([row[:2] for row in above]), "another table")
         many = self.expected * self.dialect.width > _MANY
-        if many and not self.keys and self.clock.power is not None:
-            self.tries = _TRIES
+        power = self.clock.power
+        if many and not self.keys and power is not None:
+            self.tries = _TRIES if power >= 0 or self.dialect.delimiter != " " else 0
         room = self.expected + self.expected // 16
         whole = [_T, _GROUP] if self.keys else [_T]
         self.columns = {i: np.empty(room, np.int64) for i in whole}
@@ -512,7 +513,7 @@ class _Scan:
         return _Part(block, rows, arrays, timed, states, wrong, blank, inside)
 
     def _plain(self, block: Block, at: int) -> _Part | None:
-        """The same of a block of plain numbers only, quicker; None where it is none."""
+        """The same of a block of plain numbers, but for a few cells; None where it is none."""
         if block.quotes or not self.tries:
             return None
         from . import plain
@@ -527,13 +528,20 @@ class _Scan:
             return None
         self.tries = min(self.tries + 1, _TRIES)
         rows = slice(at, at + block.lines)
-        self.columns[_T][rows], values = found
+        self.columns[_T][rows] = found.times
         states = {}
-        for i, value in zip(self.indices, values, strict=True):
+        for k, i in enumerate(self.indices):
+            value = found.values[k]
+            state = np.isnan(value).view(np.int8)
+            odd = found.odd[found.odd[:, 0] == k, 1:]
+            if len(odd):
+                cells = [block.data[a:b].decode("utf-8", "replace") for _, a, b in odd.tolist()]
+                value[odd[:, 0]], state[odd[:, 0]] = checked_floats(
+                    pa.array(cells), self.dialect.decimal
+                )
             self.columns[i][rows] = value
-            missing = np.isnan(value)
-            if missing.any():
-                states[i] = missing.view(np.int8)
+            if state.any():
+                states[i] = state
         return _Part(block, rows, {}, np.ones(block.lines, np.bool_), states, [], 0, 0)
 
     def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
