@@ -32,11 +32,11 @@ from mcap.records import (
     Statistics,
     SummaryOffset,
 )
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from ..errors import UserError
 
+_MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 _DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
 _END = struct.Struct("<BQQQI8s")  # footer record and closing magic
 
@@ -60,7 +60,7 @@ class Container:
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
-        self._append(MCAP0_MAGIC)
+        self._append(_MAGIC)
         self._append(_record(Header(profile, library)))
 
     def define(self, schemas: Collection[Schema], channels: Collection[Channel]) -> None:
@@ -157,7 +157,7 @@ class Container:
         footer = Footer(start, start + len(summary), 0)
         summary += _record(*offsets)
         footer.summary_crc = zlib.crc32(summary + _record(footer)[:-4])
-        self._append(summary + _record(footer) + MCAP0_MAGIC)
+        self._append(summary + _record(footer) + _MAGIC)
 
     def _append(self, data: bytes) -> tuple[int, int]:
         """Writes; returns where it went, as (offset, length)."""
@@ -237,7 +237,7 @@ def verify(path: Path) -> None:
             opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
         except struct.error:
             raise _damaged("it is too short") from None
-        if (opcode, magic) != (Opcode.FOOTER, MCAP0_MAGIC):
+        if (opcode, magic) != (Opcode.FOOTER, _MAGIC):
             raise _damaged("it has no end")
         data = summary_start - _DATA_END.size  # bytes of the data section before its last record
         if not 0 <= data <= size:
