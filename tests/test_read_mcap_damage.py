@@ -262,6 +262,21 @@ def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
         assert [m.name for m in reader.iter_metadata()] == ["m5", "m35"]
 
 
+def test_a_chunk_behind_damage_that_is_refused_is_met_once(tmp_path: Path) -> None:
+    """It is whole, but defines the channel differently, and nothing whole is behind it."""
+    path = tmp_path / "log.mcap"
+    one, other, last = (
+        chunk([Channel(1, topic, "json", {}, 0), message(1, START + n, b'{"x": 1}')])[0]
+        for n, topic in enumerate(["/c", "/d", "/c"])
+    )
+    junk = bytes(20)
+    path.write_bytes(MAGIC + record(Header("", "")) + one + junk + other + junk + last + junk)
+    source = open_mcap(path, ReadOptions())
+    assert source.rows == 2
+    (finding,) = [f for f in source.findings if f.code == "mcap-damaged"]
+    assert finding.count == 4  # three gaps and the chunk
+
+
 CHUNKED = [kind for kind in SMALL if kind != "unchunked"]
 
 

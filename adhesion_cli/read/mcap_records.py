@@ -215,6 +215,7 @@ class Walk:
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
         self._all_checked = False  # by the CRC of the data section
+        self._sought = len(MAGIC)  # how far chunks behind damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, dict[str, int], dict[int, int]] | None = None
         with self._opened() as self._file:
@@ -386,8 +387,8 @@ class Walk:
         return start if self._file.crc(start, footer + HEADER.size + 16) == crc else 0
 
     def _next_chunk(self) -> int:
-        """Where the first whole chunk behind the last whole block begins; 0 where there is none."""
-        at = max((block.end for block in self.blocks), default=len(MAGIC))
+        """Where the first whole chunk that was not met begins; 0 where there is none."""
+        at = max([self._sought, *(block.end for block in self.blocks)])
         while (size := min(_PIECE, self._file.size - at)) > _CHUNK_LEAST:
             window = np.frombuffer(self._file.read(at, size), np.uint8)
             found = np.flatnonzero(window[:-_CHUNK_LEAST] == Opcode.CHUNK)
@@ -402,6 +403,7 @@ class Walk:
                     self._records(block)
                 except DamageError:
                     continue
+                self._sought = block.end  # even if what it says is refused then
                 return block.at
             at += size - _CHUNK_LEAST
         return 0
