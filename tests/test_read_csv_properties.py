@@ -180,6 +180,30 @@ def test_blocks_join_without_a_seam(tmp_path, monkeypatch, quotes):
     assert results[1:] == results[:1] * 2
 
 
+def test_a_line_with_nul_before_the_header_is_told(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("Vehicle\0: X\nt [s],p\n" + "".join(f"{k},1\n" for k in range(9)))
+    source = open_csv(path, ReadOptions())
+    assert len(source.columns(source.fields)[0].t) == source.rows == 9
+    (found,) = [f for f in source.findings if f.severity != "info"]
+    assert (found.code, found.count) == ("csv-rows-skipped", 1)
+    assert "before the header" in found.message
+
+
+def test_a_ragged_row_that_is_no_utf_8_is_counted_in_silence(tmp_path, monkeypatch):
+    path = tmp_path / "log.csv"
+    rows = [b"%d,1\n" % k for k in range(900)]
+    rows[800] = b"800,1,\xff\n"
+    path.write_bytes(b"t [s],p\n" + b"".join(rows))
+    monkeypatch.setattr("adhesion_cli.read.lines.HEAD_BYTES", 1000)
+    ignored = []
+    monkeypatch.setattr("sys.unraisablehook", ignored.append)
+    source = open_csv(path, ReadOptions())
+    source.columns(source.fields)
+    assert source.lines == {"header": 1, "used": 899, "too many cells": 1}
+    assert not ignored
+
+
 CELLS = st.one_of(
     st.sampled_from(
         ["", "-", "+1", "1.", ".5", ".", "-.5", "-0.0", "00.10", "1e3", " 1", "1 ", "nan", "1,5",
@@ -247,7 +271,7 @@ def test_plain_numbers_are_read_as_the_general_parser_reads_them(
 @given(
     odd=st.one_of(
         st.tuples(STAMPS, st.just("1.5"), st.just("2")),
-        st.tuples(st.just(""), CELLS, CELLS),
+        st.tuples(st.none(), CELLS, CELLS),
     ),
     gap=st.sampled_from("T "),
     zone=st.sampled_from(["", "Z", "+02:00", "-05:30"]),
@@ -257,7 +281,7 @@ def test_so_are_stamps_and_cells_among_them(tmp_path_factory, odd, gap, zone, bl
     start = datetime.datetime(2024, 2, 28, 23, 59, 58)
     stamps = [start + datetime.timedelta(milliseconds=125 * k) for k in range(60)]
     texts = [stamp.isoformat(gap) + zone for stamp in stamps]
-    texts[30] = odd[0] or texts[30]
+    texts[30] = texts[30] if odd[0] is None else odd[0]
     rows = [f"{text},{k % 7}.25,-{k}" for k, text in enumerate(texts)]
     rows[30] = ",".join((texts[30], *odd[1:]))
     one, other = read_by_both(tmp_path_factory, ["timestamp,p,v", *rows], block)
@@ -308,10 +332,11 @@ DAY = "2026-01-02T"
 
 @pytest.mark.parametrize(
     ("stamp", "good"),
-    [("2024-02-29 23:59:59.5", "2"), ("2026-02-29T00:00:00", ""), ("1900-02-29T00:00:00", ""),
+    [("2024-02-29 23:59:59.5", "naive"), ("2026-02-29T00:00:00", ""), ("1900-02-29T00:00:00", ""),
      ("2000-02-29T00:00:00Z", "Z"), ("2026-04-31T00:00:00", ""), (f"{DAY}10:00:00Z", "Z"),
      (f"{DAY}24:00:00", ""), (f"{DAY}10:60:00", ""), (f"{DAY}10:00:60", ""), (f"{DAY}10:00", ""),
-     (f"{DAY}10:00:00-05:30", "Z"), (f"{DAY}10:00:00.1234567891", ""), (f"{DAY}10:00:00.", "")],
+     ("", ""), (f"{DAY}10:00:00-05:30", "Z"), (f"{DAY}10:00:00.1234567891", ""),
+     (f"{DAY}10:00:00.", "")],
 )  # fmt: skip
 def test_stamps_are_taken_with_a_zone_or_without(stamp, good):
     for power, zone in ((NAIVE, ""), (ZONED, "Z")):

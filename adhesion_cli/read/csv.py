@@ -262,10 +262,7 @@ class CsvSource:
     def _report_rows(self, scan: "_Scan") -> None:
         skipped = {c: scan.lines[c] for c in _SKIPPED if scan.lines[c]}
         if skipped:
-            parts = [
-                f"{n} {_SKIPPED[c]} (first in line {scan.first[c][0]}: {_shown(scan.first[c][1])})"
-                for c, n in skipped.items()
-            ]
+            parts = [f"{n} {_SKIPPED[c]} ({scan.where(c)})" for c, n in skipped.items()]
             self._report(
                 "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
                 sum(skipped.values()),
@@ -424,6 +421,13 @@ class _Scan:
         final = {i: column[: self.used] for i, column in self.columns.items()}
         return final[_T], final.get(_GROUP, np.empty(0, np.int64)), final
 
+    def where(self, kind: str) -> str:
+        """Where lines of a kind that is skipped begin, and how the first one reads."""
+        if kind not in self.first:
+            return "before the header"
+        line, text = self.first[kind]
+        return f"first in line {line}: {_shown(text)}"
+
     def _parts(self, source: Lines) -> Iterator[_Part]:
         """The blocks parsed, in order, as many at once as there are processors.
 
@@ -466,6 +470,9 @@ class _Scan:
         if part := self._plain(block, at):
             return part
         blank = inside = 0
+        if not block.data.isascii():  # the parser tells no wrong row that is not UTF-8
+            block.data = block.data[: block.size].decode("utf-8", "replace").encode()
+            block.size = len(block.data)
         if block.quotes:
             feeds, ends = block.ends()
             inside = len(feeds) - len(ends)
@@ -595,11 +602,6 @@ class _Scan:
             return  # another block has done so already
         if i in self.types and len(self.types[i]) > 1:
             self.types[i] = self.types[i][1:]
-            return
-        text = block.data[: block.size]
-        clean = text.decode("utf-8", "replace").encode()
-        if clean != text:
-            block.data, block.size = clean, len(clean)
             return
         raise UserError(
             f"{self.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",

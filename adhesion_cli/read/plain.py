@@ -99,6 +99,8 @@ def _parse(
                     at += one
             elif slot == _TIME and power < 0:
                 at, times[row] = _stamp(data, at, power == ZONED, parts, integer_powers)
+                if at == start:
+                    return -1
             else:
                 negative = data[at] == 45
                 if negative:
