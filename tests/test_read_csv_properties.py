@@ -299,6 +299,14 @@ def test_plain_numbers_are_parsed_in_one_pass(delimiter):
     assert np.signbit(values[1, 2])
 
 
+def test_so_are_cells_with_their_unit_among_plain_ones(tmp_path_factory, monkeypatch):
+    monkeypatch.setattr("adhesion_cli.read.lines.HEAD_BYTES", 200)
+    rows = [f"{k / 8},{k}{' bar' if k < 30 or k % 50 == 0 else ''},-{k}" for k in range(600)]
+    one, other = read_by_both(tmp_path_factory, ["t [s],p,v", *rows], 1000)
+    assert one == other
+    assert np.frombuffer(one[0][1]).tolist() == list(range(600))
+
+
 def parsed(row, power, time="1"):
     lines = [f"{time},2,3"] * 40
     lines[20] = row

@@ -544,7 +544,7 @@ class _Scan:
             if len(odd):
                 cells = [block.data[a:b].decode("utf-8", "replace") for _, a, b in odd.tolist()]
                 value[odd[:, 0]], state[odd[:, 0]] = checked_floats(
-                    pa.array(cells), self.dialect.decimal
+                    pa.array(cells), self.dialect.decimal, self.units.get(i, "")
                 )
             self.columns[i][rows] = value
             if state.any():
