@@ -145,14 +145,19 @@ def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
     made = prepared(folder, command, *under, "STRIKE_NTH=0")
     writes = log.stat().st_size
     assert writes >= len(made)
-    before = {p.name: p.read_bytes() for p in folder.iterdir()}
-    for nth in range(writes, 0, writes // -most):  # the last one is the manifest's
+    struck = 0
+    for nth in range(writes, 0, writes // -most):
         log.unlink()
+        before = {p.name: p.read_bytes() for p in folder.iterdir()}
         done = ran(folder, command, *under, f"STRIKE_NTH={nth}")
-        assert log.stat().st_size >= nth, "the fault never struck"
+        if log.stat().st_size < nth:  # a recording comes through a pipe, in more writes or fewer
+            assert done.returncode in (0, 3), done.stderr
+            continue
+        struck += 1
         assert done.returncode == 1, (error, nth)
         assert f"cannot write the results ({os.strerror(number)})" in done.stderr, (error, nth)
         assert {p.name: p.read_bytes() for p in folder.iterdir()} == before, (error, nth)
+    assert struck
 
 
 def test_a_failing_write_leaves_the_old_results(tmp_path: Path) -> None:
