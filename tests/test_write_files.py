@@ -132,6 +132,33 @@ def test_nothing_is_left_of_a_failed_run(folder: Path, error: type[BaseException
     assert {p.read_text() for p in pair(folder)} == {"old"}
 
 
+@pytest.mark.parametrize("nth", range(7))
+def test_of_several_sets_all_appear_or_none(
+    folder: Path, nth: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that fails as the nth of their six files is brought to it."""
+    calls = iter(range(100))
+    fsync = os.fsync
+
+    def failing(descriptor: int) -> None:
+        if next(calls) == nth:
+            raise OSError(28, "No space left on device")
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", failing)
+    pairs = [pair(folder), [folder / "b.adhesion.mcap", folder / "b.adhesion.rrd"]]
+
+    def run() -> None:
+        with files.sets(pairs, False) as places:
+            for place in (place for of in places for place in of):
+                place.write_text("new")
+
+    with pytest.raises(UserError, match="No space left"):
+        run()
+    whole = {f"{x}.adhesion.{kind}" for x in "ab" for kind in ("mcap", "rrd", "sha256")}
+    assert names(folder) == (set() if nth < 6 else whole)  # the 7th is the folder's own
+
+
 def test_existing_results_need_force(folder: Path) -> None:
     write(pair(folder)[:1], "old")
     with pytest.raises(UserError) as caught:

@@ -1,7 +1,6 @@
 """What commands that analyse logs share: all are analysed, then everything is written."""
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,12 +71,13 @@ def write(
     from ..write import files, mcap, rrd
 
     inputs = [Path(result.log.path) for result in results]
-    with ExitStack() as stack:
-        stack.enter_context(rejects(shared, (r.log for r in results), inputs))
-        for i, (result, of) in enumerate(zip(results, pairs, strict=True)):
-            record, recording, *drawn = stack.enter_context(
-                files.outputs([*of, *pictures(shared)], shared.force, inputs=inputs)
-            )
+    sets = [[*of, *pictures(shared)] for of in pairs]
+    with (
+        rejects(shared, (r.log for r in results), inputs),
+        files.sets(sets, shared.force, inputs=inputs) as places,
+    ):
+        for i, (result, of) in enumerate(zip(results, places, strict=True)):
+            record, recording, *drawn = of
             slip, notes = slips[i] if slips else (None, ())
             mcap.write_result(record, result, embedded([result]), slip)
             rrd.write_result(recording, result, list(estimator.registry()), notes)

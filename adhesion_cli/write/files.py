@@ -108,37 +108,75 @@ def outputs(
     Raises:
         UserError: as `check`, or the disk is full, fails or refuses.
     """
+    with sets([paths], force, inputs=inputs, record=record) as (places,):
+        yield places
+
+
+@contextmanager
+def sets(
+    of: Sequence[Sequence[Path]],
+    force: bool,
+    *,
+    inputs: Sequence[Path] = (),
+    record: Path | None = None,
+) -> Iterator[list[list[Path]]]:
+    """Several sets of `outputs`: none appears before all of them are written and on the disk.
+
+    Args:
+        of: the paths of each set.
+        force: as of `outputs`, and so are the others.
+        inputs: of all.
+        record: of every set.
+
+    Yields:
+        The paths to write to, of each set.
+
+    Raises:
+        UserError: as `outputs`.
+    """
     kept = [record] if record else []
-    check(paths, force, inputs=[*inputs, *kept])
-    folders = list(dict.fromkeys(path.parent for path in paths))
+    every = [path for paths in of for path in paths]
+    check(every, force, inputs=[*inputs, *kept])
+    folders = list(dict.fromkeys(path.parent for path in every))
     try:
         with ExitStack() as stack:
-            files = [stack.enter_context(_Unnamed(path.parent)) for path in paths]
-            yield [f.path for f in files]
-            targets = list(paths)
-            if len(paths) + len(kept) > 1:
-                text = _manifest([*kept, *paths], [*kept, *(f.path for f in files)])
-                targets.append(manifest(paths[0]))
-                files.append(stack.enter_context(_Unnamed(folders[0])))
-                files[-1].path.write_text(text, "utf-8", "surrogateescape")
-            for file in files:
-                os.fsync(file.descriptor)
+
+            def unnamed(folder: Path) -> _Unnamed:
+                return stack.enter_context(_Unnamed(folder))
+
+            written = [[unnamed(path.parent) for path in paths] for paths in of]
+            yield [[file.path for file in files] for files in written]
+            targets = [list(paths) for paths in of]
+            for names, files in zip(targets, written, strict=True):
+                if len(names) + len(kept) > 1:
+                    text = _manifest([*kept, *names], [*kept, *(f.path for f in files)])
+                    names.append(manifest(names[0]))
+                    files.append(unnamed(names[0].parent))
+                    files[-1].path.write_text(text, "utf-8", "surrogateescape")
+                for file in files:
+                    os.fsync(file.descriptor)
             with _locked(folders):
                 if not force:
-                    _refuse_existing(paths)  # another run was faster
-                _remove_manifest(paths[0])
-                if not force:
-                    _refuse_existing(targets)  # somebody else's manifest
-                for path in targets[:0:-1]:
-                    path.unlink(missing_ok=True)
-                for path, file in zip(targets, files, strict=True):
-                    file.publish(path)
+                    _refuse_existing(every)  # another run was faster
+                for names, files in zip(targets, written, strict=True):
+                    _publish(names, files, force)
     except OSError as error:
         places = ", ".join(map(_shown, folders))
         raise UserError(
             f"{places}: cannot write the results ({error.strerror or error})",
             "free space there, or write to another folder",
         ) from error
+
+
+def _publish(targets: Sequence[Path], files: "Sequence[_Unnamed]", force: bool) -> None:
+    """Give a set its names, in the order in which a run that is killed leaves no mixture."""
+    _remove_manifest(targets[0])
+    if not force:
+        _refuse_existing(targets)  # somebody else's manifest
+    for path in targets[:0:-1]:
+        path.unlink(missing_ok=True)
+    for path, file in zip(targets, files, strict=True):
+        file.publish(path)
 
 
 class _Unnamed:
