@@ -41,7 +41,7 @@ from .rail import Patch
 from .scenario import Limit, Rail, Scenario, Section
 from .slope import region
 from .stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
-from .unit import Constants, Settings, bands, choose, slip_of, start, tick
+from .unit import Constants, Settings, bands, choose, slip_of, start, stated, tick
 
 DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
@@ -193,13 +193,14 @@ def _march(
         if not train.v > 0.0:
             return -j if math.isnan(train.v) else j
         if j == 0:
-            known, axles = start(c, trace.measured_train_speed[0], y[0], K[0])
+            wheels = stated(c, y.shape[1])
+            known, axles = start(c, wheels, trace.measured_train_speed[0], y[0], K[0])
         else:
             known, axles = tick(c, known, axles, h, trace.measured_train_speed[j], y[j], K[j])
         trace.measured_train_speed[j], trace.train_speed_doubt[j] = known.v, known.doubt
         for i in range(len(axles)):
             k, judged = axles[i].slope, axles[i].controller.judged
-            trace.measured_slip[j, i] = slip_of(c.wheelset, known.v, y[j, i])
+            trace.measured_slip[j, i] = slip_of(axles[i].wheel.radius, known.v, y[j, i])
             trace.judged_slip[j, i], trace.estimate[j, i] = judged, axles[i].estimator.F
             trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
             trace.region[j, i] = region(judged, k.slope, bands)
@@ -324,11 +325,15 @@ def run(
 
 def taken_for(s: Scenario) -> Vehicle:
     """The vehicle that the unit of a scenario takes it for."""
-    known, v = s.antiskid, s.vehicle
+    known, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
+    factors = known.radius * (s.train.axles // len(known.radius))
     return replace(
         v,
         friction=v.friction._replace(value=known.friction * v.friction.value),
-        wheel_radius=tuple(x._replace(value=known.radius * x.value) for x in v.wheel_radius),
+        wheel_radius=tuple(
+            (R := v.radius(i))._replace(value=factor * R.value)
+            for i, factor in zip(axles, factors, strict=True)
+        ),
         axle_mass=v.axle_mass._replace(value=known.mass * v.axle_mass.value),
     )
 

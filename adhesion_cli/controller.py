@@ -21,6 +21,7 @@ class Observed(NamedTuple):
 
     rim_speed: float  # ωR, measured [m/s]
     slip: float  # s [-], over a floor of the speed
+    slip_noise: float  # 1 sigma of it [-]
     slip_doubt: float  # by which s may be another, as the train's speed may [-]
     slip_rate: float  # ds/dt that estimated and braking force make, (1) in (2) [1/s]
     coefficient: float  # μ̂ = F̂/(m g) [-]

@@ -16,13 +16,23 @@ G = 9.80665  # standard gravity [m/s²]
 HARDER = 1.2  # error of what brakes are said to do
 GRADIENT = 0.4  # a slope of 4 % gives or takes [m/s²]
 LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
+FREE = 60.0  # clamping force that brakes nothing [N]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
-    R, I, m = vehicle.radius(axle).value, vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
-    return Wheelset(R / I, vehicle.friction.value, 1.0 / (1.0 + I / (m * R * R)), R, I, m)
+    I, m = vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
+    return _wheelset(vehicle.radius(axle).value, vehicle.friction.value, I, m)
+
+
+def on_radius(w: Wheelset, radius: float) -> Wheelset:
+    """The same wheelset on wheels of another radius [m]."""
+    return _wheelset(radius, w.phi, w.inertia, w.mass)
+
+
+def _wheelset(R: float, phi: float, I: float, m: float) -> Wheelset:  # noqa: E741
+    return Wheelset(R / I, phi, 1.0 / (1.0 + I / (m * R * R)), R, I, m)
 
 
 def rolling_deceleration(w: Wheelset) -> float:

@@ -160,7 +160,9 @@ class Antiskid:
     friction: Annotated[float, Quantity("-", "φ as the unit takes it, over the true", 0.5, 2.0)] = (
         1.0
     )
-    radius: Annotated[float, Quantity("-", "wheel radius, likewise", 0.9, 1.1)] = 1.0
+    radius: Annotated[
+        tuple[float, ...], Quantity("-", "wheel radius, likewise, one or one per axle", 0.9, 1.1)
+    ] = (1.0,)
     mass: Annotated[float, Quantity("-", "axle mass, likewise", 0.5, 2.0)] = 1.0
 
 
@@ -319,6 +321,8 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:
             yield f"[train] {key} is not one per axle", f"{n} values, or none"
     if len(s.vehicle.wheel_radius) not in (1, n):
         yield "[vehicle] wheel_radius is not one per axle", f"{n} values, or one"
+    if len(s.antiskid.radius) not in (1, n):
+        yield "[antiskid] radius is not one per axle", f"{n} values, or one"
     if s.rig and n != 1:
         yield "[rig] tests one axle", "leave [train] axles at 1"
     end = 0.0

@@ -33,7 +33,6 @@ from .model import (
 from .physics import reference_speed
 from .slope import REGIONS, Bands, Params, State, init, region, step
 
-_FREE = 60.0  # clamping force that brakes nothing [N]
 _EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
 _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
@@ -78,7 +77,9 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
-        free = (record.clamping_force[s] < _FREE) & (rim[s] > _FAST) & (np.abs(change) < _EVEN)
+        free = (
+            (record.clamping_force[s] < physics.FREE) & (rim[s] > _FAST) & (np.abs(change) < _EVEN)
+        )
         free &= v[s] > _FAST
         ratios.append(v[s][free] / rim[s][free])
         seconds += float(np.diff(t, prepend=t[0])[free].sum())
@@ -215,7 +216,7 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
     """
     assert record.train_speed is not None
     v, rim = record.train_speed, record.wheel_speed * radius
-    braked = record.clamping_force > _FREE
+    braked = record.clamping_force > physics.FREE
     rolls = braked & (np.abs(v - rim) < np.maximum(_CAUGHT * v, _NEAR))
     h = float(np.median(np.diff(record.t))) * 1e-9
     train = 0.0

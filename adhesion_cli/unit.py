@@ -12,6 +12,8 @@ from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from . import physics, slope
 from .controller import APPLY, VENT, Drives, Observed
 from .controller import registry as controllers
@@ -24,13 +26,16 @@ from .estimators.kalman import init as estimate_init
 from .estimators.kalman import step as estimate_step
 from .methods import Method, bound, validated
 from .model import Floats, Vehicle, Wheelset
-from .physics import G, slip_over
+from .physics import FREE, G, on_radius, slip_over
 from .slope import init as slope_init
 from .slope import step as slope_step
 from .stop import JUDGED_FROM
 from .trainspeed import NONE, Known, Witness, asks_pilot, further, pilots_valve, watched
 
 SPEED_NOISE = 0.02  # of v − ωR where nothing else is stated, a radar's [m/s]
+_WORN = 0.03  # 1 sigma of what a wheel's radius is said to be, over it [-]
+_ROLLING = 10.0  # a wheel without brake for so long rolls [s]
+_NEAR = 0.12  # if it is so near to the train's speed [-]
 Settings = Mapping[str, Mapping[str, float]]
 Values = Floats | Sequence[float]
 
@@ -51,18 +56,28 @@ SLOPE_IN_LOOP = {
 
 
 class Constants(NamedTuple):
-    """Constants of the chain; units know one wheel radius, that of axle 1."""
+    """Constants of the chain."""
 
-    wheelset: Wheelset
+    wheelset: Wheelset  # that of axle 1
+    radii: Floats  # of the wheels as stated [m], shape (axles,), or one for all
     estimator: Any  # its Params, and so on
     slope: slope.Params
     controller: Any
     speed_noise: float  # 1 sigma of v − ωR as measured [m/s]
 
 
+class Wheel(NamedTuple):
+    """What a unit knows of a wheel's radius."""
+
+    radius: float  # [m]
+    weight: float  # ∑ω² of what it is known by [rad²/s²]
+    free: float  # so long without brake and near the train's speed [s]
+
+
 class Axle(NamedTuple):
     """State of the chain of one axle."""
 
+    wheel: Wheel
     estimator: Any
     slope: slope.State
     witness: Witness
@@ -88,15 +103,41 @@ class Chosen(NamedTuple):
 # --- one tick: plain Python that compiles ---------------------------------------------------------
 
 
-def slip_of(w: Wheelset, v: float, y: float) -> float:
+def stated(c: Constants, axles: int) -> list[Wheel]:
+    """The wheels of so many axles when the unit is switched on: taken to roll.
+
+    What is stated weighs as much as measurements of the same error.
+    """
+    wheels = []
+    for i in range(axles):
+        radius = c.radii[i if len(c.radii) > 1 else 0]
+        wheels.append(Wheel(radius, (c.speed_noise / (_WORN * radius)) ** 2, math.inf))
+    return wheels
+
+
+def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Wheel:
+    """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls.
+
+    Arguments as of `observed`, and the interval h since the tick before [s].
+    """
+    R, error = before.radius, train.v - y * before.radius
+    near = K <= FREE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
+    free = before.free + h if near else 0.0
+    if free < _ROLLING or train.v < JUDGED_FROM:
+        return Wheel(R, before.weight, free)
+    weight = before.weight + y * y
+    return Wheel(R + y * error / weight, weight, free)
+
+
+def slip_of(radius: float, v: float, y: float) -> float:
     """Slip [-] over a speed of at least `JUDGED_FROM`: there is one until v = 0 [S6]."""
-    s: float = slip_over(v, y * w.radius, JUDGED_FROM)
+    s: float = slip_over(v, y * radius, JUDGED_FROM)
     return s
 
 
 def observed(
     w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
-    at_least: int,
+    speed_noise: float, at_least: int,
 ) -> Observed:  # fmt: skip
     """What the controller is told. Source: [S1].
 
@@ -110,30 +151,42 @@ def observed(
         F: estimated adhesion force [N].
         slowing: deceleration of the train that the estimated forces of its axles make [m/s²].
         k: slope at the operating point.
+        speed_noise: as in `Constants`.
         at_least: valve that the unit asks for.
     """
-    s = slip_of(w, train.v, y)
+    s = slip_of(w.radius, train.v, y)
     rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
     if y <= 0.0 and rate > 0.0:
         rate = 0.0  # the wheel stands
     v, mu = max(train.v, JUDGED_FROM), F / (w.mass * G)
-    return Observed(y * w.radius, s, train.doubt / v, rate / v, mu, k.slope, k.confidence, at_least)
+    return Observed(
+        y * w.radius, s, speed_noise / v, train.doubt / v, rate / v, mu,
+        k.slope, k.confidence, at_least,
+    )  # fmt: skip
 
 
-def start(c: Constants, v: float, y: Values, K: Values) -> tuple[Known, list[Axle]]:
-    """The train and the state of every axle at the first tick; arguments as of `tick`."""
-    w, k, total, fastest = c.wheelset, slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
-    estimates = []
+def start(
+    c: Constants, wheels: list[Wheel], v: float, y: Values, K: Values
+) -> tuple[Known, list[Axle]]:
+    """The train and the state of every axle at the first tick.
+
+    `wheels` is from `stated`, or what was known before; the others are as of `tick`.
+    """
+    k, total, fastest = slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
+    sets, estimates = [], []
     for i in range(len(y)):
-        estimates.append(estimate_init(c.estimator, w, K[i], y[i]))
+        sets.append(on_radius(c.wheelset, wheels[i].radius))
+        estimates.append(estimate_init(c.estimator, sets[i], K[i], y[i]))
         total += estimates[i].F
-        fastest = max(fastest, y[i] * w.radius)
-    slowing = total / (len(y) * w.mass)  # (1)
+        fastest = max(fastest, y[i] * wheels[i].radius)
+    slowing = total / (len(y) * c.wheelset.mass)  # (1)
     train = Known(fastest if v != v else v, 0.0, NONE)
     axles = []
     for i in range(len(y)):
-        o = observed(w, train, y[i], K[i], estimates[i].F, slowing, k, APPLY)
-        axles.append(Axle(estimates[i], k, Witness(0.0, 0.0), control_init(c.controller, o)))
+        F, wheel = estimates[i].F, calibrated(wheels[i], 0.0, train, y[i], K[i])
+        o = observed(sets[i], train, y[i], K[i], F, slowing, k, c.speed_noise, APPLY)
+        law = control_init(c.controller, o)
+        axles.append(Axle(wheel, estimates[i], k, Witness(0.0, 0.0), law))
     return train, axles
 
 
@@ -151,35 +204,38 @@ def tick(
         y: wheel speeds [rad/s], shape (axles,).
         K: clamping forces [N], shape (axles,).
     """
-    w, total, fastest, rolls = c.wheelset, 0.0, 0.0, False
-    estimates = []
+    total, fastest, rolls = 0.0, 0.0, False
+    sets, estimates = [], []
     for i in range(len(y)):
-        estimates.append(estimate_step(c.estimator, w, before[i].estimator, h, K[i], y[i]))
+        sets.append(on_radius(c.wheelset, before[i].wheel.radius))
+        estimates.append(estimate_step(c.estimator, sets[i], before[i].estimator, h, K[i], y[i]))
         total += estimates[i].F
-        fastest = max(fastest, y[i] * w.radius)
+        fastest = max(fastest, y[i] * sets[i].radius)
         rolls = rolls or before[i].witness.given == 0.0
-    slowing = total / (len(y) * w.mass)  # (1)
+    slowing = total / (len(y) * c.wheelset.mass)  # (1)
     train = further(train, rolls, fastest, slowing, h) if v != v else Known(v, 0.0, NONE)
     witnesses, pilot = [], 0
     for i in range(len(y)):
-        F, rim, was = estimates[i].F, y[i] * w.radius, before[i].witness
+        w, F, was = sets[i], estimates[i].F, before[i].witness
+        rim = y[i] * w.radius
         x = watched(w, was, train.v, slowing, rim, K[i], F, before[i].controller.valve, h)
         if train.doubt > 0.0 and x.given == 0.0:
             train = Known(fastest, 0.0, NONE)  # a wheel shows the train's speed again
         witnesses.append(x)
-        if y[i] > y[pilot]:
+        if rim > y[pilot] * sets[pilot].radius:
             pilot = i
     if asks_pilot(train):
         train = Known(train.v, train.doubt, pilot)
     axles, noise = [], c.speed_noise / max(train.v, JUDGED_FROM)
     for i in range(len(y)):
-        F, x = estimates[i].F, witnesses[i]
-        s, mu = slip_of(w, train.v, y[i]), F / (w.mass * G)  # [S1]
+        w, F, x = sets[i], estimates[i].F, witnesses[i]
+        s, mu = slip_of(w.radius, train.v, y[i]), F / (w.mass * G)  # [S1]
         k = slope_step(c.slope, before[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
         at_least = pilots_valve(w, x, K[i]) if i == train.pilot else APPLY
-        o = observed(w, train, y[i], K[i], F, slowing, k, at_least)
+        o = observed(w, train, y[i], K[i], F, slowing, k, c.speed_noise, at_least)
         law = control_step(c.controller, before[i].controller, h, o)  # [S4] [S5]
-        axles.append(Axle(estimates[i], k, x, law))
+        wheel = calibrated(before[i].wheel, h, train, y[i], K[i])
+        axles.append(Axle(wheel, estimates[i], k, x, law))
     return train, axles
 
 
@@ -217,7 +273,9 @@ def choose(
     est, law = known[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
     ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
-    return Chosen(est, law, Constants(physics.wheelset(vehicle, 1), ep, sp, cp, speed_noise))
+    radii = np.array([x.value for x in vehicle.wheel_radius])
+    w = physics.wheelset(vehicle, 1)
+    return Chosen(est, law, Constants(w, radii, ep, sp, cp, speed_noise))
 
 
 def online(
@@ -228,8 +286,9 @@ def online(
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
     After a sample with a value that is no number, both valves of every axle rest, and the unit
-    starts anew with the next one. They rest too when the samples end or fail, and when the iterator
-    is closed; a feed that only stops to answer is for a watchdog behind `drives`.
+    starts anew with the next one, but for the wheels' radii. They rest too when the samples end or
+    fail, and when the iterator is closed; a feed that only stops to answer is for a watchdog behind
+    `drives`.
 
     Args:
         unit: from `choose`.
@@ -245,7 +304,7 @@ def online(
     """
     first, then = (bound(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
-    train, axles = Known(math.nan, 0.0, NONE), list[Axle]()
+    train, axles, wheels = Known(math.nan, 0.0, NONE), list[Axle](), list[Wheel]()
     before: float = -math.inf
     with ExitStack() as rest:
         for drive in drives:
@@ -257,15 +316,23 @@ def online(
                     f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
                     "one of each for every axle in every sample",
                 )
+            if len(c.radii) not in (1, n):
+                text = f"{len(c.radii)} wheel radii for {n} axles"
+                raise UserError(text, "state one for all, or one for each")
             if h <= 0.0:
                 text = f"at {t} ns: not after the sample before"
                 raise UserError(text, "samples in order of time")
+            wheels = [axle.wheel for axle in axles] or wheels or stated(c, n)
             if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
                 v = math.nan if measured is None else measured
-                train, axles = then(c, train, axles, h, v, y, K) if axles else first(c, v, y, K)
+                if axles:
+                    train, axles = then(c, train, axles, h, v, y, K)
+                else:
+                    train, axles = first(c, wheels, v, y, K)
                 valves = [axle.controller.valve for axle in axles]
             else:
-                axles, valves = [], [APPLY] * len(y)
+                wheels = [wheel._replace(free=0.0) for wheel in wheels]
+                axles, valves = [], [APPLY] * n
             for drive, valve in zip(drives, valves, strict=bool(drives)):
                 drive.set(valve != APPLY, valve == VENT)
             yield valves

@@ -1,8 +1,9 @@
-"""Stops whose unit takes φ, wheel radius or mass for more or less than they are.
+"""Stops whose unit takes φ, wheel radii or mass for more or less than they are.
 
     python benchmarks/sensitivity.py [SCENARIO]
 
-The scenario is `slippery-stop` if not given; each error is a key of its `[antiskid]`.
+The scenario is `slippery-stop` if not given, of four axles if another; each stop is on its rail and
+on dry rail, each error is a key of its `[antiskid]`.
 """
 
 import sys
@@ -12,7 +13,8 @@ from adhesion_cli import antiskid, scenario
 
 CASES = (
     {}, {"friction": 0.8}, {"friction": 0.9}, {"friction": 1.1}, {"friction": 1.2},
-    {"radius": 0.99}, {"radius": 1.01}, {"mass": 0.8}, {"mass": 1.2},
+    *({"radius": (1.0 + x,)} for x in (-0.03, -0.02, -0.01, 0.01, 0.02, 0.03)),
+    {"radius": (1.05, 1.0, 1.0, 1.0)}, {"mass": 0.8}, {"mass": 1.2},
 )  # fmt: skip
 
 
@@ -26,9 +28,17 @@ def main(name: str) -> None:
             v = antiskid.verdict(antiskid.run(s, law), s, dry)
             used = "-" if v.utilisation is None else f"{v.utilisation:.3f}"
             cells.append(f"{law} {v.stopping_distance_m:6.1f} m, {used}, ")
-            cells[-1] += f"locked {v.locked_s:.1f} s, {v.air_nl:.0f} Nl"
-        label = ", ".join(f"{k} {x - 1.0:+.0%}" for k, x in errors.items()) or "as it is"
-        print(f"{label:14} {' | '.join(cells)}")
+            cells[-1] += f"locked {v.locked_s:.1f} s, {v.air_nl:.0f} Nl, "
+            good = replace(s, rail=antiskid.DRY)
+            v = antiskid.verdict(antiskid.run(good, law), good, dry)
+            cells[-1] += f"dry {v.stopping_distance_m:.1f} m"
+        label = ", ".join(f"{k} {_percent(x)}" for k, x in errors.items()) or "as it is"
+        print(f"{label:24} {' | '.join(cells)}", flush=True)
+
+
+def _percent(factor: float | tuple[float, ...]) -> str:
+    factors = factor if isinstance(factor, tuple) else (factor,)
+    return " ".join(f"{x - 1.0:+.0%}" for x in factors)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,9 @@ class Params(NamedTuple):
     probe: Annotated[
         float, Quantity("s", "how long to fill then, until the slope shows", 0.0, 10.0)
     ] = 0.0245
+    guard: Annotated[
+        float, Quantity("-", "slip over its noise from which it is one", 0.0, 100.0)
+    ] = 2.5
 
 
 class State(NamedTuple):
@@ -54,7 +57,9 @@ def init(p: Params, o: Observed) -> State:
 def step(p: Params, s: State, h: float, o: Observed) -> State:
     """One tick on."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    judged = o.slip + o.slip_doubt + p.horizon * o.slip_rate
+    judged = o.slip + o.slip_doubt
+    # Slip that is no more than its noise is none: the wheel rolls.
+    judged = judged + p.horizon * o.slip_rate if judged > p.guard * o.slip_noise else 0.0
     where = region(judged, o.slope, bands)  # [S4]
     blind = s.blind + h if where == 0 else 0.0  # unknown
     looks = where == 0 and blind >= p.patience  # for the slope
