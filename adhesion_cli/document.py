@@ -142,6 +142,7 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
             for x in summary.slides
         ],
         "fit": fit,
+        "fit_curve": "polach" if rail else None,
     }
 
 

@@ -8,9 +8,7 @@ import numpy as np
 from . import physics
 from .controller import APPLY, HOLD, VENT
 from .model import AxleResult, Floats, Result, Vehicle
-from .physics import G
-from .rail import Contact, creep_force
-from .railfit import RailFit
+from .railfit import RailFit, curve
 from .slip import Summary
 from .slope import REGIONS, Bands
 from .stop import Stop
@@ -70,13 +68,11 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
 
 def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Iterator[Line]:
     """The likeliest curve up to a slip, at the peak's speed and near the ends of the slides'."""
-    patch = Contact().patch(vehicle.axle_mass.value * G)
     slip = np.geomspace(1e-4, most, 200)
     low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
     for v, colour in ((rail.speed, BLACK), (low, GREY), (high, GREY)):
-        mu = [creep_force(float(s) * v, v, rail.best, patch)[0] / patch.load for s in slip]
-        name = f"fit at {v:.1f} m/s"
-        yield Line(name, 100.0 * slip, np.array(mu), colour, dashed=colour == GREY)
+        mu, name = curve(rail.best, v, slip, vehicle), f"fit at {v:.1f} m/s"
+        yield Line(name, 100.0 * slip, mu, colour, dashed=colour == GREY)
 
 
 def _slope_band(bands: Bands) -> list[Band]:

@@ -172,6 +172,13 @@ def _peaks(rails: Floats, patch: Patch, speed: Floats, found: Floats) -> None:
             found[i, j, 1] = creep_force(found[i, j, 0] * v, v, rail, patch)[0] / patch.load
 
 
+def curve(rail: Condition, speed: float, slip: Floats, vehicle: Vehicle) -> Floats:
+    """μ at a train speed [m/s] and each slip, shape of `slip`."""
+    patch = Contact().patch(vehicle.axle_mass.value * G)
+    mu = [creep_force(s * speed, speed, rail, patch)[0] / patch.load for s in slip.tolist()]
+    return np.array(mu)
+
+
 def fit(
     points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, seed: int = 0
 ) -> RailFit | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
 from recordings import batches, column, static
@@ -705,25 +706,33 @@ def test_operating_point_peak_and_bands_are_where_the_axes_say(recording: Path) 
         upright = [(n, a[0]) for n, (a, b) in ruled if a[0] == b[0]]
         level = [(n, a[1]) for n, (a, b) in ruled if a[1] == b[1]]
         x, y = (np.poly1d(np.polyfit(*zip(*of, strict=True), 1)) for of in (upright, level))
-        _, _, (right, _) = static(recording, f"{place}/slip/grid", "strips")[-1][:3]
+        (left, _), _, (right, top) = static(recording, f"{place}/slip/grid", "strips")[-1][:3]
         for name, s, force in (
             ("now", stop.slip, stop.force), ("peak", stop.peak_slip, stop.peak)
         ):  # fmt: skip
-            t, places = column(recording, f"{place}/slip/{name}", "positions")
+            (batch,) = batches(recording, f"{place}/slip/{name}")
+            t = batch["time"].cast(pa.int64()).to_numpy(zero_copy_only=False)
+            places = batch["Points2D:positions"].to_pylist()
             rows = np.searchsorted(stop.t, t)
-            at = np.array([p for (p,) in places])
             of_slip, of_mu = x(100.0 * s[rows, 0]), y(force[rows, 0] / weight)
+            inside = (of_slip >= left) & (of_slip <= right) & (of_mu <= 0.0) & (of_mu >= top)
+            assert [len(p) for p in places] == inside.tolist()  # outside there is no point
+            assert inside.any()
+            at = np.array([p[0] for p in places if p])
+            of_slip, of_mu = of_slip[inside], of_mu[inside]
             np.testing.assert_allclose(at[:, 0], of_slip, rtol=1e-5, atol=1e-3)
             np.testing.assert_allclose(at[:, 1], of_mu, rtol=1e-5, atol=1e-3)
             assert len(t) > 100
         drawn = batches(recording, f"{place}/slip/band", static=True)
         assert bool(drawn) == (stop.controller == "patent")
         if drawn:
-            ((middle, _),) = static(recording, f"{place}/slip/band", "centers")
-            ((half, _),) = static(recording, f"{place}/slip/band", "half_sizes")
-            assert middle - half == pytest.approx(x(100.0 * bands.slip_low), abs=1e-3)
-            end = min(x(100.0 * bands.slip_high), right)  # it may reach beyond the picture
-            assert middle + half == pytest.approx(end, abs=1e-3)
+            edges = [x(100.0 * s) for s in (bands.slip_low, bands.slip_high)]
+            edges = [e for e in edges if left < e < right]
+            assert edges
+            for edge, line in zip(
+                edges, static(recording, f"{place}/slip/band", "strips"), strict=True
+            ):
+                np.testing.assert_allclose(line, [(edge, 0.0), (edge, top)], atol=1e-3)
             for name, band in (
                 ("slope", [bands.slope_low, bands.slope_high]),
                 ("judged", [100.0 * bands.slip_low, 100.0 * bands.slip_high]),

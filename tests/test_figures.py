@@ -12,7 +12,7 @@ from adhesion_cli import antiskid, figures, scenario, slip, unit
 from adhesion_cli.controller import registry
 from adhesion_cli.slope import REGIONS, Bands
 from adhesion_cli.stop import Stop
-from adhesion_cli.sweep import Row
+from adhesion_cli.sweep import Beside, Row
 from adhesion_cli.write import svg
 
 
@@ -88,7 +88,7 @@ def test_a_sweep_is_drawn_with_its_intervals(tmp_path: Path) -> None:
         Row(
             rail, law, 500.0,
             {"stopping_distance_m": (700.0 + n, 650.0, 800.0 + n), "utilisation": None,
-             "air_nl": (100.0, 90.0, 120.0)}, None, 0.5,
+             "air_nl": (100.0, 90.0, 120.0)}, Beside(None, 0.5),
         )
         for rail in ("wet", "low")
         for n, law in enumerate(("patent", "rule"))

@@ -408,6 +408,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert 0.0 < first["train_speed_late_sigma_s"] < 0.05
     assert third["peak_slip"] is None
     assert third["fit"] is None
+    assert (first["fit_curve"], third["fit_curve"]) == ("polach", None)
     assert third["slides"] == []
     again = run(log.name, "--force", "--axle", "1", "-a", "leso", "--figure", "slip.svg")
     assert again.returncode == 0, again.stderr

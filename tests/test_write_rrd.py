@@ -14,10 +14,14 @@ from recordings import batches, column, static
 from rerun.chunk import RrdReader
 from results import EPOCH, result
 
-from adhesion_cli.model import Finding, Floats, Result
+from adhesion_cli.model import Finding, Floats, Result, Vehicle
+from adhesion_cli.physics import G
+from adhesion_cli.rail import Contact, condition, creep_force
+from adhesion_cli.railfit import Interval, RailFit
 from adhesion_cli.write import rrd
 from adhesion_cli.write.rrd import parts, results
 
+PATCH = Contact().patch(Vehicle().axle_mass.value * G)
 ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
 
 
@@ -209,16 +213,47 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
         axle.record.t[0] - brake_start(made),
         axle.record.t[-1] - brake_start(made),
     ]
-    ((middle, _),) = static(path, "/axle/1/slip/band", "centers")
-    ((half, _),) = static(path, "/axle/1/slip/band", "half_sizes")
+    edges = [line[0][0] for line in static(path, "/axle/1/slip/band", "strips")]
+    assert "green: slip band 2 to 6 %" in static(path, "/axle/1/slip/notes", "labels")
     _, now = column(path, "/axle/1/slip/now", "positions")
     x = np.array([point[0] for (point,) in now])
     known = slip[np.isfinite(axle.reference.force)]
     ends = np.interp([0.02, 0.06], known, x)
-    np.testing.assert_allclose([middle - half, middle + half], ends, atol=0.5)
+    np.testing.assert_allclose(edges, ends, atol=0.5)
+    made = replace(made, settings={**made.settings, "bands": {**stated, "slip_high": 0.9}})
+    rrd.write_result(path, made, ALGORITHMS)
+    assert len(static(path, "/axle/1/slip/band", "strips")) == 1  # the other lies outside
     rrd.write_result(path, replace(analysed, axles=(curved,)), ALGORITHMS)
     assert not batches(path, "/axle/1/slope/band")
     assert not batches(path, "/axle/1/slip/band", static=True)
+
+
+def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
+    analysed = result(1, 400)
+    (axle,) = analysed.axles
+    slip = np.linspace(0.0, 0.2, len(axle.record))
+    law, path = condition("low"), tmp_path / "a.rrd"
+    peak = Interval(0.03, 0.02, 0.05)
+    rail = RailFit(law, (), (), {}, 0.05, peak, Interval(0.02, 0.01, 0.03), None, 12.0)
+    made = replace(analysed, axles=(replace(axle, slip=slip),))
+    rrd.write_result(path, made, ALGORITHMS, [("a note", rail)])
+    _, now = column(path, "/axle/1/slip/now", "positions")
+    known = np.isfinite(axle.reference.force)
+    x = np.poly1d(np.polyfit(slip[known], [point[0] for (point,) in now], 1))
+    curve, (left, right) = static(path, "/axle/1/slip/fit/curve", "strips")
+    assert (left[0], right[0]) == pytest.approx((x(0.02), x(0.05)), abs=0.1)
+    ((at, _),) = static(path, "/axle/1/slip/fit/peak", "positions")
+    assert at == pytest.approx(x(0.03), abs=0.1)
+    ruled = static(path, "/axle/1/slip/grid", "strips")
+    y = [line[0][1] for line in ruled if line[0][1] == line[1][1]]
+    marks = [n for n in static(path, "/axle/1/slip/labels", "labels") if "." in n or n == "0"]
+    mu = np.poly1d(np.polyfit(y, [float(n) for n in marks[-len(y) :]], 1))
+    for place, height in curve:
+        s = (place - x(0.0)) / (x(1.0) - x(0.0))
+        force = creep_force(s * 12.0, 12.0, law, PATCH)[0]
+        assert mu(height) == pytest.approx(force / PATCH.load, rel=0.02, abs=1e-3)
+    assert "fit at 12.0 m/s" in static(path, "/axle/1/slip/notes", "labels")[0]
+    assert static(path, "/axle/1/note", "text") == ["a note"]
 
 
 def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
+    from ..model import Finding
     from ..scenario import Limit, Scenario
     from ..stop import Stop
     from ..sweep import Beside, Row
@@ -197,7 +198,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
         (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
         for a in found.values()
     ]
-    _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict)
+    _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict, findings)
     if not shared.json:
         show.message(show.findings(findings), shared.quiet or not findings)
     return 3 if show.lossy(findings) else 0
@@ -222,7 +223,7 @@ def _paths(shared: Shared, name: str) -> list[Path]:
 def _write(
     paths: Sequence[Path], shared: Shared, source: Path, case: "Scenario",
     stops: "Sequence[tuple[Stop, dict[str, Any]]]", settings: "Stated",
-    document: dict[str, Any], text: str,
+    document: dict[str, Any], text: str, findings: "Sequence[Finding]" = (),
 ) -> None:  # fmt: skip
     """Writes the files, each stop with what it was made from, and says what came out."""
     from ..document import dumps
@@ -238,7 +239,9 @@ def _write(
     with files.outputs(every, shared.force, inputs=[source]) as (recording, *places):
         for record, (stop, carried) in zip(places, stops, strict=False):
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
-        rrd.write_stops(recording, case.name, all_stops, weight, drawn, text)
+        found = show.findings(findings).splitlines()
+        verdict = "\n".join([text, *(show.folded(f, "  ", show.NARROW) for f in found)])
+        rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)
         for place in places[len(stops) :]:
             draw(place, title, of_stops(all_stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
@@ -258,6 +261,10 @@ _HEADER = [
 ]  # fmt: skip
 _DIGITS = (1, 3, 3, 3, 2, 0, 3, 1, 1)
 _BESIDE = ["patent less [m]", "shortest"]
+_MEANING = (
+    "Seconds are summed over the axles. Limited: the brake asks for more than the rail gives; "
+    "slip error: mean |slip - that of the rail's peak| meanwhile."
+)
 
 
 _Value = float | tuple[float, float, float] | None  # alone or with its interval
@@ -283,12 +290,13 @@ def _beside(of: "Beside") -> list[str]:
 def _verdicts(
     of: "Mapping[str, Mapping[str, _Value]]", beside: "Mapping[str, Beside] | None" = None
 ) -> str:
-    from .show import NARROW, table
+    from .show import NARROW, folded, table
 
     header = [*_HEADER, *(_BESIDE if beside else [])]
     columns = [_cells(v) + (_beside(beside[law]) if beside else []) for law, v in of.items()]
     rows = [[name, *row] for name, row in zip(header, zip(*columns, strict=True), strict=True)]
-    return table(["", *of], rows, width=NARROW)
+    told = table(["", *of], rows, width=NARROW)
+    return f"{told}\n{folded(_MEANING, width=NARROW)}"
 
 
 def _limit(controller: str, limit: "Limit", kept: bool) -> str:
@@ -297,7 +305,7 @@ def _limit(controller: str, limit: "Limit", kept: bool) -> str:
 
 
 def _rails(rows: "Sequence[Row]") -> str:
-    from .show import table
+    from .show import folded, table
 
     body = [
         [
@@ -308,4 +316,5 @@ def _rails(rows: "Sequence[Row]") -> str:
         ]
         for r in rows
     ]
-    return table(["rail", "controller", *_HEADER, *_BESIDE], body, left=2)
+    told = table(["rail", "controller", *_HEADER, *_BESIDE], body, left=2)
+    return f"{told}\n{folded(_MEANING)}"

@@ -8,6 +8,7 @@ from .options import Shared, checked, pictures, rejects, targets
 
 if TYPE_CHECKING:
     from ..model import Finding, Result
+    from ..write.rrd.results import Note
 
 Pair = tuple[Path, Path]
 
@@ -55,7 +56,7 @@ def analysed(
 
 def write(
     shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair],
-    slips: "Sequence[tuple[str, Sequence[str]]]" = (),
+    slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
     draw: "Callable[[Path], None]" = lambda _: None,
 ) -> None:  # fmt: skip
     """Writes both files of each result, and a picture; none gets its name before all are written.
@@ -64,7 +65,7 @@ def write(
         shared: whether existing ones are replaced, and where to what was left out goes.
         results: of the logs.
         pairs: the files of each.
-        slips: the document on each log's slip, and a note on that of each axle.
+        slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: of the one log there is with `--figure`, to the place given.
     """
     from .. import estimator

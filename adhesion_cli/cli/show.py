@@ -63,9 +63,9 @@ def table(
     return "\n".join(lines)
 
 
-def folded(text: str, indent: str = "") -> str:
-    """A line of text as wide as the terminal, what follows indented."""
-    width = shutil.get_terminal_size((NARROW, 24)).columns
+def folded(text: str, indent: str = "", width: int | None = None) -> str:
+    """A line of text as wide as `width`, or else the terminal; what follows indented."""
+    width = width or shutil.get_terminal_size((NARROW, 24)).columns
     return textwrap.fill(
         text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )

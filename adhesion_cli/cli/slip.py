@@ -42,7 +42,7 @@ def command(logs: Logs, shared: Shared) -> int:
         summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
         start = result.log.start_ns()
-        notes = [f"```\n{table([s], start, shares=False)}\n```" for s in of]
+        notes = [(f"```\n{table([s], start, shares=False)}\n```", s.rail) for s in of]
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.settings["bands"])
@@ -61,10 +61,17 @@ def command(logs: Logs, shared: Shared) -> int:
     return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 
-def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) -> str:
-    """Peak, utilisation and regions of every axle, every slide, the rails.
+_OF_CURVE = (
+    "Peak and constants are those of Polach's curve (3); the intervals hold on rails of that shape "
+    "(docs/slip.md)."
+)
 
-    Without `shares` there are no regions, and it is as narrow as a recording's notes.
+
+def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) -> str:
+    """Peak, utilisation and regions of every axle, the rails, every slide.
+
+    Without `shares` there are no regions, each value is a line, and all is as narrow as a
+    recording's notes.
     """
     from ..slope import REGIONS
     from . import show
@@ -97,7 +104,19 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         ]
         for s in summaries
     ]  # fmt: skip
-    parts = [show.table(head, rows, width=width)]
+    constants = ["axle", "f0", "A", "B [s/m]", "kA", "kS"]
+    rails = [
+        [str(s.axle), *(spread(s.rail.told.get(n), 3) for n in ("f0", "A", "B", "k_a", "k_s"))]
+        for s in summaries
+        if s.rail
+    ]
+    both = (head, rows), (constants, rails)
+    if shares:
+        parts = [show.table(*of) for of in both if of[1]]
+    else:
+        values = [x for names, of in both for row in of for x in zip(names, row, strict=True)]
+        parts = [show.table(values[0], [x for x in values if x[0] != "axle"], width=width)]
+    parts += [show.folded(_OF_CURVE, width=width)] if rails else []
     head = [
         "axle",
         "slide at [s]",
@@ -120,12 +139,5 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
         for s in summaries
         for x in s.slides
     ]  # fmt: skip
-    parts += [show.table(head, rows, width=width)] if rows else []
-    head = ["axle", "f0", "A", "B [s/m]", "kA", "kS"]
-    rows = [
-        [str(s.axle), *(spread(s.rail.told.get(n), 3) for n in ("f0", "A", "B", "k_a", "k_s"))]
-        for s in summaries
-        if s.rail
-    ]
     parts += [show.table(head, rows, width=width)] if rows else []
     return "\n".join(parts)

@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from rerun.error_utils import RerunWarning
 
 from ...model import Floats, Times
-from ...slope import REGIONS
+from ...slope import REGIONS, Bands
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
@@ -207,7 +207,7 @@ def chart(
     name: str,
     span: tuple[float, float] | None = None,
     *,
-    legend: Literal["LeftTop", "RightTop"] | None = "LeftTop",
+    legend: Literal["LeftTop", "RightTop", "RightBottom"] | None = "LeftTop",
 ) -> rrb.View:
     """The plots below an entity over time; `span` is the range of values."""
     return rrb.TimeSeriesView(
@@ -217,13 +217,14 @@ def chart(
     )  # fmt: skip
 
 
-def slope_charts(path: str, who: str, slope: Floats) -> list[rrb.View]:
+def slope_charts(path: str, who: str, slope: Floats, bands: Bands | None) -> list[rrb.View]:
     """Slope and confidence; the steep slopes, at next to no slip, would flatten the rest."""
+    green = f", green: band {bands.slope_low:g} to {bands.slope_high:g}" if bands else ""
     known = slope[np.isfinite(slope)]
     ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
     span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.25, 0.25])], [])
     return [
-        chart(f"{path}/slope", f"{who}: slope of µ over slip", span, legend=None),
+        chart(f"{path}/slope", f"{who}: slope of µ over slip{green}", span, legend=None),
         chart(f"{path}/confidence", f"{who}: confidence in it", (0.0, 1.05), legend=None),
     ]
 

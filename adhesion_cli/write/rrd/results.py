@@ -13,14 +13,14 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from ... import physics, signals
+from ... import physics, railfit, signals
 from ...model import AxleResult, Bools, Finding, Floats, Result, Score, Times
 from ...slope import Bands
 from ...stop import SLIDES
 from ...text import printable
 from .. import names
 from . import parts
-from .curve import curve_view, send_curve
+from .curve import Fitted, curve_view, send_curve
 from .parts import (
     BRAKE,
     CLAMPING,
@@ -51,10 +51,12 @@ _OVERVIEW_ROWS = 20_000  # rows of an overview
 _EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
+Note = tuple[str, railfit.RailFit | None]
+_NO_NOTE: Note = "`adhesion slip` tells peak, rail and slides.", None
 
 
 def write_result(
-    path: Path, result: Result, algorithms: Sequence[str], notes: Sequence[str] = ()
+    path: Path, result: Result, algorithms: Sequence[str], notes: Sequence[Note] = ()
 ) -> None:
     """Write one analysed log.
 
@@ -63,7 +65,7 @@ def write_result(
         result: the analysed log.
         algorithms: every estimator there is, in a fixed order: each keeps its colour whatever the
             selection.
-        notes: on the slip of each axle; with them, slip is what is shown first.
+        notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
 
     Raises:
         OSError: the file cannot be written or does not read back.
@@ -88,7 +90,10 @@ def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence
 
 
 def _write(
-    path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str], notes: Sequence[str] = ()
+    path: Path,
+    logs: list[tuple[str, Result]],
+    algorithms: Sequence[str],
+    notes: Sequence[Note] = (),
 ) -> None:
     known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
     colours = _colours(known)
@@ -115,7 +120,7 @@ class _Page:
     """One log: its entities under `root` and the views that show them."""
 
     def __init__(
-        self, name: str, result: Result, colours: dict[str, int], notes: Sequence[str]
+        self, name: str, result: Result, colours: dict[str, int], notes: Sequence[Note]
     ) -> None:
         self.result, self.colours, self.notes = result, colours, notes
         self.title = printable(Path(result.log.path).name)
@@ -151,10 +156,8 @@ class _Page:
             scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=MARKDOWN)
             rec.log(f"{self.root}/{path}/scores", scores, static=True)
             if axle.slip is not None:
-                rows += self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip)
-                note = (
-                    self.notes[n] if self.notes else "`adhesion slip` tells peak, rail and slides."
-                )
+                note, rail = self.notes[n] if self.notes else _NO_NOTE
+                rows += self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
                 fixed = rr.TextDocument(note, media_type=MARKDOWN)
                 rec.log(f"{self.root}/{path}/note", fixed, static=True)
         rows += self._send_events(rec)
@@ -216,11 +219,18 @@ class _Page:
             sure = computed(axle.slope_confidence)
             yield lines("confidence", [("confidence", REFERENCE, sure)])
 
-    def _send_slip(self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats) -> int:
+    def _send_slip(
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats,
+        rail: railfit.RailFit | None,
+    ) -> int:  # fmt: skip
         """The operating point on its curve; brake, region and wheel as states."""
-        mu = physics.coefficient(axle.reference.force, self.result.vehicle)
+        vehicle = self.result.vehicle
+        mu = physics.coefficient(axle.reference.force, vehicle)
         t, index, inside = _rows(axle)
-        rows = send_curve(rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands)
+        rows = send_curve(
+            rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands,
+            fitted=Fitted(rail, vehicle) if rail else None,
+        )  # fmt: skip
         if axle.slope is not None and self.bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
                 of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
@@ -324,7 +334,7 @@ class _Page:
         ]
         shares = [3.0, 3.0]
         if axle.slope is not None:
-            rows += slope_charts(path, f"Axle {N}", axle.slope)
+            rows += slope_charts(path, f"Axle {N}", axle.slope, self.bands)
             shares += [2.5, 1.5]
         rows.append(states_view(f"{exact}/state", f"Axle {N}: brake, region on the curve, wheel"))
         return rrb.Horizontal(
@@ -332,7 +342,7 @@ class _Page:
             rrb.Vertical(
                 curve_view(f"{exact}/slip", f"Axle {N}"),
                 rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
-                self._events(), row_shares=[5.0, 3.0, 3.0],
+                self._events(), row_shares=[4.5, 5.0, 2.0],
             ),
             column_shares=[6, 4], name="Slip",
         )  # fmt: skip

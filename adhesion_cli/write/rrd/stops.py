@@ -32,10 +32,12 @@ from .parts import (
     send_plot,
     send_states,
     slope_charts,
+    span_of,
     states_view,
 )
 
 _SLIPS = (-10.0, 50.0)  # drawn: what is judged ahead may be far more [%]
+_AHEAD = " of the slip judged ahead; points: true slip"
 
 
 def write_stops(
@@ -123,14 +125,16 @@ class _Stops:
                 rows += send_band(rec, f"{path}/{name}", _since_start, stop.t, low, high)
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
         peak = stop.peak_slip[:, i], stop.peak[:, i] / self.weight
-        return rows + send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak)
+        return rows + send_curve(
+            rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak, judged=_AHEAD
+        )
 
     def layout(self) -> rrb.Container:
         """Tabs: the verdict, then one per axle with a column per controller."""
         first = rrb.Vertical(
             rrb.TextDocumentView(origin="verdict", name="Verdict"),
             chart("train", "Train speed [km/h]", legend="RightTop"),
-            row_shares=[1.0, 2.0],
+            row_shares=[1.0, 1.0],
             name="Verdict",
         )
         axles = self.stops[0].pressure.shape[1]
@@ -138,20 +142,25 @@ class _Stops:
 
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
-        wheel, judged = [], []
-        for stop in self.stops:
+        wheel, judged, i, every = [], [], axle - 1, self.stops
+        speed = span_of([x.train_speed * 3.6 for x in every], [])  # the same beside one another
+        pressure = span_of([x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])], [])
+        force = span_of(
+            [x[:, i] for s in every for x in (s.force, s.peak)], [s.estimate[:, i] for s in every]
+        )
+        for stop in every:
             path, who = f"{stop.controller}/axle/{axle}", stop.controller
             views = [
-                chart(f"{path}/speed", f"{who}: speed [km/h]", legend="RightTop"),
-                chart(f"{path}/pressure", f"{who}: pressure [bar]", legend="RightTop"),
+                chart(f"{path}/speed", f"{who}: speed [km/h]", speed, legend="RightTop"),
+                chart(f"{path}/pressure", f"{who}: pressure [bar]", pressure, legend="RightBottom"),
                 states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
                 curve_view(f"{path}/slip", who),
             ]
-            wheel.append(rrb.Vertical(*views, row_shares=[2.5, 2.5, 2.5, 4.0]))
+            wheel.append(rrb.Vertical(*views, row_shares=[3.0, 3.0, 2.0, 4.0]))
             views = [
-                chart(f"{path}/force", f"{who}: adhesion force [N]", legend="RightTop"),
+                chart(f"{path}/force", f"{who}: adhesion force [N]", force, legend="RightTop"),
                 chart(f"{path}/judged", f"{who}: slip as judged [%]", _SLIPS, legend="RightTop"),
-                *slope_charts(path, who, stop.slope[:, axle - 1]),
+                *slope_charts(path, who, stop.slope[:, i], self.bands.get(who)),
             ]
             judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 2.0, 1.0]))
         return rrb.Tabs(
