@@ -216,6 +216,8 @@ def stop_settings(
 
 def _plain(value: Any) -> Any:
     """As JSON has it; what is not stated, or without a limit, is left out."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
     if isinstance(value, list | tuple):

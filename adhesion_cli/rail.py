@@ -21,10 +21,10 @@ CREEP_FROM = 0.1  # creepage counts from this speed up [m/s]: (2) has no value a
 class Condition(NamedTuple):
     """What the rail's surface does; names as in Polach's paper."""
 
-    k_a: Annotated[float, Quantity("-", "slope reduction in the area of adhesion kA", 0.0, 1.0)]
+    k_a: Annotated[float, Quantity("-", "slope reduction in the area of adhesion kA", 1e-3, 1.0)]
     k_s: Annotated[float, Quantity("-", "slope reduction in the area of slip kS", 0.0, 1.0)]
-    f0: Annotated[float, Quantity("-", "friction coefficient without sliding", 0.0, 1.0)]
-    A: Annotated[float, Quantity("-", "friction at infinite sliding over f0", 0.0, 1.0)]
+    f0: Annotated[float, Quantity("-", "friction coefficient without sliding", 1e-3, 1.0)]
+    A: Annotated[float, Quantity("-", "friction at infinite sliding over f0", 1e-3, 1.0)]
     B: Annotated[float, Quantity("s/m", "decay of friction with sliding speed", 0.0, 10.0)]
 
 
@@ -113,12 +113,14 @@ def conditions() -> dict[str, Condition]:
     }
 
 
-def condition(name: str) -> Condition:
-    """The rail condition of that name.
+def condition(name: str | Condition) -> Condition:
+    """The rail condition of that name, or with constants of its own.
 
     Raises:
         UserError: unknown name.
     """
+    if isinstance(name, Condition):
+        return name
     known = conditions()
     if name not in known:
         raise unknown("rail condition", name, list(known))

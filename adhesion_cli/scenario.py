@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from . import toml
 from .errors import UserError, unknown
 from .model import Parameter, Quantity, Vehicle
-from .rail import Contact, condition
+from .rail import Condition, Contact, condition
 from .read.units import UNITS, Dimension
 
 INF = math.inf
@@ -75,7 +75,7 @@ class Section:
     """The rail from a place (or time) on."""
 
     at: Annotated[float, Quantity("m or s", "where the section starts")]
-    condition: str
+    condition: Condition | str
     scale: Annotated[float, Quantity("-", "factor on f0", 1e-3, 20.0)] = 1.0
 
 
@@ -83,7 +83,7 @@ class Section:
 class Film:
     """Equal patches on top of the sections, as leaves leave them."""
 
-    condition: str
+    condition: Condition | str
     first: Annotated[float, Quantity("m or s", "where the first patch starts")]
     length: Annotated[float, Quantity("m or s", "length of a patch")]
     pitch: Annotated[float, Quantity("m or s", "from patch to patch")]
@@ -111,7 +111,7 @@ class Rail:
     film: Film | None = None
     wave: Wave | None = None
 
-    def changes(self) -> list[tuple[float, str, float]]:
+    def changes(self) -> list[tuple[float, Condition | str, float]]:
         """(place, condition, factor on f0) of every change, film laid over the sections."""
         base = [(x.at, x.condition, x.scale) for x in self.section]
         if self.film is None:
@@ -124,7 +124,7 @@ class Rail:
         ]
         seen += [(start, film.condition, film.scale) for start in patches]
         seen += [(end, *[x for x in base if x[0] <= end][-1][1:]) for end in ends]
-        return sorted(seen)
+        return sorted(seen, key=lambda x: x[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,9 +270,13 @@ def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
     for key in table:
         if key not in hints:
             raise unknown(f"key in {where}:", key, list(hints))
-    for f in fields(kind):
-        if f.default is MISSING and f.default_factory is MISSING and f.name not in table:
-            raise UserError(f"{where}: {f.name} is missing", f"add {f.name} = …", code=2)
+    needed = list(Condition._fields)
+    if kind is not Condition:
+        every = [f for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]
+        needed = [f.name for f in every]
+    for name in needed:
+        if name not in table:
+            raise UserError(f"{where}: {name} is missing", f"add {name} = …", code=2)
     return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
 
 
@@ -281,8 +285,9 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
         return _value(args[0], value, where, args[1])
-    if origin is types.UnionType:  # T | None, and TOML has no None
-        return _value(args[0], value, where, quantity)
+    if origin is types.UnionType:  # T | None, and TOML has no None; or a table | its name
+        named = args[-1] is str and not isinstance(value, dict)
+        return _value(args[-1 if named else 0], value, where, quantity)
     if origin is Literal:
         if value not in args:
             raise unknown(f"value of {where}:", str(value), list(args))
@@ -292,7 +297,7 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
         inner = args[:1] * len(many) if args[-1] is Ellipsis else args
         if len(inner) == len(many):
             return tuple(_value(k, v, where, quantity) for k, v in zip(inner, many, strict=True))
-    elif is_dataclass(kind):
+    elif is_dataclass(kind) or kind is Condition:
         if isinstance(value, dict):
             return _table(kind, value, where)
     elif kind is Parameter:  # of the vehicle; a simulation has no tolerances

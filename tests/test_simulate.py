@@ -473,6 +473,20 @@ def test_every_scenario_is_described_and_has_a_log() -> None:
         assert signals & {"pressure", "clamping_force"}
 
 
+def test_a_rail_may_state_constants_of_its_own(tmp_path: Path) -> None:
+    constants = {**rail.condition("low")._asdict(), "B": 0.3}
+    table = "{" + ", ".join(f"{k} = {x}" for k, x in constants.items()) + "}"
+    path = tmp_path / "mine.toml"
+    path.write_text(MINIMAL.replace('"dry"', table))
+    s = simulate.load(path)
+    assert s.rail.section[0].condition == rail.Condition(**constants)
+    under = track_of(s)
+    np.testing.assert_array_equal(under.values[0, 0], tuple(s.rail.section[0].condition))
+    named = dataclasses.replace(s, rail=scenario.Rail((scenario.Section(0.0, "low"),)))
+    path.write_text(MINIMAL.replace('"dry"', table.replace("0.3}", "0.2}")))
+    np.testing.assert_array_equal(track_of(simulate.load(path)).values, track_of(named).values)
+
+
 def test_minimal_scenario(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(MINIMAL + "[vehicle]\nwheel_radius = 0.46\nfriction = 0.35\n")
@@ -501,6 +515,9 @@ def test_minimal_scenario(tmp_path: Path) -> None:
         ("[[sensor]]\nsignal = 'slip'\njitter = 0.1\n", "jitter", "half"),
         ("[[sensor]]\nsignal = 'slip'\naxles = [3]\n", "no such axle", "1 to 1"),
         ("[[rail.section]]\nat = 9.0\ncondition = 'icy'\n", "'icy'", "dry"),
+        ("[[rail.section]]\nat = 9.0\ncondition = {f0 = 0.1}\n", "k_a is missing", "k_a = "),
+        ("[[rail.section]]\nat = 9.0\ncondition = {f1 = 0.1}\n", "'f1'", "f0"),
+        ("[[rail.section]]\nat = 9.0\ncondition = 3\n", "is not a text", "bundled"),
         ("[[rail.section]]\nat = 0.05\ncondition = 'wet'\n", "closer than blend", "blend"),
         ("dt = \n", "line 6", "TOML"),
     ],
