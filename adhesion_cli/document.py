@@ -170,8 +170,8 @@ def antiskid_document(
     )  # fmt: skip
 
 
-def limits_document(kept: "Sequence[tuple[str, Limit, bool]]") -> list[dict[str, Any]]:
-    """Which controller keeps which limit; an end that is not stated is None."""
+def limits_document(kept: "Sequence[tuple[str, Limit, bool | float]]") -> list[dict[str, Any]]:
+    """Which controller keeps which limit, or in what share; an end that is not stated is None."""
     return [
         {
             "controller": law, "quantity": x.quantity, "least": finite(x.least),
@@ -232,15 +232,23 @@ def sweep_document(
     parameters: Mapping[str, Mapping[str, float]],
     rows: "Sequence[Row]",
 ) -> dict[str, Any]:
-    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None."""
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None.
+
+    `kept` of a limit is the share of the seeds.
+    """
     rails: dict[str, dict[str, Any]] = {}
     for r in rows:
         rails.setdefault(r.rail, {})[r.controller] = {
             **r.values, **r.beside._asdict(),
         }  # fmt: skip
+    limits = [
+        {"rail": r.rail, **x}
+        for r in rows
+        for x in limits_document([(r.controller, *of) for of in r.limits])
+    ]
     return tagged(
         "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,
-        dry_distance_m=rows[0].dry_distance_m, rails=rails, outputs={},
+        dry_distance_m=rows[0].dry_distance_m, rails=rails, limits=limits, outputs={},
     )  # fmt: skip
 
 

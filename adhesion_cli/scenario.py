@@ -178,6 +178,16 @@ class Limit:
     most: Annotated[float, Quantity("of the quantity", "largest value allowed", -INF)] = INF
     least: Annotated[float, Quantity("of the quantity", "least value allowed", -INF)] = -INF
 
+    def __str__(self) -> str:
+        """As in "extension at most 0.3 (EN 15595, 5.2)"."""
+        if self.least == -INF:
+            span = f"at most {self.most:g}"
+        elif self.most == INF:
+            span = f"at least {self.least:g}"
+        else:
+            span = f"{self.least:g} to {self.most:g}"
+        return f"{self.quantity} {span} ({self.source})"
+
 
 @dataclass(frozen=True, slots=True)
 class Rig:
@@ -345,6 +355,9 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:
     places = [place for place, _, _ in changes]
     if any(b - a < s.rail.blend for a, b in pairwise(places)):
         yield "[rail] sections or film closer than blend", "order them, or shorten blend"
+    for limit in s.limit:
+        if limit.least > limit.most or (limit.least, limit.most) == (-INF, INF):
+            yield f"[[limit]] {limit.quantity} is no limit", "state most, least, or both in order"
     for sensor in s.sensor:
         name = f"[[sensor]] {sensor.signal}"
         dimensions, usual = _UNITS[sensor.signal]

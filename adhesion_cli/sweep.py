@@ -7,9 +7,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from .antiskid import ESTIMATOR, dry_distance, run, verdict
+from .antiskid import ESTIMATOR, against, dry_distance, run, verdict
 from .controller import registry
-from .scenario import Film, Rail, Scenario, Section
+from .scenario import Film, Limit, Rail, Scenario, Section
 from .stop import Verdict
 from .unit import Settings
 
@@ -54,6 +54,7 @@ class Row(NamedTuple):
     dry_distance_m: float
     values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
     beside: Beside
+    limits: tuple[tuple[Limit, float], ...] = ()  # the scenario's, each with the share that keep it
 
 
 def sweep(
@@ -72,7 +73,9 @@ def sweep(
         for controller, stops in mine.items():
             columns = zip(*stops, strict=True)
             values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
-            rows.append(Row(rail, controller, dry, values, others[controller]))
+            kept = np.mean([[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0)
+            limits = tuple(zip(scenario.limit, kept.tolist(), strict=True))
+            rows.append(Row(rail, controller, dry, values, others[controller], limits))
     return rows
 
 

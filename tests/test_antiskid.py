@@ -568,11 +568,23 @@ def test_limits_are_the_users_with_their_source() -> None:
     )
     assert [kept for _, kept in antiskid.against(limits, v)] == [False, True, True]
     assert case("slippery-stop").limit == ()  # none is built in
+    assert [str(x) for x in (*limits[:2], Limit("air_nl", "it", 9.0, 1.0))] == [
+        "extension at most 0.1 (a test)", "utilisation at least 0.5 (a test)", "air_nl 1 to 9 (it)",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("ends", ["", "most = 1.0\nleast = 2.0\n"])
+def test_a_limit_that_limits_nothing_is_refused(tmp_path: Path, ends: str) -> None:
+    path = tmp_path / "short.toml"
+    path.write_text(SLIPPERY + f'[[limit]]\nquantity = "extension"\nsource = "a test"\n{ends}')
+    with pytest.raises(UserError, match=r"\[\[limit\]\] extension is no limit"):
+        scenario.load(path)
 
 
 def test_sweep_is_every_controller_on_every_rail() -> None:
     told: list[str] = []
-    slow = replace(case("slippery-stop"), train=short().train)
+    limits = Limit("utilisation", "a test", least=0.8), Limit("locked_s", "a test", most=0.0)
+    slow = replace(case("slippery-stop"), train=short().train, limit=limits)
     rows = sweep.sweep(slow, 2, tell=told.append)
     assert [(r.rail, r.controller) for r in rows] == [
         (r, c) for r in sweep.RAILS for c in registry()
@@ -589,10 +601,15 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
         mine.stopping_distance_m - its.stopping_distance_m
         for mine, its in zip(again["low", "patent"], again["low", "rule"], strict=True)
     ]
-    assert by["low", "rule"].patent_less_this_m == sweep.interval(less)
-    assert by["low", "patent"].patent_less_this_m is None
-    told_as = document.sweep_document("short", 2, "kalman", {}, rows)["rails"]["low"]["rule"]
-    assert told_as["patent_less_this_m"] == sweep.interval(less)
+    assert by["low", "rule"].beside.patent_less_this_m == sweep.interval(less)
+    assert by["low", "patent"].beside.patent_less_this_m is None
+    doc = document.sweep_document("short", 2, "kalman", {}, rows)
+    assert doc["rails"]["low"]["rule"]["patent_less_this_m"] == sweep.interval(less)
+    kept = {(x["rail"], x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
+    assert len(kept) == 2 * len(rows)
+    used = [v.utilisation >= 0.8 for v in again["low", "rule"]]
+    assert kept["low", "rule", "utilisation"] == np.mean(used)
+    assert (kept["low", "none", "locked_s"], kept["dry", "none", "locked_s"]) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(

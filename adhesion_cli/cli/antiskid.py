@@ -23,7 +23,7 @@ from .options import (
 
 if TYPE_CHECKING:
     from ..model import Finding
-    from ..scenario import Limit, Scenario
+    from ..scenario import Scenario
     from ..stop import Stop
     from ..sweep import Beside, Row
     from ..unit import Settings as Stated
@@ -143,7 +143,13 @@ def command(
         stops["none"][0], case.name, made_with, dry, found, limits=limits_document(kept)
     )
     head = f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}"
-    text = "\n".join([head, _verdicts(found), *(_limit(*x) for x in kept)])
+    text = "\n".join(
+        [
+            head,
+            _verdicts(found),
+            *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
+        ]
+    )
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
     _write(paths, shared, Path(scenario), case, made, settings, document, text)
     return 0
@@ -299,11 +305,6 @@ def _verdicts(
     return f"{told}\n{folded(_MEANING, width=NARROW)}"
 
 
-def _limit(controller: str, limit: "Limit", kept: bool) -> str:
-    where = f"{'within' if kept else 'OUTSIDE'} {limit.least:g} to {limit.most:g}"
-    return f"{controller}: {limit.quantity} {where} ({limit.source})"
-
-
 def _rails(rows: "Sequence[Row]") -> str:
     from .show import folded, table
 
@@ -317,4 +318,6 @@ def _rails(rows: "Sequence[Row]") -> str:
         for r in rows
     ]
     told = table(["rail", "controller", *_HEADER, *_BESIDE], body, left=2)
-    return f"{told}\n{folded(_MEANING)}"
+    kept = [[str(x), r.rail, r.controller, f"{of:.0%}"] for r in rows for x, of in r.limits]
+    limits = [table(["limit", "rail", "controller", "kept"], sorted(kept), 3)] if kept else []
+    return "\n".join([told, folded(_MEANING), *limits])
