@@ -164,7 +164,7 @@ def _integrated(
         f"{high:.2f} m/s² {way} the train's by zero, tilt and gradient; held where wheels surely "
         f"roll ({v.anchored:.0f} s), its 1 sigma is up to {np.nanmax(sigma, initial=0.0):.2f} m/s"
     )
-    told = Finding("train-speed-integrated", "info", text, a.title, a.rows)
+    told = Finding("train-speed-integrated", "info", text, a.title)
     return made, [told]
 
 
