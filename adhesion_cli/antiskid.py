@@ -346,13 +346,18 @@ def speed_noise(s: Scenario) -> float:
 
 
 def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:
-    """Refuses a brake that is released before any rail can have stopped the train.
+    """Refuses a brake that never takes hold, or is released before any rail can stop the train.
 
     With (1) from v0 to standstill, (m + I/R²) v0 = ∫φK dt while the wheel turns, on any rail. K
     follows the demand, and at its release lasts no longer than the cylinder needs to vent.
     """
     w = physics.wheelset(s.vehicle, 1)
     K, t = clamping(plant.brake, demand.p[:-1]), demand.t[:-1]
+    if not K.any():
+        text = f"{s.name}: {demand.p.max() * 1e-5:.2g} bar, the most demanded, moves no brake pad"
+        raise UserError(
+            text, "a pressure that overcomes the cylinder's spring, [vehicle] spring_force"
+        )
     venting = plant.vent_time + demand.p.max() / plant.vent_rate
     impulse = float(np.sum(np.diff(t) * (K[1:] + K[:-1]) / 2.0) + K.max() * venting)
     if K[-1] == 0.0 and w.rolling * w.phi * impulse < w.mass * s.train.speed:

@@ -96,11 +96,15 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     for axle in result.axles:
         summary, told = slip.summary(axle, result.vehicle)
         if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
-            raise UserError(
-                f"{name}: no rail to replay under axle {axle.record.axle}: "
-                + " ".join(f.message for f in told),
+            hint = (
                 "it takes slides of several seconds through the peak, on one kind of rail: choose "
-                "them with --from and --to, or leave the axle out with --axle",
+                "them with --from and --to, or leave the axle out with --axle"
+            )
+            if axle.record.train_speed_made:
+                hint = "it takes a log with a train speed, by radar or GNSS"
+            text = " ".join(f.message for f in told)
+            raise UserError(
+                f"{name}: no rail to replay under axle {axle.record.axle}: {text}", hint
             )
         summaries.append(summary)
         findings += [f for f in told if summary.slides]

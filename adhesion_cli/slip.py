@@ -17,12 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import compiled, physics, railfit, signals
+from . import compiled, events, physics, railfit, signals
+from .events import CAUGHT, Slide
 from .model import (
     AxleRecord,
     AxleResult,
-    Bools,
-    Event,
     Finding,
     Floats,
     Parameter,
@@ -38,30 +37,12 @@ _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
-_SLIDE, _CAUGHT = 0.05, 0.01  # slip at which a slide is one, and at which it is over
-_SHORT = 0.1  # a slide lasts longer [s]
 _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
-_LASTS = 0.5  # and so does a change of region that is an event [s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
 _DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]
 _CLEARLY = 2.0  # sigma that are more than noise
 _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
-
-
-class Slide(NamedTuple):
-    """One slide of one axle, from `_CAUGHT` to `_CAUGHT` with more than `_SLIDE` between.
-
-    On a train speed made of the axles it is at least that: where all slide, the train is faster.
-    """
-
-    where: slice  # of the record
-    start: int  # [ns]
-    duration: float  # [s]
-    distance: float  # run by the train meanwhile [m]
-    max_slip: float  # [-]
-    energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
-    at_least: bool  # the train speed is made of the axles
 
 
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
@@ -217,7 +198,7 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
     assert record.train_speed is not None
     v, rim = record.train_speed, record.wheel_speed * radius
     braked = record.clamping_force > physics.FREE
-    rolls = braked & (np.abs(v - rim) < np.maximum(_CAUGHT * v, _NEAR))
+    rolls = braked & (np.abs(v - rim) < np.maximum(CAUGHT * v, _NEAR))
     h = float(np.median(np.diff(record.t))) * 1e-9
     train = 0.0
     for m in sorted({round(x) for x in np.geomspace(1, max(1, round(_SLOWEST / h)), 8)}):
@@ -310,33 +291,8 @@ def observed(
             "speed is late: slip in slides trusts its time stamps"
         )
         findings.append(Finding("train-clock-unknown", "info", text, f"axle {record.axle}"))
-    return replace(done, events=_events(done)), findings
-
-
-def _events(axle: AxleResult) -> tuple[Event, ...]:
-    """Slides, and changes of region that last; in the order of time."""
-    assert axle.region is not None
-    name, found = f"axle {axle.record.axle}", []
-    for x in slides(axle):
-        heat = "unknown energy" if x.energy is None else f"{x.energy / 1e3:.1f} kJ"
-        text = (
-            f"{name}: slide of {x.duration:.2f} s over {x.distance:.0f} m, slip up to "
-            f"{x.max_slip:.0%}, {heat} into tread and rail"
-        )
-        text += " (at least: the train speed is made of the axles)" if x.at_least else ""
-        found.append(Event(x.start, "slide", text, x.start + round(x.duration * 1e9)))
-    for segment in axle.record.segments:
-        t, code = axle.record.t[segment], axle.region[segment]
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])
-        lasts = np.diff(t[starts], append=t[-1]) * 1e-9 >= _LASTS
-        before = REGIONS[0]
-        for i in starts[lasts].tolist():
-            after = REGIONS[code[i]]
-            if after != before:
-                text = f"{name}: region {after}, was {before}"
-                found.append(Event(int(t[i]), "region-change", text))
-            before = after
-    return tuple(sorted(found))
+    told = events.of_axle(record.axle, slides(done), record.segments, record.t, code)
+    return replace(done, events=told), findings
 
 
 # Slides and shares
@@ -351,24 +307,9 @@ def slides(axle: AxleResult) -> list[Slide]:
     if s is None or record.train_speed is None:
         return []
     clear = s - 2.0 * _speed_error(record)
-    found = []
-    for segment in record.segments:
-        for first, past in signals.true_runs(clear[segment] > _CAUGHT):
-            where = slice(segment.start + first, segment.start + past)
-            t, v = (record.t[where] - record.t[where.start]) * 1e-9, record.train_speed[where]
-            deep: Bools = clear[where] > _SLIDE
-            if float(np.diff(t, prepend=t[0])[deep].sum()) < _SHORT:
-                continue
-            heat = F[where] * s[where] * v  # v − ωR = s v
-            known = np.isfinite(heat).all()  # a locked wheel has no F
-            found.append(
-                Slide(
-                    where, int(record.t[where.start]), float(t[-1]), float(np.trapezoid(v, t)),
-                    float(s[where].max()), float(np.trapezoid(heat, t)) if known else None,
-                    record.train_speed_made,
-                )
-            )  # fmt: skip
-    return found
+    columns = record.t, record.train_speed, s, clear, F
+    made = record.train_speed_made
+    return [x for part in record.segments for x in events.slides(part, *columns, made)]
 
 
 def shares(axle: AxleResult) -> dict[str, float]:

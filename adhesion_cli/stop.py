@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from .model import Floats, Times
 
 JUDGED_FROM = 1.0  # train speed from which a stop is judged; the law's slip counts on at least it
-_SLIDE = 0.05  # slip from which a wheel slides [-]
+SLIDE = 0.05  # slip from which a wheel slides [-]
 _STANDING = 0.1  # a rim slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
 
@@ -48,7 +48,7 @@ class Stop:
     def sliding(self) -> NDArray[np.int8]:
         """`ROLLS`, `SLIDES` or `LOCKED`, shape (n, axles); rolls where the train is too slow."""
         fast = self.train_speed[:, None] >= JUDGED_FROM
-        code = np.where(fast & (self.slip > _SLIDE), SLIDES, ROLLS)
+        code = np.where(fast & (self.slip > SLIDE), SLIDES, ROLLS)
         return np.where(fast & (self.rim_speed < _STANDING), LOCKED, code).astype(np.int8)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from recordings import batches, column, static
 
 from adhesion_cli import (
@@ -626,6 +627,7 @@ def test_a_unit_may_take_its_vehicle_for_another(key: str, field: str) -> None:
     assert on_dry == antiskid.run(replace(short(), rail=antiskid.DRY), "none").distance[-1]
 
 
+NO_HOLD = {"brake": scenario.Brake((scenario.Command(0.0, 1e3),))}
 AT_ONCE = {
     "train": scenario.Train(speed=1e-3),
     "brake": scenario.Brake((scenario.Command(0.0, 8e5),)),
@@ -647,6 +649,7 @@ AT_ONCE = {
         ({}, "none", "leso", {"leso": {"euler": 1.0}}, "longest stable"),
         ({"brake": scenario.Brake()}, "none", "kalman", {}, "no train that brakes"),
         (AT_ONCE, "none", "kalman", {}, "stands at once"),
+        (NO_HOLD, "none", "kalman", {}, "moves no brake pad"),
     ],
 )  # fmt: skip
 def test_bad_requests_are_refused(change, controller, algo, settings, says) -> None:
@@ -765,7 +768,7 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     stop, vehicle = stopped("short", "rule"), short().vehicle
     path = tmp_path / "short.rule.antiskid.mcap"
     carried = settings.tree(settings.Settings(vehicle), [])
-    mcap.write_stop(path, "short", stop, vehicle, carried, "{}")
+    mcap.write_stop(path, "short", stop, vehicle, carried, "{}", ["a book"])
     result = analysis.analyze(path, partial(settings.load, folder=False), ["kalman"])
     assert not [f for f in result.findings if f.severity != "info"]
     assert result.vehicle == vehicle
@@ -780,6 +783,27 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     moves = stop.train_speed > 2.0
     assert np.abs(axle.slip - stop.slip[:, 0])[moves].max() < 0.05  # one is what sensors say
     assert len(slip.slides(axle)) > 0
+    with path.open("rb") as file:
+        stated = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+    assert stated["adhesion.provenance"]["sources"] == "a book"
+
+
+def test_events_of_a_stop_are_what_truly_happened(tmp_path: Path) -> None:
+    stop, path = stopped("short", "none"), tmp_path / "short.none.antiskid.mcap"
+    mcap.write_stop(path, "short", stop, short().vehicle, {}, "{}", [])
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        told = [x.decoded_message for x in reader.iter_decoded_messages(["/events"])]
+    codes = [m.code for m in told]
+    assert {"slide", "wheel-locked", "region-change"} == set(codes)
+    assert [m.timestamp.ToNanoseconds() for m in told] == sorted(
+        m.timestamp.ToNanoseconds() for m in told
+    )
+    (locked,) = [m for m in told if m.code == "wheel-locked"]
+    stands = float((stop.sliding()[:, 0] == LOCKED).sum()) * 0.01
+    assert locked.message == f"axle 1: locked for {stands:.2f} s"
+    (slide,) = [m for m in told if m.code == "slide"]
+    assert f"slip up to {np.nanmax(stop.slip):.0%}" in slide.message
 
 
 @pytest.mark.parametrize(("seconds", "seed"), [(0.0, 1), (0.0, 8), (0.5, 8), (2.0, 8)])
@@ -790,7 +814,9 @@ def test_a_late_train_speed_shows_where_every_wheel_slides(
     v = np.interp(stop.t - seconds * 1e9, stop.t, stop.measured_train_speed)
     path = tmp_path / "late.rule.antiskid.mcap"
     carried = settings.tree(settings.Settings(vehicle), [])
-    mcap.write_stop(path, "late", replace(stop, measured_train_speed=v), vehicle, carried, "{}")
+    mcap.write_stop(
+        path, "late", replace(stop, measured_train_speed=v), vehicle, carried, "{}", ["a book"]
+    )
     result = analysis.analyze(path, partial(settings.load, folder=False), ["kalman"])
     told = [f.severity for f in result.findings if f.code == "train-clock-offset"]
     assert told == (["warning"] if seconds else [])

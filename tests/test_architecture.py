@@ -19,7 +19,7 @@ LAYERS = [
     {"physics", "methods", "stop"},
     {"estimator", "controller", "signals"},
     {"estimators", "compiled", "rail", "slope", "trainspeed"},
-    {"runout", "smoother", "controllers", "railfit"},
+    {"events", "runout", "smoother", "controllers", "railfit"},
     {"reference"},
     {"metrics", "read", "write"},
     {"scenario"},

@@ -608,7 +608,7 @@ def test_a_first_stamp_that_is_not_set_is_said(tmp_path: Path) -> None:
     source = opened(tmp_path, log)
     (column,) = read(source).values()
     assert column.valid.all()
-    reason = "log time: the stamp inside the first message of /a is not set"
+    reason = "log time: the stamp inside the first message of /a is 0 or not set"
     assert source.time_reason == reason
     assert codes(source) == [("mcap-stamp-unused", 1)]
 

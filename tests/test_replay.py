@@ -110,6 +110,10 @@ def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no rail to replay under axle 1: slides too short") as told:
         replay.case(analysed(film))
     assert "--from" in told.value.hint
+    blind = write(tmp_path / "blind.csv", recordings(NAME, train=False))
+    with pytest.raises(UserError, match="no rail to replay under axle 1: the train speed") as told:
+        replay.case(analysed(blind))
+    assert "train speed" in told.value.hint  # no other slides would help
     service = write(tmp_path / "service.csv", recordings("service-brake", train=True))
     with pytest.raises(UserError, match="no axle slides"):
         replay.case(analysed(service))

@@ -232,6 +232,7 @@ def _write(
     document: dict[str, Any], text: str, findings: "Sequence[Finding]" = (),
 ) -> None:  # fmt: skip
     """Writes the files, each stop with what it was made from, and says what came out."""
+    from .. import controller, estimator
     from ..document import dumps
     from ..figures import of_stops
     from ..physics import G
@@ -239,12 +240,16 @@ def _write(
     from ..write import files, mcap, rrd
     from . import show
 
+    estimators, laws = estimator.registry(), controller.registry()
     weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
     drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
     every = [*paths, *pictures(shared)]
     with files.outputs(every, shared.force, inputs=[source]) as (recording, *places):
         for record, (stop, carried) in zip(places, stops, strict=False):
-            mcap.write_stop(record, case.name, stop, case.vehicle, carried, dumps(document))
+            sources = estimators[stop.algo].source, laws[stop.controller].source
+            mcap.write_stop(
+                record, case.name, stop, case.vehicle, carried, dumps(document), sources
+            )
         found = show.findings(findings).splitlines()
         verdict = "\n".join([text, *(show.folded(f, "  ", show.NARROW) for f in found)])
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)

@@ -304,7 +304,7 @@ class McapSource:
                 return f"{s.topic} carries no stamp of its own"
         for s in of:
             if not s.stamp_time:
-                return f"the stamp inside the first message of {s.topic} is not set"
+                return f"the stamp inside the first message of {s.topic} is 0 or not set"
             if s.stamps_repeat:
                 return f"the stamps inside the first messages of {s.topic} repeat"
         return ""

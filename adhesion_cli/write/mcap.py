@@ -16,11 +16,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from .. import __version__, physics, signals
+from .. import __version__, events, physics, signals
 from ..errors import UserError
-from ..model import MADE, AxleResult, Column, Floats, Log, Result, Times, Vehicle
+from ..model import MADE, AxleResult, Column, Event, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
-from ..stop import Stop
+from ..stop import LOCKED, Stop
 from ..text import printable
 from . import container, descriptors, names
 from .container import Offsets
@@ -137,8 +137,9 @@ def write_log(path: Path, log: Log) -> None:
 
 
 def write_stop(
-    path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str
-) -> None:
+    path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str,
+    sources: Sequence[str],
+) -> None:  # fmt: skip
     """Write one stop in closed loop as a result: a log of what the unit measured, with the truth.
 
     Args:
@@ -149,6 +150,7 @@ def write_stop(
         settings: as of a result, with all that the stop was made from; whoever reads the file as
             a log takes them.
         metrics: the document that `--json` prints, kept as metadata `adhesion.metrics`.
+        sources: literature of the methods in the loop.
 
     Raises:
         UserError: a file that does not read back.
@@ -160,12 +162,14 @@ def write_stop(
     ]
     for i in range(stop.pressure.shape[1]):
         streams += _stop_streams(stop, i, vehicle)
+    streams += _told([x for i in range(stop.pressure.shape[1]) for x in _stop_events(stop, i)], "")
     stated = names.flat(settings)
     provenance = {
         "version": __version__,
         "input": printable(f"{name}, controller {stop.controller}"),
         "input_sha256": sha256(repr(stated).encode()).hexdigest(),
         "input_format": "closed loop",
+        "sources": "\n".join(sources),
     }
     _write(
         path,
@@ -307,7 +311,7 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
 def _events(result: Result, prefix: str) -> list[_Stream]:
     """Findings, brake applications, slides and regions on one topic, in the order of their time."""
     event, start = descriptors.message("Event"), result.log.start_ns()
-    events = []
+    found = []
     of = {c.title: c.axle for c in result.log.channels}
     of |= {f"axle {a.record.axle}": a.record.axle for a in result.axles}
     for f in result.findings:
@@ -315,7 +319,7 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
         text = f"{where}{printable(f.message)}"
         t = start + round((f.first_s or 0.0) * _SECOND)
         told = event(code=f.code, severity=f.severity, axle=of.get(f.channel), message=text)
-        events.append((t, told))
+        found.append((t, told))
     for axle in result.axles:
         N = axle.record.axle
         for s in axle.applications:
@@ -323,15 +327,37 @@ def _events(result: Result, prefix: str) -> list[_Stream]:
             for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                 text = f"axle {N}: brake {what}"
                 told = event(code=f"brake-{what}", severity="info", axle=N, message=text)
-                events.append((int(axle.record.t[i]), told))
+                found.append((int(axle.record.t[i]), told))
         for x in axle.events:
             told = event(code=x.code, severity="info", axle=N, message=x.message)
-            events.append((x.t, told))
-    if not events:
+            found.append((x.t, told))
+    return _told(found, prefix)
+
+
+def _stop_events(stop: Stop, i: int) -> Iterator[tuple[int, Any]]:
+    """What truly happened to an axle of a stop, counted from 0, and the regions it was judged in.
+
+    Pairs of a time [ns] and an `adhesion.Event`.
+    """
+    whole, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
+    slides = events.slides(whole, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
+    told = list(events.of_axle(i + 1, slides, [whole], stop.t, stop.region[:, i]))
+    for first, past in signals.true_runs(wheel == LOCKED):
+        begin, end = stop.t[[first, min(past, len(stop.t) - 1)]].tolist()
+        text = f"axle {i + 1}: locked for {(end - begin) / 1e9:.2f} s"
+        told.append(Event(begin, "wheel-locked", text, end))
+    message = descriptors.message("Event")
+    for x in told:
+        yield x.t, message(code=x.code, severity="info", axle=i + 1, message=x.message)
+
+
+def _told(found: Sequence[tuple[int, Any]], prefix: str) -> list[_Stream]:
+    """The topic of events, none where nothing happened; pairs as of `_stop_events`."""
+    if not found:
         return []
-    events.sort(key=lambda e: e[0])
-    tails = tuple(e.SerializeToString() for _, e in events)
-    times = np.array([t for t, _ in events], np.int64)
+    ordered = sorted(found, key=lambda e: e[0])
+    tails = tuple(e.SerializeToString() for _, e in ordered)
+    times = np.array([t for t, _ in ordered], np.int64)
     return [_Stream(f"{prefix}/events", "Event", times, {}, tails, np.arange(len(tails)))]
 
 
