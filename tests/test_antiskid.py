@@ -690,12 +690,14 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "stops.rrd"
     stops, bands = [stopped("short", c) for c in registry()], {"patent": unit.bands({})}
     weight = short().vehicle.axle_mass.value * physics.G
-    rrd.write_stops(path, "short", stops, weight, bands, "75 m on dry rail")
+    rrd.write_stops(path, "short", stops, weight, bands, "75 m on dry rail\n```\n![](http://evil)")
     return path
 
 
 def test_stops_are_written_side_by_side(recording: Path) -> None:
-    assert "75 m on dry rail" in static(recording, "/verdict", "text")[0]
+    (text,) = static(recording, "/verdict", "text")
+    assert "75 m on dry rail" in text
+    assert text.count("```") == 2  # what a log says stays in its block
     for stop in (stopped("short", c) for c in registry()):
         place = f"/{stop.controller}/axle/1"
         for name, columns in (

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings import static
 from simulated import recordings, simulation, write
 
 from adhesion_cli import analysis, antiskid, rail, railfit, replay, scenario, settings, slip
@@ -65,6 +66,8 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         "low.antiskid.rrd", "low.antiskid.sha256",
         *(f"low.{law}.antiskid.mcap" for law in ("none", "patent", "rule")),
     }  # fmt: skip
+    (told,) = static(tmp_path / "low.antiskid.rrd", "/verdict", "text")
+    assert all(f["code"] in told for f in document["findings"])
     beside = document["beside"]
     assert beside["patent"]["patent_less_this_m"] is None
     assert beside["none"]["patent_less_this_m"][2] < -20.0  # though their own intervals overlap
