@@ -146,9 +146,10 @@ class _Stops:
         wheel, judged, i, every = [], [], axle - 1, self.stops
         speed = span_of([x.train_speed * 3.6 for x in every], [])  # the same beside one another
         pressure = span_of([x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])], [])
-        force = span_of(
-            [x[:, i] for s in every for x in (s.force, s.peak)], [s.estimate[:, i] for s in every]
-        )
+        forces = [s.force[:, i] for s in every]
+        top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
+        near = [np.minimum(s.peak[:, i], top) for s in every]
+        force = span_of([*forces, *near], [s.estimate[:, i] for s in every])
         for stop in every:
             path, who = f"{stop.controller}/axle/{axle}", stop.controller
             views = [
