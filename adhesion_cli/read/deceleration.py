@@ -110,12 +110,15 @@ def explained(s: Scene) -> Iterator[Finding]:
         if abs(late.value) > _LATE:
             yield _late(s, "warning")
         return
+    fit, absurd = _fit(s), not 1.0 / _ANY_VEHICLE < line.scale < _ANY_VEHICLE
+    if absurd and fit and fit.slope > 0.0 and _as_stated(s, fit.slope):
+        return  # by (1), which holds in slides too, the train slows as it should
     doubt = ""
     if either:
         doubt = "; what is logged cannot tell this from {}: log a brake's build-up and release"
     if not late.value and (told := list(another_factor(s))):
         yield from told
-    elif abs(math.log(line.scale)) > math.log1p(braking.SIGMAS * braking.tolerance(s.vehicle)):
+    elif not _as_stated(s, line.scale):
         yield _another(s, line.scale, "warning", doubt.format("a pressure with another clock"))
     else:
         way = "less" if line.offset > 0.0 else "more"
@@ -160,11 +163,17 @@ def another_factor(s: Scene) -> Iterator[Finding]:
     gradient = _CHANGES if fit.varied else GRADIENT
     if factor <= 0.0 or abs(factor - 1.0) * fit.top < gradient:
         return
-    if abs(math.log(factor)) < math.log1p(braking.SIGMAS * braking.tolerance(s.vehicle)):
+    if _as_stated(s, factor):
         return
     # Braked all the time and hardly slower for it: a rig or a gradient does that too.
     held = not fit.varied and factor < 1.0 and not fit.slows
     yield _another(s, factor, "info" if held else "warning")
+
+
+def _as_stated(s: Scene, factor: float) -> bool:
+    """Whether the stated tolerances allow that the train slows so many times as hard."""
+    allowed = braking.SIGMAS * braking.tolerance(s.vehicle)
+    return abs(math.log(factor)) < math.log1p(allowed)
 
 
 def _another(s: Scene, factor: float, severity: Severity, doubt: str = "") -> Finding:
