@@ -1,19 +1,19 @@
 """What each controller would have done where a log was taken.
 
-The rail under each axle that slid is the one `railfit` fits to its slides, from the place of the
-first of them on; before, and under an axle that never slid, it gave what was asked for and counts
-as dry. The train is the log's axles, the speed the log's at the start of the brake. The demand is
-the clamping force of the axles that never slid. Where every axle did, slide protection let air out
-of each from then on: the demand goes on as it stood when the last of them began to slide, or as the
-largest force since. If it did not yet stand, it may have been anything from that to what locks a
+The rail under each axle that slid is the one `railfit` fits to its slides, from where it first
+creeps by more than 1 %; before, and under an axle that never slid, it gave what was asked for and
+counts as dry. The train is the log's axles, the speed the log's at the start of the brake. The
+demand is the clamping force of the axles that never slid. Where every axle did, slide protection
+let air out of each from then on: the demand goes on as it stood when the last of them began to, or
+as the largest force since. If it did not yet stand, it may have been anything from that to what locks a
 wheel on dry rail: half of the draws have more, and there is no dry distance to compare with. It
 begins as much earlier as cylinders take to fill against their springs, before which there is no
 clamping force. Where the brake was released before the train stood, the demand goes on as it was.
 The track is level and the unit that of `scenario.Antiskid`.
 
-The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, and a true
-pad friction for all; each controller stops on `_DRAWS` of them. The intervals hold what the log
-does not decide, not what is said above.
+The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, friction in
+deep slides falling alike under all of them, and a true pad friction for all; each controller stops
+on `_DRAWS` of them. The intervals hold what the log does not decide, not what is said above.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,14 +22,16 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from . import antiskid, physics, slip
+from . import antiskid, physics, railfit, slip
 from .controller import registry
 from .document import antiskid_document, findings_document
 from .errors import UserError
-from .model import Bools, Finding, Floats, Result, Times
+from .model import Bools, Finding, Floats, Result, Times, Vehicle
 from .plant import Track
 from .rail import Condition, condition
+from .railfit import RailFit
 from .read.braking import SIGMAS, tolerance
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
 from .slip import Summary
@@ -120,7 +122,8 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         raise UserError(text, "choose a stop with --from and --to")
     begin, end = braking.t[[0, -1]].tolist()
     firsts = [
-        min((x.start for x in s.slides if begin <= x.start <= end), default=0) for s in summaries
+        (slip.limited_from(a, begin, end) or 0) if s.slides else 0
+        for a, s in zip(result.axles, summaries, strict=True)
     ]
     places = [_distance(braking, first) if first else None for first in firsts]
     asked, known, told = _demand(braking, firsts)
@@ -134,10 +137,11 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     draws, random = [], np.random.default_rng(0)
     most = condition("dry").f0 * physics.G * result.vehicle.axle_mass.value
     most = max(1.0, most / result.vehicle.friction.value / float(asked.max()))
+    drawn = _drawn(rails, result.vehicle, random)
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         phi = scenario.vehicle.friction
         truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
-        track = _track(places, [rail and rail.draws[k] for rail in rails])
+        track = _track(places, [of[k] if of else None for of in drawn])
         more = np.where(known, 1.0, most ** max(random.uniform(-1.0, 1.0), 0.0))
         brake = Brake(_commands(braking, more * asked))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
@@ -208,6 +212,33 @@ def document(
         intervals=spread, beside={law: a.beside._asdict() for law, a in found.items()},
         findings=findings_document(findings),
     )  # fmt: skip
+
+
+def _drawn(
+    rails: Sequence[RailFit | None], vehicle: Vehicle, random: np.random.Generator
+) -> list[list[Condition] | None]:
+    """Draws of every axle's rail, those together that hold a locked wheel alike, in any order.
+
+    What slides leave open of a rail, how far its friction falls, they leave open under all axles
+    alike: drawn under each by itself it would average out, and the train's stop seem sure.
+    """
+    order: NDArray[np.int64] | None = None
+    found: list[list[Condition] | None] = []
+    for rail in rails:
+        if rail is None:
+            found.append(None)
+            continue
+        scales = rail.scales[:_DRAWS]
+        own = [_scaled(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)]
+        own.sort(key=lambda x: float(railfit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
+        order = random.permutation(len(own)) if order is None else order
+        found.append([_scaled(own[i], c) for i, c in zip(order.tolist(), scales, strict=True)])
+    return found
+
+
+def _scaled(x: Condition, c: float) -> Condition:
+    """The rail whose μ is c times as high; see `railfit`."""
+    return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
 
 
 def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:

@@ -41,6 +41,7 @@ _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
 _DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]
+_CREEPS = 0.5  # a creep that is no swing of the speeds lasts longer [s]
 _CLEARLY = 2.0  # sigma that are more than noise
 _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
 
@@ -310,6 +311,24 @@ def slides(axle: AxleResult) -> list[Slide]:
     columns = record.t, record.train_speed, s, clear, F
     made = record.train_speed_made
     return [x for part in record.segments for x in events.slides(part, *columns, made)]
+
+
+def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
+    """When the rail first holds the wheel short, between two times [ns]; None where it does not.
+
+    That is before the first slide where slide protection keeps slip near the curve's peak: from
+    the first creep on that is none of a rolling wheel's, and lasts.
+    """
+    record, s = axle.record, axle.slip
+    if s is None or record.train_speed is None:
+        return None
+    clear, found = s - 2.0 * _speed_error(record), [x.start for x in slides(axle)]
+    for part in record.segments:
+        for first, past in signals.true_runs(clear[part] > CAUGHT):
+            since, until = record.t[part.start + first], record.t[part.start + past - 1]
+            if until - since >= _CREEPS * 1e9:
+                found.append(int(since))
+    return min((t for t in found if begin <= t <= end), default=None)
 
 
 def shares(axle: AxleResult) -> dict[str, float]:
