@@ -5,11 +5,11 @@ creeps by more than 1 %; before, and under an axle that never slid, it gave what
 counts as dry. The train is the log's axles, the speed the log's at the start of the brake. The
 demand is the clamping force of the axles that never slid. Where every axle did, slide protection
 let air out of each from then on: the demand goes on as it stood when the last of them began to, or
-as the largest force since. If it did not yet stand, it may have been anything from that to what locks a
-wheel on dry rail: half of the draws have more, and there is no dry distance to compare with. It
-begins as much earlier as cylinders take to fill against their springs, before which there is no
-clamping force. Where the brake was released before the train stood, the demand goes on as it was.
-The track is level and the unit that of `scenario.Antiskid`.
+as the largest force since. If it did not yet stand, it may have been anything from that to what
+locks a wheel on dry rail: half of the draws have more, and there is no dry distance to compare
+with. It begins as much earlier as cylinders take to fill against their springs, before which there
+is no clamping force. Where the brake was released before the train stood, the demand goes on as it
+was. The track is level and the unit that of `scenario.Antiskid`.
 
 The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, friction in
 deep slides falling alike under all of them, and a true pad friction for all; each controller stops
