@@ -59,10 +59,8 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
-        free = (
-            (record.clamping_force[s] < physics.FREE) & (rim[s] > _FAST) & (np.abs(change) < _EVEN)
-        )
-        free &= v[s] > _FAST
+        free = (record.clamping_force[s] < physics.FREE) & (np.abs(change) < _EVEN)
+        free &= (rim[s] > _FAST) & (v[s] > _FAST)
         ratios.append(v[s][free] / rim[s][free])
         seconds += float(np.diff(t, prepend=t[0])[free].sum())
     ratio = np.concatenate(ratios)
@@ -307,10 +305,14 @@ def slides(axle: AxleResult) -> list[Slide]:
     record, s, F = axle.record, axle.slip, axle.reference.force
     if s is None or record.train_speed is None:
         return []
-    clear = s - 2.0 * _speed_error(record)
-    columns = record.t, record.train_speed, s, clear, F
+    columns = record.t, record.train_speed, s, _clear(record, s), F
     made = record.train_speed_made
     return [x for part in record.segments for x in events.slides(part, *columns, made)]
+
+
+def _clear(record: AxleRecord, s: Floats) -> Floats:
+    """Slip less what the train speed's error may make of it, shape (n,)."""
+    return s - 2.0 * _speed_error(record)
 
 
 def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
@@ -322,7 +324,7 @@ def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
         return None
-    clear, found = s - 2.0 * _speed_error(record), [x.start for x in slides(axle)]
+    clear, found = _clear(record, s), [x.start for x in slides(axle)]
     for part in record.segments:
         for first, past in signals.true_runs(clear[part] > CAUGHT):
             since, until = record.t[part.start + first], record.t[part.start + past - 1]

@@ -110,8 +110,8 @@ def explained(s: Scene) -> Iterator[Finding]:
         if abs(late.value) > _LATE:
             yield _late(s, "warning")
         return
-    fit, absurd = _fit(s), not 1.0 / _ANY_VEHICLE < line.scale < _ANY_VEHICLE
-    if absurd and fit and fit.slope > 0.0 and _as_stated(s, fit.slope):
+    absurd = not 1.0 / _ANY_VEHICLE < line.scale < _ANY_VEHICLE
+    if absurd and (fit := _fit(s)) and fit.slope > 0.0 and _as_stated(s, fit.slope):
         return  # by (1), which holds in slides too, the train slows as it should
     doubt = ""
     if either:
