@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from .model import Channel, Finding, Floats, Log, Result
-from .slip import Summary
-from .stop import Stop
 from .text import utf8
 
 if TYPE_CHECKING:
     from . import unit
     from .plant import Track
     from .scenario import Limit, Scenario
+    from .slip import Summary
+    from .stop import Stop
     from .sweep import Row
 
 Kind = Literal[
@@ -83,7 +83,7 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
 
 def slip_document(
     logs: Sequence[Log],
-    summaries: Sequence[Sequence[Summary]],
+    summaries: "Sequence[Sequence[Summary]]",
     findings: Sequence[Sequence[Finding]],
     outputs: Sequence[Mapping[str, str]] = (),
 ) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def slip_document(
     return tagged("slip", outputs=files, axles=axles, findings=told)
 
 
-def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
+def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
     """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
     rail = summary.rail
     peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
@@ -147,7 +147,7 @@ def _slip_axle(log: str, start_ns: int, summary: Summary) -> dict[str, Any]:
 
 
 def antiskid_document(
-    stop: Stop,
+    stop: "Stop",
     scenario: str,
     parameters: Mapping[str, Mapping[str, float]],
     dry: float | None,
@@ -182,7 +182,7 @@ def limits_document(kept: "Sequence[tuple[str, Limit, bool | float]]") -> list[d
 
 
 def stop_settings(
-    stop: Stop,
+    stop: "Stop",
     case: "Scenario",
     settings: "unit.Settings",
     track: "Track | None" = None,

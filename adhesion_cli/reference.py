@@ -37,6 +37,7 @@ _NEVER, _LIKELY = 1e-3, 0.8  # less likely, it is not; and more so, it is taken 
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
+_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
 _SHARE = 1e-3  # square of what rolling misses of φK's whole rise; known to a factor of ten
 
 
@@ -168,20 +169,15 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         telling = fitted_to = [_telling(run) for run in wheel]
         rounding, slack, white = step**2 / 12.0, _SURE, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
-    rolling = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5]))
-    changing = rolling._replace(rough=scale**2 * np.array([1e-5, 1e-2, 10.0]))
-
-    def fit(to: list[smoother.Run]) -> tuple[smoother.Noise, smoother.Regimes]:
-        return _fit_either(to, _step(wheel), scale, rolling, changing, slack)
-
-    fitted, regimes = fit(fitted_to)
+    prior = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0]))
+    fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, prior, slack)
     rates = [_rate(*both, regimes, fitted) for both in zip(wheel, telling, strict=True)]
     averaged = 0.0
     if not together and not runs[0].pressure_late.value:
         means = [_averaged(run) for run in wheel]
-        averaged, noise_of, regimes_of = _half_late(telling, means, fitted, regimes, fit)
+        averaged, noise_of = _half_late(telling, means, fitted, regimes, prior)
         if averaged > _NEVER:
-            late = [_rate(*both, regimes_of, noise_of) for both in zip(wheel, means, strict=True)]
+            late = [_rate(*both, regimes, noise_of) for both in zip(wheel, means, strict=True)]
             rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
     return [
         Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma), averaged)
@@ -221,19 +217,19 @@ def _half_late(
     means: list[smoother.Run],
     noise: smoother.Noise,
     regimes: smoother.Regimes,
-    fit: Callable[[list[smoother.Run]], tuple[smoother.Noise, smoother.Regimes]],
-) -> tuple[float, smoother.Noise, smoother.Regimes]:
-    """How likely readings are means since the one before, with the noise and regimes of that.
+    prior: smoother.Noise,
+) -> tuple[float, smoother.Noise]:
+    """How likely readings are means since the one before, with the noise levels of that.
 
     What K does to ω̇ tells: at once, or half an interval late.
     """
     first, some = _sample(now), _sample(means)
     known = smoother.likelihood(first, regimes, noise)
     if smoother.likelihood(some, regimes, noise) < known - _CLEARLY:
-        return 0.0, noise, regimes
-    noise, regimes = fit(means)
+        return 0.0, noise
+    noise, _ = _fit(means, regimes, prior, _SURE, noise)
     gain = smoother.likelihood(some, regimes, noise) - known
-    return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise, regimes
+    return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
 
 
 def _mixed(
@@ -394,21 +390,30 @@ def _bend(x: Floats) -> Floats:
 
 
 def _fit_either(
-    runs: list[smoother.Run], interval: float, scale: float,
-    rolling: smoother.Noise, changing: smoother.Noise, slack: tuple[float, ...],
+    runs: list[smoother.Run], interval: float, scale: float, prior: smoother.Noise,
+    slack: tuple[float, ...],
 ) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
     """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
 
     A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
     """
-    some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
-    only, likely = smoother.fit(some, one, _FLOOR, rolling, [2.0, 1.0, 2.0], slack)
+    only, likely = _fit(runs, one, prior, slack)
     if interval > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
-    both, likelier = smoother.fit(some, three, _FLOOR, changing, [2.0, 1.0, 2.0, 1.5, 0.7], slack)
+    both, likelier = _fit(runs, three, prior, slack)
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
+
+
+def _fit(
+    runs: list[smoother.Run], regimes: smoother.Regimes, prior: smoother.Noise,
+    slack: tuple[float, ...], near: smoother.Noise | None = None,
+) -> tuple[smoother.Noise, float]:  # fmt: skip
+    """Noise levels of these regimes, of the prior's first ones, and their log posterior."""
+    M = len(regimes.start)
+    guess = prior._replace(rough=prior.rough[:M])
+    return smoother.fit(_sample(runs), regimes, _FLOOR, guess, _DECADES[: 2 + M], slack, near)
 
 
 def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:

@@ -68,7 +68,7 @@ class Smooth(NamedTuple):
 
 def fit(
     runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float],
-    slack: Sequence[float] = (0.5, 0.5),
+    slack: Sequence[float] = (0.5, 0.5), near: Noise | None = None,
 ) -> tuple[Noise, float]:  # fmt: skip
     """The most likely noise levels and their log posterior.
 
@@ -81,10 +81,15 @@ def fit(
         decades: 1 sigma of the prior, for measurement, coupling and each regime; 0 holds a value.
         slack: nats below the maximum, for coupling and the first regimes: what binds δ there is
             loosened as far as that allows. 0.5 is one standard deviation of the likelihood.
+        near: levels that fit nearly the same measurements, to begin at; without, at the guess.
     """
-    excess = max(guess.measurement - floor, 1e-3 * floor)
-    centre = np.log(np.maximum([excess, guess.coupling, *guess.rough], 1e-300))
     width = np.array(decades) * math.log(10.0)
+
+    def logarithms(noise: Noise) -> Floats:
+        excess = max(noise.measurement - floor, 1e-3 * floor)
+        return np.log(np.maximum([excess, noise.coupling, *noise.rough], 1e-300))
+
+    centre = logarithms(guess)
 
     def noise(x: Floats) -> Noise:
         e = np.exp(x)
@@ -95,7 +100,10 @@ def fit(
         prior = -0.5 * float(np.sum(((x - centre)[free] / width[free]) ** 2))
         return prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
-    best, value = _climb(posterior, centre, width)
+    if near is None:
+        best, value = _climb(posterior, centre, width / 2.0)
+    else:
+        best, value = _climb(posterior, logarithms(near), width / 8.0)
     return noise(_loosened(posterior, best, value, width, slack)), value
 
 
@@ -114,8 +122,8 @@ def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
     return Smooth(out[:, 0], out[:, 1], run.u + out[:, 2], out[:, 3])
 
 
-def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[Floats, float]:
-    """Maximum of f by search along the axes, steps halved from half a width down to 0.2."""
+def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
+    """Maximum of f by search along the axes, the first steps halved down to 0.2."""
     known: dict[bytes, float] = {}  # a fifth of the points come up again
 
     def at(x: Floats) -> float:
@@ -125,7 +133,6 @@ def _climb(f: Callable[[Floats], float], start: Floats, width: Floats) -> tuple[
         return known[key]
 
     x, best = start.copy(), at(start)
-    steps = width / 2.0
     while steps.max() > 0.2:
         moved = False
         for i in np.flatnonzero(steps):
