@@ -445,6 +445,54 @@ def test_protobuf_presence(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns[f"/a {path}"].value, values, err_msg=path)
 
 
+VALUES = """uint8 LOW=3
+int32 N = -0x10
+float64 INF=-inf
+string SAID='# a = b'
+char c 200
+float64[2] x [1, 2.5e-3]
+bool b True
+string<=9 s a word
+p/Inner i
+float32 y -.5
+===
+MSG: p/Inner
+uint8 z 1
+===
+MSG: p/msg/Inner
+uint8 z 2
+"""
+
+
+def test_ros_values_beside_fields_take_no_room(tmp_path: Path) -> None:
+    schema = Schema(1, VALUES.encode(), "ros2msg", "p/msg/T")
+    body = b"\0\1\0\0" + struct.pack("<B7x2d?3xI2sBxf", 200, 1.5, 2.5, True, 2, b"s", 7, 3.5)
+    log = Log([schema], [Channel(1, "/a", "cdr", {}, 1)], [message(1, START, body)])
+    columns = {name: column.value.tolist() for name, column in read(opened(tmp_path, log)).items()}
+    assert columns == {
+        "/a c": [200.0],  # rosidl takes a char as a uint8, mcap-ros2-support as an int8
+        "/a x[0]": [1.5], "/a x[1]": [2.5], "/a b": [1.0], "/a i.z": [7.0], "/a y": [3.5],
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "float64 x float64 y", "float64 xfloat64 y", "float64 x -value", "uint8 N=3 float64 y",
+        "uint8 N=3float64 y", "float64 x=1\nfloat64 y", "float64 x-y", "float64 x[3]",
+        "float64<=3 y", "p/B y 3\n===\nMSG: p/B\nint8 x", f"uint8[{1 << 64}] y",
+        f"uint8[{'9' * 5000}] y", "B y\n===\nMSG: p/B\nint8 x\n===\nint16 x",
+    ],
+)  # fmt: skip
+def test_a_ros_schema_that_is_damaged_is_refused(tmp_path: Path, text: str) -> None:
+    """Read with a field less, all that follows would be numbers from wrong places."""
+    log = Log([Schema(1, text.encode(), "ros2msg", "p/msg/T")], [Channel(1, "/a", "cdr", {}, 1)])
+    log.messages = [message(1, START, b"\0\1\0\0" + bytes(40))]
+    source = opened(tmp_path, log)
+    assert list(source.fields) == []
+    assert codes(source) == [("mcap-bad-schema", 1)]
+
+
 def test_unusual_protobuf_goes_through_the_library(tmp_path: Path) -> None:
     """Very many fields, groups and long varints give what the lock-step would."""
     schema = proto_schema(proto_file([double_message()]), "D")

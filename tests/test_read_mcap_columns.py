@@ -312,7 +312,7 @@ def codes(folder: Path, log: Log) -> set[str]:
 # ---------------------------------------------------------------------- ROS 2
 
 ROS = {
-    "bool": st.booleans(), "byte": st.integers(0, 255), "char": st.integers(-128, 127),
+    "bool": st.booleans(), "byte": st.integers(0, 255), "char": st.integers(0, 127),
     "int8": st.integers(-128, 127), "uint8": st.integers(0, 255),
     "int16": st.integers(-(2**15), 2**15 - 1), "uint16": st.integers(0, 2**16 - 1),
     "int32": st.integers(-(2**31), 2**31 - 1), "uint32": st.integers(0, 2**32 - 1),

@@ -29,15 +29,17 @@ from .tree import (
 )
 
 _DTYPES = {
-    "bool": "?", "byte": "u1", "char": "i1", "int8": "i1", "uint8": "u1", "int16": "i2",
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
     "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _FIELD = re.compile(
-    r"(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?"
-    r"(?P<array>\[(?P<bound><=)?(?P<size>\d*)\])?"
-    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)"
+    r"(?P<type>[A-Za-z][\w/]*)(?:(?<=\bstring)<=\d+)?"
+    r"(?P<array>\[(?P<bound><=)?(?P<size>\d{0,10})\])?"
+    r"\s+(?P<name>[A-Za-z]\w*)(?:(?P<constant>\s*=.*)|\s+(?P<default>.*))?"
 )
+_CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*")
+_VALUE = re.compile(r"[-+]?(\.?\d[-+.\w]*|inf|nan)|true|false|\[[^]]*\]", re.IGNORECASE)
 _UNIT = re.compile(r"#.*\[([^,\]\d][^,\]]*)\]")  # as rosidl reads units: "# ... [bar]"
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is walked one by one
 _MOST_MESSAGES = 16384  # inside one message
@@ -71,14 +73,19 @@ class Ros2Decoder:
             text = data.decode()
         except UnicodeDecodeError as e:
             raise UndecodableError(f"schema is not UTF-8: {e}") from e
-        self._types = {f"builtin_interfaces/{n}": _members("", _TIME) for n in ("Time", "Duration")}
+        self._types: dict[str, tuple[_Member, ...]] = {}
         self._layouts: dict[int, _Layout] = {}  # by the identity of what is wanted
         lines = "\n".join(line for line in text.splitlines() if line.strip())
         current, self._root = name, _short(name)
         for part in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
             if said := re.match(r"\s*MSG:\s+(\S+)\s*$", part, flags=re.MULTILINE):
                 current, part = said.group(1), part[said.end() :]
-            self._types[_short(current)] = _members(_short(current).split("/")[0], part)
+            kind = _short(current)
+            members = _members(kind.split("/")[0], part)
+            if self._types.setdefault(kind, members) != members:
+                raise UndecodableError(f"type {kind} is defined in two ways")
+        for n in ("Time", "Duration"):
+            self._types.setdefault(f"builtin_interfaces/{n}", _members("", _TIME))
         self._check(self._root, (), set())
 
     def _check(self, kind: str, above: tuple[str, ...], done: set[str]) -> None:
@@ -518,10 +525,10 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
         if not code:
             continue
         found = _FIELD.fullmatch(code)
-        if not found:
+        if not found or not _is_said(found):
             raise UndecodableError(f"schema line not understood: {line.strip()[:80]!r}")
-        if found["rest"].startswith("="):
-            continue  # a constant
+        if found["constant"]:
+            continue
         kind = found["type"]
         if kind not in _DTYPES and kind != "string":
             if kind in ("wstring", "time", "duration"):
@@ -537,3 +544,17 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
     if len({m.name for m in members}) < len(members):
         raise UndecodableError("a field name occurs twice")
     return tuple(members)
+
+
+def _is_said(line: re.Match[str]) -> bool:
+    """Whether what a line says behind the name is a value as rosidl takes it.
+
+    Two lines run into one, or an "=" too many, would leave a field out: all behind it were read
+    at wrong places.
+    """
+    of, value = line["type"], line["default"]
+    if line["constant"]:
+        if not _CONSTANT.fullmatch(line["name"]):
+            return False
+        value = line["constant"].lstrip(" \t=")
+    return not value or of == "string" or (of in _DTYPES and bool(_VALUE.fullmatch(value)))
