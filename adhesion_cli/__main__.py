@@ -5,14 +5,19 @@ import io
 import os
 import signal
 import sys
+import threading
 import traceback
 from types import FrameType
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from .errors import UserError
 from .text import printable, utf8
 
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
 _HINT = "nothing was left half-written"
+_SOON = 0.05  # after which an interrupt that got lost is raised again [s]
 
 
 class _Terminated(BaseException):
@@ -28,6 +33,7 @@ def main() -> NoReturn:
     gc.set_threshold(100_000)
     try:
         signal.signal(signal.SIGTERM, _terminated)
+        sys.unraisablehook = _not_lost
         _prepare_streams()
         from .cli.app import run  # slow enough to be interrupted
 
@@ -68,6 +74,18 @@ def _prepare_streams() -> None:
 
 def _terminated(number: int, frame: FrameType | None) -> NoReturn:
     raise _Terminated  # unwinds, so that temporary files are removed
+
+
+def _not_lost(raised: "UnraisableHookArgs") -> None:
+    """An interrupt in a callback of the compiler, which drops what is raised there, comes again."""
+    numbers = {KeyboardInterrupt: signal.SIGINT, _Terminated: signal.SIGTERM}
+    number = numbers.get(raised.exc_type)
+    if number is None:
+        sys.__unraisablehook__(raised)
+        return
+    again = threading.Timer(_SOON, signal.raise_signal, [number])
+    again.daemon = True
+    again.start()
 
 
 def _of_system(error: OSError | MemoryError) -> str:

@@ -53,6 +53,26 @@ def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["begun"]
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(number: int, code: int) -> None:
+    """What Python raises in a callback, C drops, as when the compiler asks for its cache."""
+    program = (
+        "import ctypes, signal, sys, time; from adhesion_cli import __main__, reproduce\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
+        "callback = ctypes.CFUNCTYPE(None)\n"
+        "def compiles(**_):\n"
+        f"    callback(lambda: signal.raise_signal({number}))()\n"
+        "    for _ in range(1000): time.sleep(0.01)\n"
+        "reproduce.reproduce = compiles; sys.argv[1:] = ['reproduce']; __main__.main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=50
+    )
+    assert done.returncode == code
+    assert done.stderr.startswith("error: ")
+    assert "ignored" not in done.stderr
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_a_terminal_without_the_letters_gets_their_codes(tmp_path: Path, encoding: str) -> None:
     (tmp_path / "a.csv").write_text(ROWS, encoding="utf-8")
