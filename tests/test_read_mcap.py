@@ -445,6 +445,18 @@ def test_protobuf_presence(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns[f"/a {path}"].value, values, err_msg=path)
 
 
+def test_a_message_longer_than_its_schema_is_told(tmp_path: Path) -> None:
+    """As where a logger found another version of the definition; alignment adds a few bytes."""
+    schema = Schema(1, b"float64 x\nuint8 n", "ros2msg", "p/msg/T")
+    log = Log([schema], [Channel(1, "/a", "cdr", {}, 1)], per_chunk=4)
+    for i, more in enumerate([0, 7, 8, 0, 20, 8, 8, 9, 0, 3]):
+        body = b"\0\1\0\0" + struct.pack("<dB", i, 1) + bytes(more)
+        log.messages.append(message(1, START + i, body))
+    source = opened(tmp_path, log)
+    assert read(source)["/a x"].value.tolist() == [*range(10)]
+    assert codes(source) == [("mcap-long-message", 5)]
+
+
 VALUES = """uint8 LOW=3
 int32 N = -0x10
 float64 INF=-inf

@@ -39,6 +39,7 @@ _SEVERITY: dict[str, Severity] = {
     "mcap-label-change": "error",
     "mcap-unit-change": "error",
     "mcap-array-length": "warning",
+    "mcap-long-message": "warning",
     "mcap-not-a-number": "warning",
     "mcap-late-field": "warning",
     "mcap-no-stamp": "error",

@@ -43,6 +43,7 @@ _VALUE = re.compile(r"[-+]?(\.?\d[-+.\w]*|inf|nan)|true|false|\[[^]]*\]", re.IGN
 _UNIT = re.compile(r"#.*\[([^,\]\d][^,\]]*)\]")  # as rosidl reads units: "# ... [bar]"
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is walked one by one
 _MOST_MESSAGES = 16384  # inside one message
+_SPARE = 8  # bytes behind a message that no alignment explains
 _WIDEST = 4096  # bytes of messages that are compared with one another
 _TIME = "uint32 sec\nuint32 nanosec"
 
@@ -300,6 +301,9 @@ class Ros2Decoder:
             if (other & ~walk.bad).any()
         ]
         faults += rounded_faults(wanted, rounded & ~walk.bad)
+        if len(long := np.flatnonzero(~walk.bad & (walk.left >= _SPARE))):
+            why = "message is longer than its schema says, as where the schema lacks a field"
+            faults.append(Fault("mcap-long-message", why, long))
         if walk.bad.any():
             bad = np.flatnonzero(walk.bad)
             values[:, bad] = np.nan
@@ -319,7 +323,7 @@ class _Layout:
     """
 
     wanted: Wanted
-    size: int  # bytes that such a message has at least
+    size: int  # bytes that such a message has, few more aside
     places: list[tuple[str, int] | None]  # of the wanted numbers: type, offset
     mask: NDArray[np.uint64]  # set where bytes decide, shape (w,)
     said: NDArray[np.uint64]  # what they are, shape (w,)
@@ -329,7 +333,8 @@ class _Layout:
         self, buffer: Bytes, start: Offsets, end: Offsets
     ) -> tuple[Offsets, NDArray[np.uint64]]:
         """Which messages are laid out so, and their bytes, shape (n, w)."""
-        rows = np.flatnonzero(end - start >= self.size)
+        more = end - start - self.size
+        rows = np.flatnonzero((more >= 0) & (more < _SPARE))
         width = self.mask.nbytes
         if not len(rows):
             return rows, np.empty((0, len(self.mask)), np.uint64)
@@ -382,6 +387,12 @@ class _Walk:
         self.why = "message is shorter than its schema says"
         self._messages = 0
         self.order = ">" if len(buffer) and buffer[start[0] + 1] == 0 else "<"
+
+    @property
+    def left(self) -> Offsets:
+        """Bytes behind what was walked."""
+        left: Offsets = self._room - self._pos
+        return left
 
     def gather(self, dtype: str, where: Offsets) -> NDArray[Any]:
         """Numbers at any offsets, aligned or not."""
