@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import simulated
-from test_checks import DEFAULT, clean, found
+from test_checks import DEFAULT, VEHICLES, clean, found
 from test_reference import share_inside
 
 from adhesion_cli import analysis, settings
@@ -43,6 +43,7 @@ def pressure(t: Floats, applications: int) -> Floats:
 def axle(
     rate: float, applications: int, fault: Fault, *, noise: float = 3e-3, step: float = 0.0,
     gradient: float = 10.0, seed: int = 1, fill: float = 0.0, begin: float = 0.0,
+    creep: float = 0.0,
 ) -> Axle:  # fmt: skip
     """A rolling wheel and a pressure, as a log has them."""
     t = np.arange(0.0, 20.0 if applications == 1 else 25.0 * applications, 1.0 / rate)
@@ -56,7 +57,8 @@ def axle(
     K = fault.scale * clamping_force(true - 1e5 * fault.offset, VEHICLE)
     slows = rolling_deceleration(w) * K + w.rolling * G * gradient / 1000.0 / w.radius
     speed = np.concatenate([[0.0], np.cumsum((slows[1:] + slows[:-1]) / 2.0 * np.diff(fine))])
-    y = 40.0 + speed[-1] - np.interp(t, fine, speed)
+    train = 40.0 + speed[-1] - speed
+    y = np.interp(t, fine, train * (1.0 - creep * slows * w.radius))
     y += noise * np.random.default_rng(seed).standard_normal(len(t))
     y = np.round(y / step) * step if step else y
     p = np.interp(t - fault.late, fine, true)
@@ -230,3 +232,29 @@ def test_wheels_that_gain_speed_beside_their_brake_have_slid(
     one = read(open_source(log, DEFAULT.read), (), VEHICLE)
     told = [f for f in align.records(one, VEHICLE)[1] if f.code == "vehicle-suspect"]
     assert {f.severity for f in told} == {severity}
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0, 100.0])
+@pytest.mark.parametrize(("creep", "late"), [(0.009, 0.0), (0.009, 0.4), (0.0, 0.2)])
+def test_creep_is_no_late_pressure(rate: float, creep: float, late: float) -> None:
+    """A clock is as late at every speed, and creep is not."""
+    e = told(axle(rate, 3, Fault(late), creep=creep))
+    assert e.line is None
+    assert e.late.value == pytest.approx(late, abs=max(0.03, 4.0 * e.late.tolerance))
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0, 100.0])
+@pytest.mark.parametrize("creep", [0.004, 0.007])
+def test_creep_at_one_speed_is_told_as_such(rate: float, creep: float) -> None:
+    e = told(axle(rate, 1, Fault(), creep=creep))
+    assert e.line is None
+    assert e.or_creep or not e.late.value
+
+
+@pytest.mark.parametrize("vehicle", ["heavy", "shoes"])
+def test_a_heavy_train_that_creeps_on_a_wet_rail_has_no_late_pressure(
+    vehicle: str, tmp_path: Path
+) -> None:
+    stated = settings.load(None, VEHICLES[vehicle])  # 0.8 % and 0.5 % at 1 m/s²
+    log = simulated.recordings("four-axles", rate=100.0, noise=1e-2, vehicle=stated.vehicle)
+    assert not found(log, tmp_path, stated)

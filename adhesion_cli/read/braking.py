@@ -2,13 +2,15 @@
 
 While every wheel rolls, (1) and (15) give the speed from the pressure,
 
-    v(t) = α + βt − s c ∫ max(K(t + τ) − o, 0) dt,
+    v(t) = α + βt − s c ∫ max(K(t + τ) − o, 0) dt − q v s c max(K(t + τ) − o, 0),
 
 with τ by which the pressure is late, s and o by which the force line is another one, α and β for
-speed and gradient of each piece of the log. A clock shifts both ends of every build-up and release,
-a factor changes what lies between them, an offset moves their ends towards or from each other. Each
-is known only beside the others. Every piece has an error of its own size: what follows another law
-(a slide) tells little, and so do errors that are alike from sample to sample.
+speed and gradient of each piece of the log, q for creep: a braked wheel turns more slowly than the
+train by a share that goes with the force. A clock shifts both ends of every build-up and release,
+a factor changes what lies between them, an offset moves their ends towards or from each other;
+creep makes a wheel early by q v, the earlier the faster it is. Each is known only beside the
+others. Every piece has an error of its own size: what follows another law (a slide) tells little,
+and so do errors that are alike from sample to sample.
 """
 
 import math
@@ -39,6 +41,7 @@ _SURE = 4.0  # sigma from zero is a clock that is off
 _SHARE = 0.75  # of the longer sampling interval: less may be the sampling's own
 _SMALL = 0.03  # wheels and rails delay a force by as much [s]
 _CREEP = 0.003  # creep of 0.3 % at 1 m/s² makes a wheel early by this share of its speed [s²/m]
+_USUAL, _SLIPPERY = 1e-6, 0.005  # 1 sigma of q: with that allowed for, and on rails of any kind
 _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
 SIGMAS = 2.5  # of the stated tolerances are no other vehicle
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
@@ -51,7 +54,7 @@ _CONVERGED = 0.05  # a smaller gain of a step ends the search
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 
 
-AS_STATED = Explanation(Parameter(0.0, 0.0), None, False)
+AS_STATED = Explanation(Parameter(0.0, 0.0), None)
 
 
 class _Point(NamedTuple):
@@ -60,6 +63,7 @@ class _Point(NamedTuple):
     late: float = 0.0  # τ [s]
     offset: float = 0.0  # o, of the highest K
     scale: float = 1.0  # s
+    creep: float = 0.0  # q [s²/m]
 
 
 class _Sigmas(NamedTuple):
@@ -68,6 +72,7 @@ class _Sigmas(NamedTuple):
     late: float
     offset: float
     scale: float  # of ln s
+    creep: float  # of q
 
 
 class _Log(NamedTuple):
@@ -81,7 +86,7 @@ class _Log(NamedTuple):
     size: Floats  # how many each has
     time: Floats  # from the piece's middle, (m,) [s]
     v: Floats  # speed without the piece's straight line, (m,) [m/s]
-    speed: float  # mean of that [m/s]
+    speed: Floats  # that itself, smooth (m,) [m/s]
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
     floor: float  # 1 sigma of what no noise shows: rounding, and what (1) leaves out [m/s]
@@ -132,10 +137,11 @@ def _explained(
         return AS_STATED
     spring, tolerances = force_line(vehicle).at_zero / log.top, vehicle.spring_force
     uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
-    late = max(_SMALL, _CREEP * log.speed, _SHARE * max(interval(a) for a in axles))
-    least = _Sigmas(late, max(_SLIGHT, uncertain), math.log1p(SIGMAS * tolerance(vehicle)))
-    known = _Sigmas(*(x / math.sqrt(_CLEARLY) for x in least))
-    free = _Sigmas(math.inf, max(_SPRING, spring), math.inf)
+    late = max(_SMALL, _CREEP * float(log.speed.mean()), _SHARE * max(interval(a) for a in axles))
+    factor = math.log1p(SIGMAS * tolerance(vehicle))
+    least = _Sigmas(late, max(_SLIGHT, uncertain), factor, _USUAL)
+    known = _Sigmas(*(x / math.sqrt(_CLEARLY) for x in least))._replace(creep=_USUAL)
+    free = _Sigmas(math.inf, max(_SPRING, spring), math.inf, _USUAL)
     stated = _search(log, log.size, known, [_Point()])
     near = _search(log, log.size, free, [stated.point])
     left = _sums(log, _left(log, stated.point) ** 2) / log.size
@@ -144,20 +150,34 @@ def _explained(
         return AS_STATED
     whole = _search(log, log.size, free, _starts(log, free))
     telling = _telling(log, whole.point)
-    fits = {}
-    for cause, sigmas in {
-        "stated": known,
-        "late": known._replace(late=math.inf),
-        "line": free._replace(late=known.late),
-        "both": free,
-    }.items():
-        starts = [*_starts(log, sigmas), *([whole.point] if cause == "both" else [])]
-        fits[cause] = _search(log, telling, sigmas, starts)
-    return _judged(log, telling, fits, least)
+
+    def fits(creep: float) -> dict[str, _Fit]:
+        found = {}
+        for cause, sigmas in {
+            "stated": known,
+            "late": known._replace(late=math.inf),
+            "line": free._replace(late=known.late),
+            "both": free,
+        }.items():
+            starts = [*_starts(log, sigmas), *([whole.point] if cause == "both" else [])]
+            found[cause] = _search(log, telling, sigmas._replace(creep=creep), starts)
+        return found
+
+    usual, cost = _judged(log, telling, fits(_USUAL), least)
+    if usual == AS_STATED:
+        return AS_STATED
+    more = fits(_SLIPPERY)
+    slippery, less = _judged(log, telling, more, least)
+    or_creep = more["stated"].cost < cost + _CLEARLY
+    if less < cost - _AS_GOOD or (or_creep and usual.line):
+        return slippery
+    return usual._replace(or_creep=or_creep)
 
 
-def _judged(log: _Log, telling: Floats, fits: dict[str, _Fit], least: _Sigmas) -> Explanation:
-    """What the likelihoods of all causes say together.
+def _judged(
+    log: _Log, telling: Floats, fits: dict[str, _Fit], least: _Sigmas
+) -> tuple[Explanation, float]:
+    """What the likelihoods of all causes say together, and −2 log of that of what it says.
 
     Args:
         log: the pieces.
@@ -166,10 +186,10 @@ def _judged(log: _Log, telling: Floats, fits: dict[str, _Fit], least: _Sigmas) -
         least: less of each is as stated.
     """
     late, line, both = fits["late"], fits["line"], fits["both"]
-    no_brake = _cost(log, telling, _Sigmas(*[math.inf] * 3), _Point(scale=1e-9))
+    no_brake = _cost(log, telling, _Sigmas(*[math.inf] * 4), _Point(scale=1e-9))
     one = min(late.cost, line.cost)
     if min(one, both.cost) > min(fits["stated"].cost, no_brake) - _CLEARLY:
-        return AS_STATED
+        return AS_STATED, fits["stated"].cost
     if two := both.cost < one - _CLEARLY:
         late = line = both
     tau, o, s = late.point.late, line.point.offset, line.point.scale
@@ -186,12 +206,13 @@ def _judged(log: _Log, telling: Floats, fits: dict[str, _Fit], least: _Sigmas) -
     # Where all wheels slide from the first moment on, they slow harder than by their brakes.
     slides = not log.seen and s > 1.0 and math.sqrt(log.v @ log.v / len(log.v)) < _FAINT
     if unexplained > _MISSED or (other and (slides or not 1.0 / _ANY < s < _ANY)):
-        return AS_STATED
-    return Explanation(
+        return AS_STATED, fits["stated"].cost
+    told = Explanation(
         Parameter(tau, late.sigma) if is_late else AS_STATED.late,
         Line(s, o * log.top) if other else None,
         is_late and other and not two,
     )
+    return told, min(late.cost, line.cost) if told != AS_STATED else fits["stated"].cost
 
 
 def _unexplained(log: _Log, telling: Floats, p: _Point) -> float:
@@ -245,10 +266,11 @@ def _log(
     c = float(braked(top, w))
     floor = math.hypot(_FLOOR, rounding, c * _untold(t, on, max(interval(a) for a in axles)))
     log = _Log(
-        t, K, top, at, first, size.astype(np.float64), since, v[at], float(v[at].mean()),
+        t, K, top, at, first, size.astype(np.float64), since, v[at], v[at],
         c, noise, floor, fine.train is not None,
     )  # fmt: skip
-    return log._replace(v=_detrended(log, log.v))
+    flat = _detrended(log, log.v)
+    return log._replace(v=flat, speed=log.speed - flat)
 
 
 def _untold(t: Floats, K: Floats, every: float) -> float:
@@ -285,10 +307,17 @@ def _detrended(log: _Log, x: Floats) -> Floats:
 
 
 def _gained(log: _Log, p: _Point) -> Floats:
-    """What c ∫ max(K(t + τ) − o, 0) dt is without the straight line of each piece, (m,) [m/s]."""
-    K = np.maximum(np.interp(log.t + p.late, log.t, log.K) - p.offset, 0.0)
+    """What s makes v lose without the straight line of each piece, (m,) [m/s]."""
+    K = _applied(log, p)
     area = np.concatenate([[0.0], np.cumsum((K[1:] + K[:-1]) / 2.0)]) * (log.t[1] - log.t[0])
-    return _detrended(log, log.c * area[log.at])
+    crept = p.creep * log.speed * K[log.at]
+    return _detrended(log, log.c * (area[log.at] + crept))
+
+
+def _applied(log: _Log, p: _Point) -> Floats:
+    """max(K(t + τ) − o, 0), (n,)."""
+    K: Floats = np.maximum(np.interp(log.t + p.late, log.t, log.K) - p.offset, 0.0)
+    return K
 
 
 def _left(log: _Log, p: _Point) -> Floats:
@@ -304,7 +333,7 @@ def _cost(log: _Log, telling: Floats, sigmas: _Sigmas, p: _Point) -> float:
 
 def _unexpected(p: _Point, sigmas: _Sigmas) -> float:
     """The same for what was known before alone."""
-    off = p.late, p.offset, math.log(p.scale)
+    off = p.late, p.offset, math.log(p.scale), p.creep
     return sum((x / sigma) ** 2 for x, sigma in zip(off, sigmas, strict=True))
 
 
@@ -346,18 +375,25 @@ def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -
     costs = [_cost(log, telling, sigmas, p) for p in starts]
     best, cost = starts[int(np.argmin(costs))], min(costs)
     weights = np.array(sigmas) ** -2.0
-    most = np.array([_reach(log), _MOST, math.log(_STEEPEST)])
-    inverse = np.eye(3)
+    most = np.array([_reach(log), _MOST, math.log(_STEEPEST), 1.0])
+    inverse = np.eye(4)
     for _ in range(12):
         left = _left(log, best)
-        J = np.array([*_slopes(log, best), best.scale * _gained(log, best)])
+        crept = log.c * log.speed * _applied(log, best)[log.at]
+        scaled = [_gained(log, best), _detrended(log, crept)]
+        J = np.array([*_slopes(log, best), *(best.scale * x for x in scaled)])
         each = telling / (_sums(log, left**2) + log.size * log.floor**2)
         JW = J * _spread(log, each)
-        inverse = np.linalg.pinv(JW @ J.T + np.diag(weights))
-        x = np.array([best.late, best.offset, math.log(best.scale)])
-        change = inverse @ (JW @ left + weights * x)
+        A = JW @ J.T + np.diag(weights)
+        inverse = np.linalg.pinv(A)
+        x = np.array([best.late, best.offset, math.log(best.scale), best.creep])
+        b = JW @ left + weights * x
+        change = inverse @ b
+        if change[3] > x[3]:  # no brake makes a wheel faster
+            change[:3] = np.linalg.pinv(A[:3, :3]) @ (b[:3] - x[3] * A[:3, 3])
+            change[3] = x[3]
         steps = [np.clip(x - part * change, -most, most).tolist() for part in _PARTS]
-        trials = [_Point(late, offset, math.exp(factor)) for late, offset, factor in steps]
+        trials = [_Point(late, o, math.exp(factor), q) for late, o, factor, q in steps]
         costs = [_cost(log, telling, sigmas, p) for p in trials]
         gained = cost - min(costs)
         if gained > 0.0:
