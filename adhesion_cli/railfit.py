@@ -207,7 +207,7 @@ def fit(
 
     rough = search._replace(p=p._replace(noise=np.zeros(n)))
     starts = [np.append(_coded(rail), (0.0, 0.0)) for rail in conditions().values()]
-    best, left = min((rough.run(_RMS * level, x) for x in starts), key=lambda f: float(f[1] @ f[1]))
+    best, left = min((rough.run(_RMS * level, x) for x in starts), key=lambda f: rough.cost(*f))
     sigma = math.sqrt(float(left @ left) / n) * _RMS * level
     if sigma > _LEFT * level:
         return None
@@ -262,6 +262,12 @@ class _Search(NamedTuple):
     known: Floats  # of the unknowns, shape (unknowns,)
     wide: Floats  # 1 sigma of that
     weight: float = 1.0  # of a point's error
+
+    def cost(self, x: Floats, beside: Floats) -> float:
+        """What `run` makes small, of what it returns."""
+        return float(
+            np.sum((self.weight * beside) ** 2) + np.sum(((x - self.known) / self.wide) ** 2)
+        )
 
     def run(
         self, sigma: float, start: Floats, other: Floats | float = 0.0
