@@ -269,9 +269,10 @@ def run(
         raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
     known, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
     settings = settings or {}
+    if dt > known.period:
+        text = f"{scenario.name}: dt is longer than the unit's period"
+        raise UserError(text, "a shorter dt", code=2)
     every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
-    if every < 1:
-        raise UserError(f"{scenario.name}: dt is longer than the unit's period", "a shorter dt")
     h = every * dt
     chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)

@@ -356,6 +356,11 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:
     if any(b - a < s.rail.blend for a, b in pairwise(places)):
         yield "[rail] sections or film closer than blend", "order them, or shorten blend"
     for limit in s.limit:
+        if not limit.source.strip():
+            yield (
+                f"[[limit]] {limit.quantity} has no source",
+                "say where it is from, clause and all",
+            )
         if limit.least > limit.most or (limit.least, limit.most) == (-INF, INF):
             yield f"[[limit]] {limit.quantity} is no limit", "state most, least, or both in order"
     for sensor in s.sensor:

@@ -311,7 +311,8 @@ def online(
             rest.callback(drive.set, False, False)
         for t, measured, y, K in samples:
             h, before = (t - before) * 1e-9, t
-            if not len(y) == len(K) == (n := len(axles or drives or y)):
+            n = len(axles or drives or y)
+            if not len(y) == len(K) == n > 0:
                 raise UserError(
                     f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
                     "one of each for every axle in every sample",

@@ -264,9 +264,15 @@ def test_so_is_every_unit(controller: str, algo: str, train_speed: str) -> None:
 
 def test_a_sample_that_lacks_an_axle_is_refused() -> None:
     chosen = unit.choose("rule", antiskid.ESTIMATOR, {}, Vehicle())
-    samples = [(0, 9.0, [20.0, 20.0], [1e3, 1e3]), (10**7, 9.0, [20.0], [1e3])]
-    with pytest.raises(UserError, match="1 wheel speeds"):
-        list(unit.online(chosen, samples))
+    whole = (0, 9.0, [20.0, 20.0], [1e3, 1e3])
+    for samples, text in (
+        ([whole, (10**7, 9.0, [20.0], [1e3])], "1 wheel speeds, 1 clamping forces for 2 axles"),
+        ([whole, (10**7, 9.0, [20.0] * 2, [1e3])], "2 wheel speeds, 1 clamping forces for 2 axles"),
+        ([(0, 9.0, [20.0] * 2, [1e3])], "2 wheel speeds, 1 clamping forces for 2 axles"),
+        ([(0, 9.0, [], [])], "0 wheel speeds, 0 clamping forces for 0 axles"),
+    ):
+        with pytest.raises(UserError, match=text):
+            list(unit.online(chosen, samples))
 
 
 @pytest.mark.parametrize("end", ["fails", "order", "drive", "closed"])
@@ -580,6 +586,21 @@ def test_a_limit_that_limits_nothing_is_refused(tmp_path: Path, ends: str) -> No
     path.write_text(SLIPPERY + f'[[limit]]\nquantity = "extension"\nsource = "a test"\n{ends}')
     with pytest.raises(UserError, match=r"\[\[limit\]\] extension is no limit"):
         scenario.load(path)
+
+
+def test_a_limit_without_a_source_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "short.toml"
+    path.write_text(SLIPPERY + '[[limit]]\nquantity = "extension"\nmost = 1.0\nsource = " "\n')
+    with pytest.raises(UserError, match=r"\[\[limit\]\] extension has no source") as told:
+        scenario.load(path)
+    assert told.value.code == 2
+
+
+def test_a_step_longer_than_the_units_period_is_refused() -> None:
+    for dt in (0.015, 0.02):
+        with pytest.raises(UserError, match="dt is longer than the unit's period") as told:
+            antiskid.run(replace(short(), dt=dt), "none")
+        assert told.value.code == 2
 
 
 def test_sweep_is_every_controller_on_every_rail() -> None:
