@@ -35,6 +35,7 @@ from adhesion_cli.errors import UserError
 from adhesion_cli.model import Column, Vehicle
 from adhesion_cli.read.log import survey
 from adhesion_cli.read.mcap import McapSource, open_mcap
+from adhesion_cli.read.meaning import understood
 from adhesion_cli.read.source import Field, ReadOptions
 
 JOINT_STATE = Schema(
@@ -342,6 +343,24 @@ def test_channels_of_one_topic(tmp_path: Path) -> None:
         ("/a", "channel 1"), ("/a", "channel 2"),
     ]  # fmt: skip
     assert [c.value.tolist() for c in source.columns(source.fields)] == [[0, 2, 4], [1, 3, 5]]
+
+
+def test_channels_of_one_topic_in_two_units_stay_apart(tmp_path: Path) -> None:
+    """Else half of the pressure were a hundred times what it is; nor is a channel an axle."""
+    units = ["kPa", "bar"]
+    log = Log([], [Channel(7 + k, "/brake", "json", {"unit": units[k]}, 0) for k in (0, 1)])
+    log.messages = [
+        message(7 + i // 3, START + i, b'{"bc_pressure": %d}' % (400, 4)[i // 3]) for i in range(6)
+    ]
+    source = opened(tmp_path, log)
+    assert [(f.group, f.unit) for f in source.fields] == [
+        ("channel 7", "kPa"),
+        ("channel 8", "bar"),
+    ]
+    assert [c.value.tolist() for c in source.columns(source.fields)] == [[400] * 3, [4] * 3]
+    (first, second), (told,) = understood(source.fields, [])
+    assert (first.meaning, first.axle, second.meaning) == ("pressure", None, None)
+    assert (told.code, told.severity) == ("channel-ambiguous", "warning")
 
 
 def test_only_what_is_asked_for_is_decoded(tmp_path: Path) -> None:

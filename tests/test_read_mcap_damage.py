@@ -4,6 +4,7 @@ import random
 import struct
 import subprocess
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -11,8 +12,8 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as F
-from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from mcap.reader import make_reader
 from mcap.records import (
     Attachment,
@@ -373,12 +374,17 @@ def ros(text: str) -> Schema:
 
 
 def bomb(compress: Callable[[bytes], bytes], declared: int, real: int) -> bytes:
+    return wrapped(inflating(compress, declared, real))
+
+
+def inflating(compress: Callable[[bytes], bytes], declared: int, real: int) -> bytes:
+    """A chunk of zeros."""
     body = b"\0" * real
     content = struct.pack("<QQQI", 0, 0, declared, 0)
     name = b"zstd" if compress is zstandard.compress else b"lz4"
     packed = compress(body)
     content += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(packed)) + packed
-    return wrapped(raw_record(6, content))
+    return raw_record(6, content)
 
 
 def chain(count: int, circle: bool) -> Schema:
@@ -400,6 +406,24 @@ def recursive() -> Schema:
         name="next", number=2, type=F.TYPE_MESSAGE, type_name=".t.N", label=F.LABEL_OPTIONAL
     )
     return proto_schema(proto_file([node]), "N")
+
+
+def fan_out() -> Schema:
+    """40 message types, each with four fields of the next: 4^32 fields on 32 levels."""
+    types = [
+        DescriptorProto(
+            name=f"A{n}",
+            field=[
+                F(
+                    name=f"f{i}", number=i, type=F.TYPE_MESSAGE, type_name=f".t.A{n + 1}",
+                    label=F.LABEL_OPTIONAL,
+                )
+                for i in range(1, 5)
+            ],
+        )
+        for n in range(40)
+    ]  # fmt: skip
+    return proto_schema(proto_file([*types, double_message("A40")]), "A0")
 
 
 def nested(depth: int) -> bytes:
@@ -502,6 +526,7 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     "protobuf cut": lambda: typed_log(D, "protobuf", DOUBLE, DOUBLE[:-1]),
     "protobuf endless varint": lambda: typed_log(D, "protobuf", DOUBLE, b"\xff" * 30),
     "protobuf many fields": lambda: typed_log(D, "protobuf", DOUBLE, DOUBLE * 99_999, b"\x08\1"),
+    "protobuf fan-out": lambda: typed_log(fan_out(), "protobuf", b"\x0a\0"),
     "protobuf schema": lambda: typed_log(
         Schema(1, b"\xff", "protobuf", "t.D"), "protobuf", DOUBLE
     ),
@@ -510,7 +535,7 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     ),
     "metadata only": lambda: wrapped(record(Metadata("m", {}))) [:-12],
 }  # fmt: skip
-RIGHT = {"protobuf recursive"}  # valid, however odd
+RIGHT = {"protobuf recursive", "protobuf fan-out"}  # valid, however odd
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -531,3 +556,20 @@ def test_hostile_files_are_told_of(tmp_path: Path, name: str) -> None:
     assert str(path) in text
     # generous: the point is that no size inside the file decides how long it takes
     assert time.process_time() - begin < 10
+
+
+def test_many_chunks_that_inflate_to_nothing_cost_no_more_than_one(tmp_path: Path) -> None:
+    """Neither what was inflated of a damaged chunk is kept, nor is there an end of such chunks."""
+    path, size = tmp_path / "log.mcap", 20 << 20
+    path.write_bytes(wrapped(ONE, *[inflating(zstandard.compress, size, size)] * 8))
+    tracemalloc.start()
+    source = McapSource(path, ReadOptions(max_inflated=size))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert source.rows == 1
+    allowed = (size + 1000 * path.stat().st_size) // size
+    assert [("inflated bytes in all" in d.what) for d in source.walk.damage] == [
+        k >= allowed for k in range(8)
+    ]
+    assert "--set mcap.max_inflated=" in source.walk.damage[-1].hint
+    assert peak < 1.5 * size

@@ -24,6 +24,7 @@ from .tree import (
     merged,
     repeated,
     stamp,
+    states_unit,
 )
 
 _YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
@@ -157,13 +158,14 @@ class McapSource:
             self.findings.append(finding)
 
     def _group(self) -> list[_Series]:
-        """Channels that carry one topic with one schema are one series."""
+        """Channels that carry one topic with one schema and the same units are one series."""
         series: dict[tuple[Any, ...], _Series] = {}
         for channel in self.walk.channels.values():
             schema = self.walk.schemas.get(channel.schema_id)
             key = (
                 channel.topic, channel.message_encoding,
                 (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
+                tuple(sorted(pair for pair in channel.metadata.items() if states_unit(pair[0]))),
             )  # fmt: skip
             one = series.setdefault(
                 key, _Series(channel.topic, channel.message_encoding, schema, channel.metadata)

@@ -42,6 +42,7 @@ _RUN = 4 << 20  # bytes of unchunked records taken together
 _HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
 _JSON_HEADS = 100  # first messages of a JSON channel that are kept to search them for keys
 _OTHER_HEADS = 4  # of other channels, should the first not decode
+_UNUSUAL = 1000  # times a file's size that its chunks may inflate to, beside max_inflated
 _RAISE_LIMIT = (
     "if the log is trusted, raise the limit with --set mcap.{}={}; else `adhesion recover` cuts it"
 )
@@ -215,6 +216,8 @@ class Walk:
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
         self._all_checked = False  # by the CRC of the data section
+        self._inflated = 0  # bytes, all chunks of the first walk together
+        self._walked = False
         self._sought = len(MAGIC)  # how far chunks behind damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, dict[str, int], dict[int, int]] | None = None
@@ -222,6 +225,7 @@ class Walk:
             self._check_magic()
             self._walk()
             self._compare()
+        self._walked = True
         defined = self._defined.values()
         self.schemas = {one.id: one for one in defined if isinstance(one, Schema)}
         self.channels = {one.id: one for one in defined if isinstance(one, Channel)}
@@ -314,6 +318,8 @@ class Walk:
             raise UserError(f"{self.path}: byte 0: {what}", hint)
 
     def _note(self, damage: DamageError) -> None:
+        # A traceback would keep alive what the frames in it hold: a chunk's inflated bytes.
+        damage.__traceback__ = damage.__context__ = None
         self.damage.append(damage)
         if self._options.strict:
             raise self._error(damage)
@@ -636,10 +642,17 @@ class Walk:
         content.raw(16)  # the time range, which nothing here relies on
         size, crc, compression = content.number(8), content.number(4), content.text()
         packed = content.raw(content.number(8))
-        if size > self._options.max_inflated:
-            limit = self._options.max_inflated
+        limit = self._options.max_inflated
+        if size > limit:
             hint = _RAISE_LIMIT.format("max_inflated", size)
             raise DamageError(block.at, f"a chunk of {size} inflated bytes, limit {limit}", hint)
+        if not self._walked:
+            self._inflated += size
+            if (total := self._inflated) > (limit := limit + _UNUSUAL * self._file.size):
+                self._inflated -= size
+                hint = _RAISE_LIMIT.format("max_inflated", total)
+                what = f"chunks of {total} inflated bytes in all, limit {limit} for such a file"
+                raise DamageError(block.at, what, hint)
         data = np.empty(size + PADDING, np.uint8)
         data[size:] = 0
         try:

@@ -311,15 +311,16 @@ def understood(
     for field in fields:
         if m := by_hand.get(field):
             unit = m.unit or field.unit
-            meaning, axle, guessed_unit, _ = _guess(field)
+            _, _, guessed_unit, _ = _guess(field)
             why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
             if not unit:
                 unit, why = guessed_unit, "stated in [channels]; unit in the name"
             meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap))
             continue
-        meaning, axle, unit, reason = _guess(field)
+        said = replace(field, group="") if field.encoding else field  # see Field.group
+        meaning, axle, unit, reason = _guess(said)
         if field in repeated:  # "(2)" is the reader's, for a name the log uses twice
-            axle = _axle(replace(field, channel=first_name(field.channel)))
+            axle = _axle(replace(said, channel=first_name(field.channel)))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         meant.append(Meant(field, meaning, axle, unit, reason))

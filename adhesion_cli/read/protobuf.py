@@ -23,6 +23,7 @@ from ..model import Floats
 from .tree import (
     DEEPEST,
     LONG_ARRAY,
+    MOST_FIELDS,
     Bytes,
     Fault,
     Offsets,
@@ -95,7 +96,7 @@ class ProtobufDecoder:
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
-        return _tree(self._parse(message), (self._type,))
+        return _tree(self._parse(message), (self._type,), [MOST_FIELDS])
 
     def know(self, tree: Tree) -> None:
         """Nothing: the schema says what messages hold."""
@@ -178,7 +179,18 @@ def _is_map(f: Any) -> bool:
     return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
 
 
-def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
+def _tree(message: Any, above: tuple[Any, ...], left: list[int]) -> Tree:
+    """A message as plain values.
+
+    Args:
+        message: it, parsed.
+        above: the types of the messages it stands in, and its own.
+        left: how many more fields may be shown, counted down: types that hold each other several
+            times over make a tree that is wide where it is not deep.
+    """
+    if left[0] <= 0:
+        return Opaque(f"behind {MOST_FIELDS} others")
+    left[0] -= len(message.DESCRIPTOR.fields)
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
         value = getattr(message, f.name)
@@ -189,13 +201,13 @@ def _tree(message: Any, above: tuple[Any, ...]) -> Tree:
         elif f.is_repeated:
             some = value[: LONG_ARRAY + 1]
             if f.type in _MESSAGES:
-                tree[f.name] = [_tree(v, (*above, f.message_type)) for v in some]
+                tree[f.name] = [_tree(v, (*above, f.message_type), left) for v in some]
             else:
                 tree[f.name] = list(some)
         elif f.type not in _MESSAGES:
             tree[f.name] = value
         elif message.HasField(f.name) or (f.message_type not in above and len(above) < DEEPEST):
-            tree[f.name] = _tree(value, (*above, f.message_type))
+            tree[f.name] = _tree(value, (*above, f.message_type), left)
     return tree
 
 

@@ -17,7 +17,9 @@ class Field:
     channel: str  # topic (MCAP) or column header (CSV), as in the log
     path: str = ""  # place inside the message, "" in a CSV: "value", "pose.x", "position[1]"
     label: str = ""  # a name the log itself gives the element, as JointState's `name` does
-    group: str = ""  # long layouts: the device or axle this series was split off by
+    # long layouts: the device or axle this series was split off by, in the log's words; MCAP: the
+    # reader's own name for one of several channels on one topic, which says nothing else
+    group: str = ""
     unit: str = ""  # as the log states it in a units row, a `unit` field or metadata; "" if silent
     unit_from: str = ""  # where that stood
     message_type: str = ""  # MCAP schema name, "" in a CSV

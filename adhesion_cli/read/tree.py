@@ -20,6 +20,7 @@ Units = Callable[[Steps], tuple[str, str]]  # unit and where it stood, ("", "") 
 
 LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scalar series
 MOST_LEAVES = 4096  # scalar series of one channel
+MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
 EXACT = 1 << 53  # up to here every integer is a double
 PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
@@ -238,6 +239,11 @@ def stamp(tree: Tree, texts: bool) -> Stamp | None:
         elif texts and _CALENDAR[0] <= microseconds(value) < _CALENDAR[1]:
             return Stamp((steps,), 1.0, text=True)
     return None
+
+
+def states_unit(key: str) -> bool:
+    """Whether a channel's metadata states a unit under this key."""
+    return key in ("unit", "units") or key.startswith("unit.")
 
 
 def leaves(
