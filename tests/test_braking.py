@@ -178,6 +178,26 @@ def test_an_offset_is_no_delay(rate: float, applications: int, offset: float) ->
         assert e.line.scale * (top - e.line.offset) == pytest.approx(true, rel=0.05)
 
 
+@pytest.mark.parametrize("scale", [1e4, 1e6])
+@pytest.mark.parametrize("applications", [1, 2])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+def test_a_brake_that_a_log_hardly_shows_fails_nothing(
+    rate: float, applications: int, scale: float
+) -> None:
+    assert told(axle(rate, applications, Fault(scale=scale))) == AS_STATED
+
+
+def test_sigma_where_hardly_anything_tells_is_no_rounding() -> None:
+    J = np.array([[3.0, 4.0, 0.0], [1.0, 2.0, 5.0]])
+    A = J @ J.T
+    assert braking._sigma(A) == pytest.approx(np.linalg.inv(A)[0, 0] ** 0.5)
+    scaled = np.diag([1e-10, 1e3]) @ A @ np.diag([1e-10, 1e3])
+    assert braking._sigma(scaled) == pytest.approx(1e10 * np.linalg.inv(A)[0, 0] ** 0.5)
+    same = np.array([J[0], 7.0 * J[0] + 1e-12 * J[1]])
+    assert braking._sigma(same @ same.T) == np.inf
+    assert braking._sigma(np.zeros((2, 2))) == np.inf
+
+
 def seeded(seed: int) -> None:
     """Whatever is wrong: what is told without doubt is so, and what matters is told."""
     random = np.random.default_rng(seed)

@@ -51,6 +51,7 @@ _MOST = 0.9  # the largest offset looked for, of the highest K
 _STEEPEST = 30.0  # and the largest factor
 _PARTS = 1.0, 0.5, 0.2, 0.05  # of a step that are tried
 _CONVERGED = 0.05  # a smaller gain of a step ends the search
+_SINGULAR = 1e-9  # of what tells an unknown is left beside the others: rounding
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 
 
@@ -376,7 +377,7 @@ def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -
     best, cost = starts[int(np.argmin(costs))], min(costs)
     weights = np.array(sigmas) ** -2.0
     most = np.array([_reach(log), _MOST, math.log(_STEEPEST), 1.0])
-    inverse = np.eye(4)
+    A = np.diag(weights)
     for _ in range(12):
         left = _left(log, best)
         crept = log.c * log.speed * _applied(log, best)[log.at]
@@ -385,10 +386,9 @@ def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -
         each = telling / (_sums(log, left**2) + log.size * log.floor**2)
         JW = J * _spread(log, each)
         A = JW @ J.T + np.diag(weights)
-        inverse = np.linalg.pinv(A)
         x = np.array([best.late, best.offset, math.log(best.scale), best.creep])
         b = JW @ left + weights * x
-        change = inverse @ b
+        change = np.linalg.pinv(A) @ b
         if change[3] > x[3]:  # no brake makes a wheel faster
             change[:3] = np.linalg.pinv(A[:3, :3]) @ (b[:3] - x[3] * A[:3, 3])
             change[3] = x[3]
@@ -400,7 +400,21 @@ def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -
             best, cost = trials[int(np.argmin(costs))], min(costs)
         if gained < _CONVERGED:
             break
-    return _Fit(best, cost, math.sqrt(inverse[0, 0]))
+    return _Fit(best, cost, _sigma(A))
+
+
+def _sigma(A: Floats) -> float:
+    """1 sigma of the first unknown by the normal equations' (k, k); inf where nothing tells it.
+
+    By what the others leave of its own: the inverse of a nearly singular matrix may be below 0.
+    """
+    d = np.sqrt(np.diag(A))
+    if d[0] == 0.0:
+        return math.inf
+    d[d == 0.0] = 1.0
+    C = A / np.outer(d, d)
+    own = float(1.0 - C[0, 1:] @ np.linalg.pinv(C[1:, 1:], hermitian=True) @ C[1:, 0])
+    return 1.0 / (float(d[0]) * math.sqrt(own)) if own > _SINGULAR else math.inf
 
 
 def _slopes(log: _Log, p: _Point) -> Iterator[Floats]:

@@ -265,11 +265,10 @@ def _step(s: _Samples, f: _Fit, falling: Floats, alike: float) -> tuple[float, f
     scores = np.zeros((len(X), int(block.max()) + 1))
     np.add.at(scores.T, block, (X * rest).sum(axis=1).T)
     free = max(scores.shape[1] - len(X), 1)
-    of_blocks = scores @ scores.T * scores.shape[1] / free
-    together = X.sum(axis=1)  # the train speed's noise is in every axle
-    of_noise = float(np.mean(rest[used] ** 2)) * alike * together @ together.T
-    inverse, expected_error = np.linalg.inv(A), np.diag(weights) * s.noise**2
-    variance = max(
-        float((inverse @ (m + expected_error) @ inverse)[-1, -1]) for m in (of_blocks, of_noise)
-    )
+    row = np.linalg.inv(A)[-1]
+    of_blocks = float(np.sum((row @ scores) ** 2)) * scores.shape[1] / free
+    together = row @ X.sum(axis=1)  # the train speed's noise is in every axle
+    of_noise = float(np.mean(rest[used] ** 2)) * alike * float(together @ together)
+    of_prior = s.noise**2 * float(weights @ row**2)
+    variance = max(of_blocks, of_noise) + of_prior
     return float(x[-1]), math.hypot(math.sqrt(variance), _SYSTEMATIC)
