@@ -114,6 +114,7 @@ class Channel:
     backward: int = 0
     row_of: tuple[str, str] = ("", "")  # topic or signal, and device; one for channels of one row
     is_rate: bool = False  # `data` is the rate of what it means [SI/s]: a train's acceleration
+    label: str = ""  # a name the log itself gives an element of a list
 
     @property
     def title(self) -> str:

@@ -302,3 +302,20 @@ def test_a_topic_and_field_in_one_column_header() -> None:
 
 def test_a_pressure_that_the_name_calls_absolute() -> None:
     assert seen("brake cylinder pressure abs [kPa]") == [(PRESSURE, None, "kPa abs")]
+
+
+@pytest.mark.parametrize(
+    ("names", "axles"),
+    [
+        (("/axle1/pressure [bar]", "/axle2/pressure [bar]", "wheels.speed[0] [rpm]",
+          "wheels.speed[1] [rpm]"), [1, 2, 1, 2]),
+        (("p1 [bar]", "speed[0] [rpm]", "speed[1] [rpm]"), [1, 1, 2]),
+        (("p1 [bar]", "p2 [bar]", "wheel speed 0 [rpm]", "wheel speed 1 [rpm]"), [1, 2, 1, 2]),
+        (("p0 [bar]", "p1 [bar]", "p2 [bar]", "wheel speed 1 [rpm]"), [1, 2, 3, 2]),
+        (("p0 [bar]", "p1 [bar]", ("/wheels", "speed[0]")), [1, 2, 1]),
+    ],
+)  # fmt: skip
+def test_only_what_counts_axles_from_zero_moves_up(
+    names: tuple[str | tuple[str, ...], ...], axles: list[int]
+) -> None:
+    assert [axle for _, axle, _ in seen(*names)] == axles

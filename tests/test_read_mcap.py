@@ -33,10 +33,11 @@ from mcap_logs import (
 
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Column, Vehicle
-from adhesion_cli.read.log import survey
+from adhesion_cli.read.log import open_source, survey, unchanged
 from adhesion_cli.read.mcap import McapSource, open_mcap
 from adhesion_cli.read.meaning import understood
 from adhesion_cli.read.source import Field, ReadOptions
+from adhesion_cli.write.csv import write_log as write_csv
 
 JOINT_STATE = Schema(
     1,
@@ -114,6 +115,19 @@ def test_joint_state_elements_carry_their_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(columns["/joints position[1]"].value, 2.0 * np.arange(10))
     np.testing.assert_array_equal(columns["/joints position[1]"].t, START + np.arange(10))
     assert source.findings == []
+
+
+def test_a_copy_keeps_the_names_of_elements(tmp_path: Path) -> None:
+    """Only they say here whose axle an element is."""
+    log = Log([JOINT_STATE], [Channel(1, "/joints", "cdr", {}, 1)])
+    for i in range(10):
+        body = joints(START + i, ["axle_4", "axle_3"], velocity=[0.5, i])
+        log.messages.append(message(1, START + i, body))
+    source = opened(tmp_path, log)
+    expected = [m.axle for m in understood(source.fields, ())[0]]
+    write_csv(tmp_path / "a.csv", unchanged(source, ()))
+    copy = open_source(tmp_path / "a.csv", ReadOptions())
+    assert [m.axle for m in understood(copy.fields, ())[0]] == expected == [4, 3]
 
 
 def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:

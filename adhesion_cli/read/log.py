@@ -172,7 +172,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.
         place = (name(m.field), m.field.path, None, m.axle, m.unit, m.reason)
-        return Channel(*place, column, len(column.t)), []
+        return Channel(*place, column, len(column.t), label=m.field.label), []
 
     log = _log(source, list(meant), [], as_logged)
     empty = [c for c in log.channels if not c.data.valid.any()]
@@ -317,7 +317,7 @@ def _channel(
     return Channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
-        m.meaning == "train_speed" and units.is_acceleration(m.unit),
+        m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label,
     ), [*axis.findings, *findings]  # fmt: skip
 
 

@@ -375,13 +375,38 @@ def _speed_itself(meant: list[Meant], guesses: list[int]) -> list[Finding]:
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Logs that number axles from 0: everything moves up by one, and is told."""
-    if not any(meant[i].axle == 0 for i in guesses):
+    """Channels that number axles from 0 move up by one, and that is told.
+
+    Those of another meaning move with them where their numbers end with theirs, but not those that
+    reach beyond: of speeds 0 and 1 and pressures 1 and 2, the pressures count from 1. An index in
+    brackets says nothing of a number in a name, nor the other way round.
+    """
+    moved = []
+    for indexed in (False, True):
+        of: dict[Meaning | None, list[int]] = {}
+        for i in guesses:
+            if meant[i].axle is not None and _is_indexed(meant[i].field) is indexed:
+                of.setdefault(meant[i].meaning, []).append(i)
+        numbers = {meaning: [meant[i].axle or 0 for i in own] for meaning, own in of.items()}
+        last = max((max(n) for n in numbers.values() if 0 in n), default=-1)
+        for meaning, own in of.items():
+            if 0 in numbers[meaning] or max(numbers[meaning]) <= last:
+                moved += own
+    for i in moved:
+        meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
+    if not moved:
         return []
-    for i in guesses:
-        if (axle := meant[i].axle) is not None:
-            meant[i] = replace(meant[i], axle=axle + 1)
-    return [Finding("axles-from-zero", "info", "the log numbers axles from 0; here from 1")]
+    names = [title(meant[i].field) for i in sorted(moved)]
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    text = f"{', '.join(names[:3])}{more}: the log numbers axles from 0; here from 1"
+    return [Finding("axles-from-zero", "info", text, "", len(moved))]
+
+
+def _is_indexed(field: Field) -> bool:
+    """Whether a field's axle is its index in a list, as `speed[1]`, not a number in its name."""
+    by_label = any(c.isdigit() for c in field.label)
+    named = field.label if by_label else field.path or units.in_name(field.channel)[0]
+    return re.search(r"\[\d+\](\.\w+)?$", named) is not None
 
 
 def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:

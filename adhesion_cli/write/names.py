@@ -52,4 +52,6 @@ def _name(channel: Channel, unit: str) -> str:
     if channel.unit and channel.unit != unit:  # "p [kPa]" must not stay the name of pascals
         for bracketed in (f"[{channel.unit}]", f"({channel.unit})"):
             name = name.removesuffix(bracketed).rstrip()
+    if channel.label:  # whose axle an element of a list is, only its label may say
+        name = f"{name} {channel.label}"
     return printable(name)
