@@ -149,3 +149,19 @@ def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> No
     with pytest.raises(UserError, match=r"samples share each time stamp, 1 s apart") as error:
         read(open_source(path, ReadOptions()), (), Vehicle())
     assert "more decimals" in error.value.hint
+
+
+@pytest.mark.parametrize("row", ["BC pressure axle 1 [kPa]\ns,bar", "BC [kPa] axle 1 [bar]\n,"])
+def test_a_unit_stated_twice_is_refused_unless_mapped(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.csv"
+    names, units = row.split("\n")
+    rows = "".join(f"{k / 100},{k / 10},{k}\n" for k in range(200))
+    path.write_text(f"t [s],{names},axle 1 speed [rpm]\n{units},rpm\n{rows}")
+    for of in (lambda s, m: read(s, m, Vehicle()), unchanged):
+        with pytest.raises(UserError, match=r"stated twice: 'bar' .* and 'kPa' .in the name.$"):
+            of(open_source(path, ReadOptions()), ())
+    mapping = Mapping("pressure", 1, names, unit="kPa")
+    log = read(open_source(path, ReadOptions()), (mapping,), Vehicle())
+    pressure = log.find("pressure", 1)
+    assert pressure is not None
+    assert pressure.data.value.max() == pytest.approx(19.9e3)

@@ -301,6 +301,17 @@ def test_time_in_doubt_gives_way_to_one_that_is_not(log):
 
 
 @pytest.mark.parametrize(
+    "other", ["timestamp_ms,{0}5", "GPS time [s],{1}.25", "Zeitstempel,{0}000", "t_raw [s],1{1}"]
+)
+def test_another_clock_of_the_same_rows_is_told_at_most(log, other):
+    """Of another origin or unit, or held."""
+    name, cell = other.split(",")
+    rows = (f"{k / 100},{cell.format(k, k // 100)},{k}" for k in range(300))
+    _, columns = read(log, "\n".join((f"time [s],{name},p [bar]", *rows, "")))
+    assert columns["p [bar]"].t.tolist() == [k * S // 100 for k in range(300)]
+
+
+@pytest.mark.parametrize(
     ("header", "unit"),
     [
         ("Time [hh:mm:ss.fff]", None), ("Timestamp (UTC)", None), ("elapsed_seconds", "s"),
@@ -811,6 +822,27 @@ REFUSED = {
         b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
         "both times, and differ",
         'channel = "column 1"',
+    ),
+    "a time for each of two channels, the slower one first": (
+        b"t_p [s];p;t_w [s];v\n" + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
+        "'t_p .s.' and 't_w .s.' are both times, and differ",
+        "one time axis",
+    ),
+    "a time beside it that is another channel's": (
+        b"time [s];p;Time speed [s];v\n"
+        + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
+        "both times, and differ",
+        "one time axis",
+    ),
+    "two times apart": (
+        b"Zeit Druck;p;Zeit Drehzahl;v\n" + b"".join(b"%d;1;%d;1\n" % (k, k + 1) for k in range(9)),
+        "both times, and differ",
+        "one time axis",
+    ),
+    "a unit of time stated twice": (
+        b"time_ms;p\ns;bar\n0;1\n0.01;2\n0.02;3\n",
+        "unit of time column 'time_ms' is stated twice: 's' .units row. and 'ms' .header.",
+        'channel = "time_ms"',
     ),
     "hours or minutes": (
         b"Time;p\n12:05;1\n12:06;2\n",

@@ -20,13 +20,14 @@ from ..errors import UserError
 from ..model import Bools, Finding, Times
 from . import arrow as pc
 from . import units
-from .sniff import INFINITE, NULLS, Dialect, number_grammar
+from .sniff import INFINITE, NULLS, Dialect, is_null, number_grammar
 from .source import ReadOptions
 from .words import (
     NS_PER_UNIT,
     is_clock_name,
     is_counter_name,
     is_date_name,
+    speaks_of_time,
     time_name,
     time_unit,
 )
@@ -42,6 +43,7 @@ _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit no
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _SCALE = {"s": 9, "ms": 6, "us": 3, "ns": 0, "min": 9, "h": 9}
 _EXACT = 2.0**50  # ns, 13 days: below, float64 is less than half a nanosecond off after scaling
+_SAME_RATE = 0.02  # two clocks that run by less apart are one
 _READABLE = 0.5  # of a time column's head must be readable
 
 _CLOCK = (
@@ -172,8 +174,8 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             doubt = doubt or error
             continue
         if clock:
-            rest = [k for _, _, k in named if k not in clock.columns]
-            return replace(clock, findings=(*clock.findings, *_others(dialect, i, rest, path)))
+            told = _others(dialect, clock, rows, path)
+            return replace(clock, findings=(*clock.findings, *told))
     if doubt:
         raise doubt
     if dialect.headed:
@@ -182,17 +184,13 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             if stamps and (
                 clock := _clock_of(dialect, i, unit, rows, path, "first column of stamps")
             ):
+                _others(dialect, clock, rows, path)
                 return _guessed(clock, name)
         for i, name in enumerate(dialect.names):
             if is_counter_name(name) or _measured(dialect, i) or not _rises(dialect, i):
                 continue
             if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
-                same = [
-                    k
-                    for k, other in enumerate(dialect.names)
-                    if _unnumbered(other) == _unnumbered(name) and _rises(dialect, k, whole=False)
-                ]
-                _others(dialect, i, same, path)
+                _others(dialect, clock, rows, path)
                 return _guessed(clock, name)
     for _, _, i in sorted(named):
         if dialect.column(i):
@@ -294,21 +292,35 @@ def _rises(dialect: Dialect, i: int, whole: bool = True) -> bool:
     return all(b > a for a, b in pairwise(values))
 
 
-def _others(dialect: Dialect, i: int, named: Sequence[int], path: Any) -> tuple[Finding, ...]:
-    """Tells of further time columns; refuses those that time other columns ("time1", "time2").
+def _others(dialect: Dialect, clock: Clock, rows: float, path: Any) -> tuple[Finding, ...]:
+    """Tells of further time columns; refuses those that time other columns than the clock does.
 
     Raises:
-        UserError: where a column of the same name, but for its number, holds other times.
+        UserError: where a column named alike ("time1", "time2"; "time of p", "time of v") holds
+            other times, or one that speaks of time runs at another rate.
     """
-    others = [k for k in named if k != i and dialect.column(k) != dialect.column(i)]
+    i = clock.columns[-1]
+    named = {k for k in range(len(dialect.names)) if _named(dialect, k)}
+    others = [
+        k
+        for k in range(len(dialect.names))
+        if k not in clock.columns and dialect.column(k) != dialect.column(i)
+    ]
     for k in others:
-        if _unnumbered(dialect.names[k]) == _unnumbered(dialect.names[i]):
+        name = dialect.names[k]
+        alike = _unnumbered(name) == _unnumbered(dialect.names[i]) and (
+            k in named or _rises(dialect, k, whole=False)
+        )
+        if not alike and k not in named and not speaks_of_time(name):
+            continue
+        if alike or _times_others(dialect, clock, k, not named & {i, k}, rows, path):
             raise UserError(
-                f"{path}: {dialect.names[i]!r} and {dialect.names[k]!r} are both times, and "
-                "differ: which columns belong to which is not stated",
-                f'state one, as time = {{channel = "column {i + 1}"}} under [channels], and map '
-                "only columns that belong to it",
+                f"{path}: {dialect.names[i]!r} and {name!r} are both times, and differ: which "
+                "columns belong to which is not stated",
+                "export all channels on one time axis; or, if all columns that are needed belong "
+                f'to one, state it, as time = {{channel = "column {i + 1}"}} under [channels]',
             )
+    others = [k for k in others if k in named]
     if not others:
         return ()
     text = ", ".join(repr(dialect.names[k]) for k in others)
@@ -318,6 +330,35 @@ def _others(dialect: Dialect, i: int, named: Sequence[int], path: Any) -> tuple[
             dialect.names[i], len(others),
         ),
     )  # fmt: skip
+
+
+def _times_others(
+    dialect: Dialect, clock: Clock, k: int, offset: bool, rows: float, path: Any
+) -> bool:
+    """Whether a column is a clock of its own: of another rate, or shifted where `offset` counts.
+
+    Another unit that nobody states is no other rate, nor is a clock that counts coarsely.
+    """
+    try:
+        other = _clock_of(dialect, k, None, rows, path, "as well")
+    except UserError:
+        return False
+    guessed = ["time-unit-guessed" in {f.code for f in c.findings} for c in (clock, other) if c]
+    if other is None or guessed == [False, True]:
+        return False
+    times = []
+    for c in (clock, other):
+        cells = [[None if is_null(row[n]) else row[n] for row in dialect.rows] for n in c.columns]
+        t, ok = c.nanoseconds([pa.array(column, pa.string()) for column in cells])
+        times.append(np.where(ok, t, np.nan))
+    t, u = np.array(times)[:, np.isfinite(times).all(axis=0)]
+    if len(t) < 3 or not ((np.diff(t) > 0).all() and (np.diff(u) > 0).all()):
+        return False
+    apart = (u - u[0]) - (t - t[0])
+    rate = (u[-1] - u[0]) / (t[-1] - t[0])
+    scaled = any(abs(rate * s - 1) < _SAME_RATE for s in (1e-9, 1e-6, 1e-3, 1, 1e3, 1e6, 1e9))
+    faster = not scaled and float(np.ptp(apart)) > 2 * float(np.median(np.diff(t)))
+    return faster or (offset and bool(t[0] != u[0]))
 
 
 def _unnumbered(name: str) -> str:
@@ -356,7 +397,9 @@ def _number_clock(
     steps = [b - a for a, b in pairwise(values) if b > a]
     step = statistics.median(steps) if steps else 0.0
     span = (values[-1] - values[0]) / max(len(values) - 1, 1) * max(rows - 1, 1)
-    stated, source = _said_unit(dialect, i, unit) or _shown_unit(cells, values, step) or (None, "")
+    stated, source = (
+        _said_unit(dialect, i, unit, path) or _shown_unit(cells, values, step) or (None, "")
+    )
     notes: tuple[Finding, ...] = ()
     ask = (
         f'state it, as time = {{channel = {toml(name)}, unit = "ms"}} under [channels] '
@@ -402,8 +445,12 @@ def _number_clock(
     return Clock((i,), stated, "", dialect.decimal, absolute, reason, types, notes)
 
 
-def _said_unit(dialect: Dialect, i: int, unit: str | None) -> tuple[str, str] | None:
-    """The unit that somebody says a time column is in, and who does."""
+def _said_unit(dialect: Dialect, i: int, unit: str | None, path: Any) -> tuple[str, str] | None:
+    """The unit that somebody says a time column is in, and who does.
+
+    Raises:
+        UserError: where header and units row say two.
+    """
     named = _named(dialect, i)
     in_brackets = re.search(r"[\[(]([^\])]*)[\])]$", dialect.names[i])
     said = (
@@ -412,7 +459,15 @@ def _said_unit(dialect: Dialect, i: int, unit: str | None) -> tuple[str, str] | 
         (named[1] if named else None, "header"),
         (time_unit(in_brackets[1]) if in_brackets else None, "header"),  # "Zeit 1 - Messrate [s]"
     )
-    return next(((u, source) for u, source in said if u), None)
+    units = {u: source for u, source in (said[:1] if unit else said) if u}
+    if len(units) > 1:
+        text = " and ".join(f"{u!r} ({source})" for u, source in units.items())
+        raise UserError(
+            f"{path}: the unit of time column {dialect.names[i]!r} is stated twice: {text}",
+            f'state it, as time = {{channel = {toml(dialect.names[i])}, unit = "…"}} under '
+            "[channels]",
+        )
+    return next(iter(units.items()), None)
 
 
 def _shown_unit(cells: list[str], values: list[float], step: float) -> tuple[str, str] | None:

@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -79,6 +79,7 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
     """
     meant, findings = _understood(source, mappings)
     chosen = [m for m in meant if m.meaning]
+    _refuse_two_units(chosen, source.path)
     _refuse_repeated(chosen, source, {m.meaning for m in mappings})
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):
@@ -107,6 +108,24 @@ def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meanin
                 f"{m.meaning.replace('_', ' ')} is not stated",  # type: ignore[union-attr]
                 f"state it in a TOML given with -c: [channels] {_key(m)} = {{channel = "
                 f'"{m.field.channel}", unit = "…"}}; the next one is called "{second}"',
+            )
+
+
+def _refuse_two_units(chosen: Iterable[Meant], path: Path) -> None:
+    """Refuses a channel whose unit is stated in two ways.
+
+    Raises:
+        UserError: names both.
+    """
+    for m in chosen:
+        if m.unit_too:
+            field = f', field = "{m.field.path}"' if m.field.path else ""
+            raise UserError(
+                f"{path}: the unit of channel {title(m.field)!r} is stated twice: "
+                f"{m.unit!r} ({m.field.unit_from or 'in the name'}) and {m.unit_too!r} (in the "
+                "name)",
+                f"state it in a TOML given with -c: [channels] {_key(m)} = "
+                f'{{channel = "{m.field.channel}"{field}, unit = "…"}}',
             )
 
 
@@ -165,9 +184,11 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     serves two axles. A channel without a single number is left out, and that is told.
 
     Raises:
-        UserError: where no channel holds a number.
+        UserError: where no channel holds a number, or the unit of one that means something is
+            stated in two ways.
     """
     meant = {m.field: m for m in _understood(source, mappings)[0]}.values()
+    _refuse_two_units(meant, source.path)  # the copy would state one of them
 
     def as_logged(m: Meant, column: Column, start: int) -> tuple[Channel, list[Finding]]:
         # No meaning: what has one is SI.

@@ -39,6 +39,7 @@ class Meant:
     reason: str
     teeth: int = 0
     wrap: float = 0.0
+    unit_too: str = ""  # another unit that its name states, where nobody says which one holds
 
 
 # Words in lower case; Latin ones must be whole words of the name, stems may sit in a compound,
@@ -315,7 +316,8 @@ def understood(
             why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
             if not unit:
                 unit, why = guessed_unit, "stated in [channels]; unit in the name"
-            meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap))
+            too = "" if m.unit else _unit_too(field, m.meaning, unit)
+            meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap, too))
             continue
         said = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = _guess(said)
@@ -323,7 +325,8 @@ def understood(
             axle = _axle(replace(said, channel=first_name(field.channel)))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
-        meant.append(Meant(field, meaning, axle, unit, reason))
+        too = _unit_too(field, meaning, unit) if meaning else ""
+        meant.append(Meant(field, meaning, axle, unit, reason, unit_too=too))
     guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
@@ -333,6 +336,13 @@ def understood(
     findings += _bogies(meant, guesses)
     findings += _one_each(meant, guesses)
     return meant, findings
+
+
+def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
+    """A unit that a field's names state beside the one taken, "" for none."""
+    if field.message_type.startswith("adhesion."):
+        return ""  # named as the log was that it was made of, in units of its own
+    return units.contradicting(unit, (field.path, field.label, field.channel), meaning)
 
 
 def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 from ..errors import UserError
@@ -197,6 +197,23 @@ def in_name(name: str) -> tuple[str, str]:
     if camel and (found := unit(camel[1].replace("RadS", "rad_s"))):
         return name[: camel.start()] + name[camel.end() :], found.name
     return name, ""
+
+
+def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
+    """A unit of this meaning that one of the names states instead of that of `text`, "" for none.
+
+    Counting from vacuum may be said by `text` alone.
+    """
+    taken = of(text, meaning)
+    for name in names:
+        said: str
+        for said in (in_name(name)[1], *_BRACKETS.findall(name)):
+            found = of(said, meaning)
+            if taken and found and (
+                found[1:3] != taken[1:3] or (found.offset and not taken.offset)
+            ):  # fmt: skip
+                return said
+    return ""
 
 
 def others(channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]) -> list[str]:

@@ -113,6 +113,12 @@ def time_name(header: str) -> tuple[int, str | None] | None:
     return _TIME.index(name), unit or _UNIT.get(name if name not in ("t", "h", "s") else "")
 
 
+def speaks_of_time(header: str) -> bool:
+    """Whether a word of a header that need not name time does: "t_p", "Time pressure [s]"."""
+    words = re.findall(r"[^\W\d_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", header).casefold())
+    return any(word in _TIME for word in words)
+
+
 def is_date_name(header: str) -> bool:
     """Whether a header names the date half of a date and time pair."""
     return normal(header) in _DATE
