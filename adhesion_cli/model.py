@@ -22,6 +22,7 @@ Regions = NDArray[np.int8]
 Z95 = 1.959963984540054  # half-width of a normal distribution's 95 % in sigma
 
 MADE = "made"  # what a result's provenance says of a train speed that nobody measured
+RECOVERED = "adhesion.recovered"  # metadata of a copy of what was whole in a damaged file
 
 Meaning = Literal[
     "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"

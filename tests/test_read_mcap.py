@@ -605,6 +605,19 @@ def test_messages_without_their_stamp_are_not_used(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-no-stamp", 1)]
 
 
+def test_a_stamp_of_0_is_one_where_stamps_count_from_a_start_of_their_own(tmp_path: Path) -> None:
+    """As behind the wrap of a counter: the default that protobuf leaves out, not "not set"."""
+    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
+    times = [10**9, 2 * 10**9, 0, 10**9, 2 * 10**9]
+    log.messages = [message(1, START + i, stamped(t, i)) for i, t in enumerate(times)]
+    log.messages.append(message(1, START + 9, stamped(0, 9)[2:]))  # has none
+    source = opened(tmp_path, log, time_source="header")
+    (column,) = read(source).values()
+    assert column.valid.tolist() == [True] * 5 + [False]
+    assert column.t[:5].tolist() == times
+    assert codes(source)[0] == ("mcap-no-stamp", 1)
+
+
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
 def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
     stamp = {"sec": START // 10**9, "nsec": 500}

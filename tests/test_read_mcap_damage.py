@@ -178,7 +178,13 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
     assert {f.code for f in findings} >= {"mcap-damaged"}
     before, told = read(broken)
     assert told
-    assert read(copy, strict=True) == (before, set())
+    after, told = read(copy, strict=True)
+    account = McapSource(copy, ReadOptions()).metadata["adhesion.recovered"]
+    assert account["damage"] in findings[0].message
+    assert account["unchecked"] == ("0" if per_chunk else "24")
+    own = ", " + repr({"adhesion.recovered": account})[1:-1]
+    assert {(a, b.replace(own, "")): c for (a, b), c in after.items()} == before
+    assert told == set()
     with copy.open("rb") as file:
         records = list(StreamReader(file, validate_crcs=True).records)
     messages = [r for r in records if isinstance(r, Message)]
@@ -188,6 +194,47 @@ def test_a_copy_of_what_is_whole(tmp_path: Path, per_chunk: int) -> None:
             other.log_time, other.publish_time, other.sequence, other.data,
         )  # fmt: skip
     assert [r.data for r in records if isinstance(r, Attachment)] == [b"", b"attached"]
+
+
+def changed(log: Log) -> bytes:
+    """A log with one digit of a message other than it was."""
+    raw = log.bytes()
+    at = raw.index(b'"value"', len(raw) // 3) + 9
+    return raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :]
+
+
+def test_a_copy_makes_nothing_sound(tmp_path: Path) -> None:
+    """Which messages changed is not known where one CRC guards them all."""
+    path, copy = tmp_path / "log.mcap", tmp_path / "0.mcap"
+    path.write_bytes(changed(scalar_log(VALUES)))
+    assert {f.code for f in recovered(path, copy)} == {"mcap-damaged", "mcap-unchecked"}
+    for k in range(3):  # copies of the copy
+        findings = McapSource(copy, ReadOptions()).findings
+        assert [(f.code, f.severity, f.count) for f in findings] == [
+            ("mcap-unchecked", "info", len(VALUES)), ("mcap-recovered", "warning", len(VALUES)),
+        ]  # fmt: skip
+        assert "data section has another CRC than it says" in findings[1].message
+        recovered(copy, copy := tmp_path / f"{k + 1}.mcap")
+    raw = copy.read_bytes()
+    copy.write_bytes(raw[: raw.index(b"\x0f\x04" + bytes(7))])
+    recovered(copy, path)
+    told = {f.code: f for f in McapSource(path, ReadOptions()).findings}
+    assert (told["mcap-recovered"].severity, told["mcap-recovered"].count) == ("warning", 24)
+    assert "before: byte" in told["mcap-recovered"].message
+
+    whole = scalar_log(VALUES, per_chunk=5)  # with a CRC of each chunk
+    path.write_bytes(changed(whole))
+    recovered(path, copy)
+    (finding,) = McapSource(copy, ReadOptions()).findings
+    assert (finding.code, finding.severity) == ("mcap-recovered", "info")
+
+
+@pytest.mark.parametrize("said", ["-1", "1e9", "9" * 5000, "٣", "x"])
+def test_a_copy_that_lies_of_itself_is_read(tmp_path: Path, said: str) -> None:
+    account = {"damage": said, "lost": said, "unchecked": said, "suspect": said}
+    path = tmp_path / "log.mcap"
+    path.write_bytes(wrapped(ONE, record(Metadata("adhesion.recovered", account))))
+    assert [f.code for f in McapSource(path, ReadOptions()).findings] == ["mcap-recovered"]
 
 
 def test_a_copy_keeps_metadata_and_attachments_of_one_name_apart(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import UserError
-from ..model import Column, Finding, Floats, Reject, Severity, Times
+from ..model import RECOVERED, Column, Finding, Floats, Reject, Severity, Times
 from .mcap_records import HEADER, MESSAGE, Records, Schema, Walk
 from .source import Field, ReadOptions
 from .tree import (
@@ -141,6 +141,11 @@ class McapSource:
         if walk.unchecked:
             text = "messages that no checksum guards: a bit that changed in them would not show"
             self._tell("mcap-unchecked", "info", text, count=walk.unchecked)
+        if damage := walk.metadata.get(RECOVERED, {}).get("damage"):
+            text, suspect = f"recovered from a damaged log ({damage[:200]})", walk.suspect
+            if suspect:
+                text += "; of the messages that no checksum guarded any may have changed"
+            self._tell("mcap-recovered", "warning" if suspect else "info", text, count=suspect or 1)
         if walk.unknown:
             text = "records of unknown kinds, skipped"
             self._tell("mcap-unknown-record", "info", text, count=walk.unknown)
@@ -239,8 +244,10 @@ class McapSource:
                     s.topic, len(left_out),
                 )  # fmt: skip
             if (of := stamp(s.tree, texts=s.encoding == "json")) is not None:
-                s.stamp, s.stamp_time = of, of.first(s.tree)
+                s.stamp_time = of.first(s.tree)
                 stamps = [of.first(tree) for tree in trees]
+                # Protobuf shows what is absent: a 0 that is there is where some count starts.
+                s.stamp = replace(of, zero=s.encoding == "protobuf" and max(stamps) < _YEAR_1990)
                 repeats = sum(a == b for a, b in pairwise(stamps))
                 s.stamps_repeat = 2 * repeats > len(stamps) - 1
 

@@ -6,6 +6,7 @@ Specification: https://mcap.dev/spec
 """
 
 import os
+import re
 import struct
 import zlib
 from array import array
@@ -22,7 +23,7 @@ from mcap.records import Schema as Schema  # for those who ask a Walk
 from numpy.typing import NDArray
 
 from ..errors import UserError
-from ..model import Bools, Times
+from ..model import RECOVERED, Bools, Times
 from .source import ReadOptions
 from .tree import PADDING, Bytes, Offsets
 
@@ -215,6 +216,7 @@ class Walk:
         self._pending: _Block | None = None
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
+        self._data_changed = False  # as the CRC of the data section says
         self._all_checked = False  # by the CRC of the data section
         self._inflated = 0  # bytes, all chunks of the first walk together
         self._walked = False
@@ -244,8 +246,35 @@ class Walk:
 
     @property
     def unchecked(self) -> int:
-        """Messages that no CRC guards."""
-        return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
+        """Messages that no CRC guards, or none did before they were recovered."""
+        bare = 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
+        return bare + self._before("unchecked")
+
+    @property
+    def suspect(self) -> int:
+        """Of those, messages that may have changed: of the same bytes some are known to have."""
+        end = max((block.end for block in self.blocks), default=0)
+        here = self._data_changed or any(one.at < end for one in self.damage)
+        return self.unchecked if here else self._before("suspect")
+
+    def _before(self, what: str) -> int:
+        count = self.metadata.get(RECOVERED, {}).get(what, "0")
+        return min(int(count), self.rows) if re.fullmatch("[0-9]{1,18}", count) else 0
+
+    def account(self) -> dict[str, str]:
+        """What a copy of what is whole has to say of itself: fresh CRCs make nothing sound."""
+        if not (self.damage or self.unchecked):
+            return self.metadata.get(RECOVERED, {})
+        found = [f"byte {one.at}: {one.what}" for one in self.damage[:1]]
+        if len(self.damage) > 1:
+            found.append(f"{len(self.damage) - 1} more")
+        before = self.metadata.get(RECOVERED, {}).get("damage", "")
+        return {
+            "damage": "; ".join([*found, *([f"before: {before}"] if before else [])])[:1000],
+            "lost": "unknown" if self.lost is None else str(self.lost),
+            "unchecked": str(self.unchecked),
+            "suspect": str(self.suspect),
+        }
 
     @property
     def lost(self) -> int | None:
@@ -451,6 +480,7 @@ class Walk:
             self._data_end = end
             crc = self._content(at, length).number(4)
             if crc and self._file.crc(0, at) != crc:
+                self._data_changed = True
                 raise DamageError(at, "data section has another CRC than it says")
             self._all_checked = bool(crc)
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:

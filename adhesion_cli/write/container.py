@@ -35,6 +35,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from ..errors import UserError
+from ..model import RECOVERED
 
 _MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 _DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
@@ -185,6 +186,9 @@ class Whole(Protocol):
     attachments: list[AttachmentIndex]
     metadata_records: list[MetadataIndex]
 
+    def account(self) -> dict[str, str]:
+        """What the copy has to say of itself, {} for nothing."""
+
     def raw(self, at: int, length: int) -> Iterator[bytes]:
         """Bytes of the file, a piece at a time."""
 
@@ -196,7 +200,8 @@ def copy(path: Path, whole: Whole) -> None:
     """Writes what is whole in a file as a new one, reads it back and checks it.
 
     Records of messages, attachments and metadata are kept to the byte; of a channel whose schema
-    is unknown the copy says that it has none.
+    is unknown the copy says that it has none. Metadata say what was damaged and what no checksum
+    guarded, as the copy's own CRCs would let all of it look sound.
 
     Args:
         path: file to write; its old content is lost.
@@ -208,9 +213,13 @@ def copy(path: Path, whole: Whole) -> None:
     """
     with path.open("wb") as file:
         out = Container(file, whole.profile, whole.library)
-        indexes: list[AttachmentIndex | MetadataIndex] = [*whole.metadata_records]
+        indexes: list[AttachmentIndex | MetadataIndex] = [
+            index for index in whole.metadata_records if index.name != RECOVERED
+        ]
         for index in indexes + whole.attachments:
             out.record(index, whole.raw(index.offset, index.length))
+        if account := whole.account():
+            out.metadata(RECOVERED, account)
         channels = whole.channels.values()
         known = [c if c.schema_id in whole.schemas else replace(c, schema_id=0) for c in channels]
         out.define(whole.schemas.values(), known)
