@@ -10,7 +10,7 @@ import traceback
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from .errors import UserError
+from .errors import UserError, as_told
 from .text import printable, utf8
 
 if TYPE_CHECKING:
@@ -39,8 +39,6 @@ def main() -> NoReturn:
 
         code = run()
         sys.stdout.flush()
-    except UserError as error:
-        code = _failed(error.text, error.hint, error.code)
     except KeyboardInterrupt:
         code = _failed("interrupted", _HINT, 128 + signal.SIGINT)
     except _Terminated:
@@ -48,11 +46,9 @@ def main() -> NoReturn:
     except BrokenPipeError:  # whoever read our output is gone
         _drop_output()
         code = 1
-    except (OSError, MemoryError) as error:
-        code = _failed(_of_system(error), "free the resource and run again; --debug shows where", 1)
     except Exception as error:
-        text = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
-        code = _failed(text, "run again with --debug and report what it shows", 1)
+        told = as_told(error)
+        code = _failed(told.text, told.hint, told.code)
     sys.exit(code)
 
 
@@ -86,12 +82,6 @@ def _not_lost(raised: "UnraisableHookArgs") -> None:
     again = threading.Timer(_SOON, signal.raise_signal, [number])
     again.daemon = True
     again.start()
-
-
-def _of_system(error: OSError | MemoryError) -> str:
-    if isinstance(error, OSError):
-        return ": ".join(str(p) for p in (error.filename, error.strerror or error) if p)
-    return "out of memory"
 
 
 def _failed(text: str, hint: str, code: int) -> int:

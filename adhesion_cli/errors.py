@@ -22,3 +22,17 @@ def unknown(kind: str, name: str, known: list[str]) -> UserError:
     near = get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
     return UserError(f"unknown {kind} {name!r}", f"{hint}known: {', '.join(known)}", code=2)
+
+
+def as_told(error: Exception) -> UserError:
+    """What the user is told of any error: their own as it is, the system's, or a fault of ours."""
+    if isinstance(error, UserError):
+        return error
+    if isinstance(error, OSError):
+        text = ": ".join(str(p) for p in (error.filename, error.strerror or error) if p)
+    elif isinstance(error, MemoryError):
+        text = "out of memory"
+    else:
+        text = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
+        return UserError(text, "run again with --debug and report what it shows")
+    return UserError(text, "free the resource and run again; --debug shows where")

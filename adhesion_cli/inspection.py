@@ -1,12 +1,13 @@
 """What is in a log, without judging it: the `adhesion.inspect/1` document."""
 
+import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .document import channel_document, findings_document, iso
-from .errors import UserError
+from .errors import UserError, as_told
 from .model import Finding, Log, Severity
 from .read import align
 from .read.log import needed, open_source, survey, without_empty
@@ -16,14 +17,21 @@ from .settings import Settings
 
 
 def inspect(
-    path: Path, load: Callable[..., Settings], seen: Callable[[Log], None] = lambda _: None
+    path: Path,
+    load: Callable[..., Settings],
+    seen: Callable[[Log], None] = lambda _: None,
+    debug: bool = False,
 ) -> tuple[dict[str, Any], int]:
-    """One log's entry of the document, and the exit code it deserves; never raises UserError.
+    """One log's entry of the document, and the exit code it deserves, whatever is wrong with it.
 
     Args:
         path: the log.
         load: gives the settings.
         seen: is given the log, if it can be read.
+        debug: whether the traceback of an error goes to stderr.
+
+    Raises:
+        UserError: for settings that cannot be loaded.
     """
     settings = load()
     doc: dict[str, Any] = {
@@ -34,11 +42,14 @@ def inspect(
     try:
         source = open_source(path, settings.read)
         log = survey(source, settings.mappings, settings.vehicle)
-    except UserError as error:
-        doc |= {"status": "error", "error": error.text, "hint": error.hint}
-        return doc, error.code
+        findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
+    except Exception as error:  # a fault of ours in one log must not stop the others either
+        if debug:
+            traceback.print_exc()
+        told = as_told(error)
+        doc |= {"status": "error", "error": told.text, "hint": told.hint}
+        return doc, told.code
     seen(log)
-    findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
     worst = {f.severity for f in findings}

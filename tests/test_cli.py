@@ -8,12 +8,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from trains import rows, three_trains
 
 from adhesion_cli import settings
 from adhesion_cli.cli.app import app
+from adhesion_cli.model import Log, Vehicle
+from adhesion_cli.read import align
 from adhesion_cli.read.log import open_source
 from adhesion_cli.read.source import ReadOptions
 
@@ -366,6 +369,31 @@ def test_wrong_arguments_are_told_before_existing_results(
         done = run(command, "a.csv", *wrong.split())
         assert done.returncode == 2
         assert says in done.stderr
+
+
+def test_a_fault_of_ours_in_one_log_stops_no_other_s_inspection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv")]
+    for log in logs:
+        Path(log).write_text(rows(400))
+    real = align.records
+
+    def fails(log: Log, vehicle: Vehicle) -> Any:
+        if log.path == logs[1]:
+            raise ValueError("math domain error")
+        return real(log, vehicle)
+
+    monkeypatch.setattr(align, "records", fails)
+    assert app(["inspect", *logs, "--json", "--debug"], standalone_mode=False) == 1
+    out, err = capsys.readouterr()
+    first, second, third = json.loads(out)["logs"]
+    assert first["status"] == third["status"] == "ok"
+    assert first["channels"]
+    assert second["status"] == "error"
+    assert second["error"] == "internal error: ValueError: math domain error"
+    assert "--debug" in second["hint"]
+    assert "Traceback" in err
 
 
 def test_of_several_logs_all_are_analysed_or_none_is_written(run: Run, tmp_path: Path) -> None:

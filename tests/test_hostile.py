@@ -91,9 +91,11 @@ def test_hostile_logs_are_told_in_little_memory(tmp_path: Path) -> None:
 
 def _told(code: int | None, document: dict[str, Any], right: bool) -> bool:
     """Whether a log was refused with place and remedy, or read with findings that say so."""
-    if "logs" not in document:  # an internal error
+    if "logs" not in document:
         return False
     (log,) = document["logs"]
+    if "internal error" in (log["error"] or ""):
+        return False
     if code == 1:
         return log["path"] in log["error"] and bool(log["hint"])
     findings = [f for f in log["findings"] if f["severity"] != "info"]

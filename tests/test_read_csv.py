@@ -868,6 +868,11 @@ REFUSED = {
 }
 
 
+def test_a_point_that_is_a_decimal_mark_elsewhere_groups_no_digits(log):
+    _, columns = read(log, b"t [s],p,v\n0.00,0.01,19.001\n0.01,0.02,19\n0.02,0.02,18.998\n")
+    assert columns["v"].value.tolist() == [19.001, 19.0, 18.998]
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_refuses_in_the_right_words(log, name):
     data, text, hint = REFUSED[name]

@@ -25,7 +25,9 @@ def command(logs: Logs, shared: Shared) -> int:
     files.check(targets(shared), shared.force, inputs=logs)
     read: list[Log] = []
     seen = [
-        inspect(log, loader(shared), lambda log: read.append(replace(log, channels=())))
+        inspect(
+            log, loader(shared), lambda log: read.append(replace(log, channels=())), shared.debug
+        )
         for log in logs
     ]
     with rejects(shared, read, logs):

@@ -477,8 +477,12 @@ def _decimal(
 def _refuse_grouped(
     rows: list[list[str]], names: tuple[str, ...], decimal: str, options: ReadOptions, path: Path
 ) -> None:
-    """Refuses numbers with thousands separators, and points that could be some."""
+    """Refuses numbers with thousands separators, and points that could be some.
+
+    One program writes a file: a point that is a decimal mark in one column groups digits in none.
+    """
     number = number_grammar(decimal)
+    sure = decimal != "." or bool(options.decimal) or _proves_decimal(rows, len(names), ".")
     for i, name in enumerate(names):
         cells = [row[i] for row in rows if not is_null(row[i])]
         grouped = [c for c in cells if _GROUPED.fullmatch(c) and not number.fullmatch(c)]
@@ -496,8 +500,7 @@ def _refuse_grouped(
         dotted = [c for c in cells if "." in c and number.fullmatch(c)]
         whole = [c for c in cells if c.isdigit()]
         if (
-            decimal == "."
-            and not options.decimal
+            not sure
             and len(dotted) > 1
             and whole
             and all(re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", c) for c in dotted)
