@@ -26,7 +26,7 @@ CODES = {
     "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
     "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
     "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset", "pressure-zero",
-    "train-frozen", "train-spike", "speed-suspect",
+    "train-frozen", "train-spike", "speed-suspect", "train-offset",
 }  # fmt: skip
 DEFAULT = settings.load()
 VEHICLES = {
@@ -286,6 +286,36 @@ def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path:
         "four-axles": -0.025,
     }  # late in the scenario; pulses of a past interval
     assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + float(stated[2]))
+
+
+@pytest.mark.parametrize("plus", [-1.0, -0.4, 0.4, 1.0])
+@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "service-brake"])
+def test_a_train_speeds_offset_is_no_other_clock(name: str, plus: float, tmp_path: Path) -> None:
+    log = simulated.recordings(name, rate=20.0, train=True)
+    told = found(simulated.scaled(log, "train_speed", 0, 1.0, plus), tmp_path)
+    (offset,) = [f for f in told if f.code.startswith("train-")]
+    assert (offset.code, offset.severity) == ("train-offset", "warning")
+    stated = re.search(r"is ([\d.]+) m/s \(± ([\d.]+)\) (above|below)", offset.message)
+    assert stated
+    measured = float(stated[1]) * (1.0 if stated[3] == "above" else -1.0)
+    assert measured == pytest.approx(plus, abs=float(stated[2]))
+
+
+@pytest.mark.parametrize("way", ["late", "offset"])
+def test_a_brake_without_beginning_tells_no_offset_from_a_late_clock(
+    way: str, tmp_path: Path
+) -> None:
+    log = simulated.recordings("paper-constant", rate=20.0, train=True)
+    bad = {
+        "late": simulated.late(log, "train_speed", 1.0),
+        "offset": simulated.scaled(log, "train_speed", 0, 1.0, 1.0),
+    }[way]
+    (told,) = [f for f in found(bad, tmp_path) if f.code.startswith("train-")]
+    assert "nothing in the log tells which" in told.message
+    stated = re.search(r"([\d.]+) s \(± ([\d.]+)\) .*([\d.]{4}) m/s \(± ([\d.]+)\)", told.message)
+    assert stated
+    value, doubt = stated.groups()[:2] if way == "late" else stated.groups()[2:]
+    assert float(value) == pytest.approx(1.0, abs=0.05 + float(doubt))
 
 
 def bent(log: Recordings, signal: str, axle: int, of: Callable[[np.ndarray], np.ndarray]

@@ -174,20 +174,37 @@ def _on_one_clock(
     """The axles with a train speed shifted by what it is late, where that is told from zero."""
     train = axles[0].train
     wheels = [wheelset(vehicle, a.record.axle) for a in axles]
-    late = trainclock.delay(g, wheels, axles[0].record.train_speed_interval) if g else None
-    if late is None or train is None:
+    if not g or train is None:
         return list(axles), []
+    late, offset = trainclock.beside(g, wheels, axles[0].record.train_speed_interval)
     findings = []
+    first = (int(train.data.t[0]) - start_ns) / 1e9
+
+    def tell(code: str, text: str) -> None:
+        findings.append(Finding(code, "warning", text, train.title, train.rows, first))
+
+    off = ""
+    if offset is not None:
+        off = (
+            f"the train speed is {abs(offset.value):.2f} m/s (± {Z95 * offset.tolerance:.2f}) "
+            f"{'above' if offset.value > 0.0 else 'below'} that of the wheels, at every speed"
+        )
+    if late is None:
+        if off:
+            tell("train-offset", f"{off}: slip is wrong by that; correct the train speed's zero")
+        return list(axles), findings
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
     if abs(late.value) > max(_TOLD * late.tolerance, _COUNTED * interval):
         way = "behind" if late.value > 0.0 else "ahead of"
         text = (
             f"the train speed is {abs(late.value):.2f} s (± {Z95 * late.tolerance:.2f}) {way} the "
-            "wheels: its time stamps are shifted by that"
+            "wheels"
         )
-        first = (int(train.data.t[0]) - start_ns) / 1e9
-        told = Finding("train-clock-offset", "warning", text, train.title, train.rows, first)
-        findings.append(told)
+        if off:  # kept, and slip's error holds it
+            tell("train-clock-offset", f"{text}, or {off}: nothing in the log tells which")
+            late = Parameter(0.0, math.hypot(*late))
+        else:
+            tell("train-clock-offset", f"{text}: its time stamps are shifted by that")
     else:  # none, as far as that is known
         late = Parameter(0.0, math.hypot(*late))
     return [_shifted(a, late) if a.train and _same(a.train, train) else a for a in axles], findings

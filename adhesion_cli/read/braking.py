@@ -41,7 +41,7 @@ _SURE = 4.0  # sigma from zero is a clock that is off
 _SHARE = 0.75  # of the longer sampling interval: less may be the sampling's own
 _SMALL = 0.03  # wheels and rails delay a force by as much [s]
 _CREEP = 0.003  # creep of 0.3 % at 1 m/s² makes a wheel early by this share of its speed [s²/m]
-_USUAL, _SLIPPERY = 1e-6, 0.005  # 1 sigma of q: with that allowed for, and on rails of any kind
+_USUAL, _SLIPPERY = 0.0, 0.005  # 1 sigma of q: with that allowed for, and on rails of any kind
 _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
 SIGMAS = 2.5  # of the stated tolerances are no other vehicle
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
@@ -335,7 +335,7 @@ def _cost(log: _Log, telling: Floats, sigmas: _Sigmas, p: _Point) -> float:
 def _unexpected(p: _Point, sigmas: _Sigmas) -> float:
     """The same for what was known before alone."""
     off = p.late, p.offset, math.log(p.scale), p.creep
-    return sum((x / sigma) ** 2 for x, sigma in zip(off, sigmas, strict=True))
+    return sum((x / sigma) ** 2 for x, sigma in zip(off, sigmas, strict=True) if x)
 
 
 def _starts(log: _Log, sigmas: _Sigmas) -> list[_Point]:
@@ -375,20 +375,21 @@ def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -
     """Gauss and Newton's way from the best of some points."""
     costs = [_cost(log, telling, sigmas, p) for p in starts]
     best, cost = starts[int(np.argmin(costs))], min(costs)
-    weights = np.array(sigmas) ** -2.0
+    free = 4 if sigmas.creep else 3
+    weights = np.array(sigmas[:free]) ** -2.0
     most = np.array([_reach(log), _MOST, math.log(_STEEPEST), 1.0])
-    A = np.diag(weights)
+    A, change = np.diag(weights), np.zeros(4)
     for _ in range(12):
         left = _left(log, best)
         crept = log.c * log.speed * _applied(log, best)[log.at]
         scaled = [_gained(log, best), _detrended(log, crept)]
-        J = np.array([*_slopes(log, best), *(best.scale * x for x in scaled)])
+        J = np.array([*_slopes(log, best), *(best.scale * x for x in scaled)])[:free]
         each = telling / (_sums(log, left**2) + log.size * log.floor**2)
         JW = J * _spread(log, each)
         A = JW @ J.T + np.diag(weights)
         x = np.array([best.late, best.offset, math.log(best.scale), best.creep])
-        b = JW @ left + weights * x
-        change = np.linalg.pinv(A) @ b
+        b = JW @ left + weights * x[:free]
+        change[:free] = np.linalg.pinv(A) @ b
         if change[3] > x[3]:  # no brake makes a wheel faster
             change[:3] = np.linalg.pinv(A[:3, :3]) @ (b[:3] - x[3] * A[:3, 3])
             change[3] = x[3]

@@ -6,11 +6,12 @@ A receiver tells what was, T(t) = v(t − τ); GNSS is one to two seconds late. 
 
 with c_i by what its radius is off and q (−v̇) its creep, which on the rising flank of (3) goes with
 the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
-fall late. A wheel that slides is slower than that, and left out with the second around it, in which
-its creep rises and falls: τ is where most samples of all axles fit. Slides that a controller makes
-alike all along fit, too, but by a q that no creep has, or by a c that wheels without brake, which
-roll, do not show: they tell nothing. Its error is that of the least squares, the train speed's
-noise being the same in every axle and slow.
+fall late. A speed that is off by an offset o, T − o, is so whether braked or not: where it explains
+what is seen as well as τ does, nothing tells which. A wheel that slides is slower than that, and
+left out with the second around it, in which its creep rises and falls: τ is where most samples of
+all axles fit. Slides that a controller makes alike all along fit, too, but by a q that no creep
+has, or by a c that wheels without brake, which roll, do not show: they tell nothing. Its error is
+that of the least squares, the train speed's noise being the same in every axle and slow.
 
 Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
 
@@ -21,7 +22,7 @@ tell τ, the better the fewer vehicles of the train are not in the log.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from .grid import CRAWL, LEAST, Grid, adhesion, far
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]
 _TAUS = np.arange(-_REACH, _REACH + _SCAN / 2.0, _SCAN)
+_OFFSETS = 0.6 * _TAUS  # of the speed that are tried [m/s]
 _FLOOR = 0.03  # 1 sigma by which a rolling wheel may differ, whatever the noise [m/s]
 _CUT = 4.0  # sigma that are no noise
 _WORN = 0.02  # 1 sigma of c [-]
@@ -47,8 +49,10 @@ _BLOCK = 3.0  # within it errors are alike [s]
 _SLOW = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
 _SYSTEMATIC = 0.015  # 1 sigma of τ by creep that does not go with the force [s]
 _SUREST = 0.2  # a larger 1 sigma of τ tells nothing [s]
-_APART, _AS_GOOD = 0.5, 1.1  # nearest other τ [s], and its loss over the best one's
-_CLEAR = 1.5  # the same by the forces, whose steps are few
+_OFF = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
+_CERTAIN = 3.0  # sigma from zero is an offset
+_APART, _AS_GOOD = 0.5, 1.1  # nearest other τ or o [s, m/s], and its loss over the best one's
+_CLEAR = 1.5  # the same by the forces, whose steps are few, and of τ and o
 _EXPLAINED = 0.8  # share of the train's deceleration that its wheels' adhesion must explain
 _OTHERS = 0.05  # 1 sigma of τ by the wheels that are not in the log, by pads and pipes [s]
 _MOST = 4000  # samples of the fit
@@ -72,9 +76,17 @@ class _Fit(NamedTuple):
     loss: float  # mean square of what is left, cut off
 
 
-class _Scan(NamedTuple):
-    """How well each of `_TAUS` fits."""
+class Beside(NamedTuple):
+    """What the train speed is beside the wheels; None where it is not clear."""
 
+    late: Parameter | None  # τ [s]
+    offset: Parameter | None = None  # o [m/s], where τ is none or does not explain it better
+
+
+class _Scan(NamedTuple):
+    """How well each of some values fits."""
+
+    tried: Floats
     losses: Floats
 
     @property
@@ -84,22 +96,22 @@ class _Scan(NamedTuple):
 
     @property
     def best(self) -> float:
-        """Its τ [s]."""
-        return float(_TAUS[self.place])
+        """The value there."""
+        return float(self.tried[self.place])
 
     @property
     def has_least(self) -> bool:
         """Whether it lies between others."""
-        return math.isfinite(self.losses[self.place]) and 0 < self.place < len(_TAUS) - 1
+        return math.isfinite(self.losses[self.place]) and 0 < self.place < len(self.tried) - 1
 
-    def unclear(self, tau: float, times: float) -> bool:
-        """Whether another τ, far from this one, has less than so many times the least loss."""
-        others = self.losses[np.abs(_TAUS - tau) > _APART]
+    def unclear(self, value: float, times: float) -> bool:
+        """Whether another, far from this one, has less than so many times the least loss."""
+        others = self.losses[np.abs(self.tried - value) > _APART]
         return bool(others.min() < times * self.losses[self.place])
 
 
-def delay(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Parameter | None:
-    """τ [s] with its 1 sigma, above 0 where the train speed is behind; None where it is not clear.
+def beside(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Beside:
+    """How late the train speed is, above 0 where it is behind, and by what it is off.
 
     Args:
         g: all axles.
@@ -107,8 +119,9 @@ def delay(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Parameter | N
         interval: between the train speed's own samples [s].
     """
     if g.train is None or np.isfinite(g.train).sum() < 2 * LEAST:
-        return None
-    return _by_rolling(g, g.train, interval) or _by_forces(g, g.train, wheels)
+        return Beside(None)
+    found = _by_rolling(g, g.train, interval)
+    return found if found != Beside(None) else Beside(_by_forces(g, g.train, wheels))
 
 
 def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter | None:
@@ -133,7 +146,7 @@ def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter 
         left = at(tau)[1]
         return float(np.mean(left**2)) if len(left) >= 2 * LEAST else math.inf
 
-    scan = _Scan(np.array([loss(tau) for tau in _TAUS]))
+    scan = _Scan(_TAUS, np.array([loss(tau) for tau in _TAUS]))
     if not scan.has_least:
         return None
     tau = scan.best
@@ -152,8 +165,27 @@ def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter 
     return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
 
 
-def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
-    """τ at which the wheels that roll are as fast as the train, if that is clear."""
+class _Cause(NamedTuple):
+    """One thing that may be the matter with the train speed, by a number."""
+
+    tried: Floats
+    true: Callable[[float], Floats]  # the train's speed then, (n,) [m/s]
+    slope: Callable[[float], Floats]  # by how much the logged one is above it, per unit; (n,)
+    start: Callable[[float], Floats]  # c and q from which to look
+    sure: float  # its 1 sigma where everything else is known
+    tells: float  # a larger 1 sigma tells nothing
+
+
+class _Found(NamedTuple):
+    """The likeliest value of a cause."""
+
+    value: Parameter
+    loss: float
+    clear: bool  # no other is nearly as likely
+
+
+def _by_rolling(g: Grid, train: Floats, interval: float) -> Beside:
+    """How the wheels that roll are as fast as the train: by τ, by o, or as logged."""
     t: Floats = g.step * np.arange(len(train), dtype=np.float64)
     known = np.isfinite(train)
     falling, every = -g.slope(train), max(1, len(t) // _MOST)
@@ -166,29 +198,68 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Parameter | None:
         return np.interp(s.t + tau, t[known], column[known], left=np.nan, right=np.nan)
 
     first = _start(g, train)
-    fits = [_fit(s, at(tau, train), first) for tau in _TAUS]
-    scan = _Scan(np.array([f.loss for f in fits]))
+    late = _Cause(
+        _TAUS, lambda tau: at(tau, train), lambda tau: at(tau, falling), lambda _: first,
+        _SYSTEMATIC, _SUREST,
+    )  # fmt: skip
+    offset = _Cause(
+        _OFFSETS, lambda o: at(0.0, train) - o, lambda _: np.ones(len(s.t)),
+        lambda o: _start(g, train - o), *_OFF,
+    )  # fmt: skip
+    alike = max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every))
+    free = g.clamping[:, ::every] <= 0.0
+    slows = np.nan_to_num(at(0.0, falling)) > _SLOWING
+    both = [_likeliest(s, cause, slows, free, alike, _LEAST / (g.step * every))
+            for cause in (late, offset)]  # fmt: skip
+    return _told(*both)
+
+
+def _told(late: _Found | None, offset: _Found | None) -> Beside:
+    """Which of both it is; both where nothing tells."""
+    by_late = late.value if late and late.clear else None
+    if offset is None or abs(offset.value.value) < _CERTAIN * offset.value.tolerance:
+        return Beside(by_late)
+    if late is None or _CLEAR * offset.loss < late.loss:
+        return Beside(None, offset.value if offset.clear else None)
+    either = by_late and _CLEAR * late.loss > offset.loss
+    return Beside(by_late, offset.value if either else None)
+
+
+def _likeliest(
+    s: _Samples, cause: _Cause, slows: Bools, free: Bools, alike: float, least: float
+) -> _Found | None:
+    """The value at which most of the samples fit; None where wheels do not tell.
+
+    Args:
+        s: the samples.
+        cause: what is looked for.
+        slows: where the train does (n,).
+        free: where a wheel is not braked (axles, n).
+        alike: samples in a row whose noise is alike.
+        least: samples that a wheel must roll while braked.
+    """
+    fits = [_fit(s, cause.true(x), cause.start(x)) for x in cause.tried]
+    scan = _Scan(cause.tried, np.array([f.loss for f in fits]))
     if not scan.has_least:
         return None
-    tau, f = scan.best, fits[scan.place]
-    slows = np.nan_to_num(at(tau, falling)) > _SLOWING
+    value, f = scan.best, fits[scan.place]
     rolls = (f.used & slows).sum(axis=1)
-    if rolls.max() < max(_LEAST / (g.step * every), _SHARE * slows.sum()):
+    if rolls.max() < max(least, _SHARE * slows.sum()):
         return None
     counts = rolls > _ALIKE * rolls.max()  # what little is left of a slide is no noise
     s = s._replace(rim=s.rim[counts], slowing=s.slowing[counts])
     x, sigma = f.x[np.append(counts, True)], math.inf
-    alike = max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every))
     for _ in range(5):
-        f = _fit(s, at(tau, train), x)
-        change, sigma = _step(s, f, at(tau, falling), alike)
-        tau, x = tau + change, f.x
-        if not abs(tau - scan.best) <= 2.0 * _SCAN:
+        f = _fit(s, cause.true(value), x)
+        change, sigma = _step(s, f, cause.slope(value), alike, cause.sure)
+        value, x = value + change, f.x
+        if not abs(value - scan.best) <= 2.0 * (cause.tried[1] - cause.tried[0]):
             return None
-    free = (g.clamping[:, ::every][counts] <= 0.0) & np.isfinite(at(tau, train)) & (s.rim > CRAWL)
-    slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1] or 2 * f.used[free].sum() < free.sum()
-    unclear = scan.unclear(tau, _AS_GOOD) or slides
-    return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
+    rolling = free[counts] & np.isfinite(cause.true(value)) & (s.rim > CRAWL)
+    slides = abs(f.x[-1] - _CREEP[0]) > _NO_CREEP * _CREEP[1]
+    slides |= 2 * f.used[rolling].sum() < rolling.sum()
+    clear = not (scan.unclear(value, _AS_GOOD) or slides or sigma > cause.tells)
+    return _Found(Parameter(value, sigma), f.loss, clear)
 
 
 def _start(g: Grid, train: Floats) -> Floats:
@@ -241,17 +312,18 @@ def _fit(s: _Samples, v: Floats, start: Floats) -> _Fit:
     return _Fit(x, left, used, loss)
 
 
-def _step(s: _Samples, f: _Fit, falling: Floats, alike: float) -> tuple[float, float]:
-    """By how much another τ fits better [s], and the 1 sigma of τ [s].
+def _step(s: _Samples, f: _Fit, slope: Floats, alike: float, sure: float) -> tuple[float, float]:
+    """By how much another value of a cause fits better, and its 1 sigma.
 
     Args:
         s: the samples.
-        f: their fit at the τ so far.
-        falling: of the train speed at this τ, (n,) [m/s²].
+        f: their fit at the value so far.
+        slope: what is logged by a cause, per unit of it, (n,) [m/s].
         alike: samples in a row whose noise is alike.
+        sure: its 1 sigma where everything else is known.
     """
-    used = f.used & np.isfinite(falling)
-    late = np.where(used, np.nan_to_num(falling), 0.0)
+    used = f.used & np.isfinite(slope)
+    late = np.where(used, np.nan_to_num(slope), 0.0)
     X = np.concatenate([_columns(s, used), late[None]])
     left = np.where(used, f.left, 0.0)
     weights, expected = (np.append(x, 0.0) for x in _prior(s))
@@ -271,4 +343,4 @@ def _step(s: _Samples, f: _Fit, falling: Floats, alike: float) -> tuple[float, f
     of_noise = float(np.mean(rest[used] ** 2)) * alike * float(together @ together)
     of_prior = s.noise**2 * float(weights @ row**2)
     variance = max(of_blocks, of_noise) + of_prior
-    return float(x[-1]), math.hypot(math.sqrt(variance), _SYSTEMATIC)
+    return float(x[-1]), math.hypot(math.sqrt(variance), sure)
