@@ -602,6 +602,23 @@ def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
     assert not checks.standing_pressure(pressure(dead, 10.0, 1000.0)).stuck.any()
 
 
+@pytest.mark.parametrize("slide", [True, False])
+def test_full_pressure_beside_vented_axles_is_no_stuck_one_while_their_wheels_slide(
+    slide: bool,
+) -> None:
+    p = application(10.0, 0.0, 1000.0)
+    t = np.arange(len(p)) / 10.0
+    swing = 0.25 + 0.2 * np.sin(2.0 * np.pi * t / 1.5)
+    others = [pressure(p * np.where(t < 20.0, x, 1.0), 10.0, 1000.0) for x in (swing, 0.9 * swing)]
+    rolls = 60.0 - 2.0 * np.maximum(t - 4.0, 0.0)
+    slip = np.where(p > 0.0, 1.0 - 0.3 * np.maximum(np.sin(2.0 * np.pi * t / 1.5), 0.0), 1.0)
+    turns = [rolls, *(2 * [rolls * slip if slide else rolls])]
+    wheels = [replace(pressure(w, 10.0), meaning="wheel_speed") for w in turns]
+    held = np.where((t > 5.0) & (t < 23.0), 4e5, p)  # which all others' is at the end, too
+    stuck = checks.standing_pressure(pressure(held, 10.0, 1000.0), others, wheels).stuck
+    assert stuck.any() != slide
+
+
 def test_a_pressure_is_saturated_or_stuck_but_not_both() -> None:
     p = application(25.0, 1000.0, 1000.0)
     cut, others = np.minimum(p, 2e5), [pressure(p, 25.0, 1000.0), pressure(0.95 * p, 25.0, 950.0)]

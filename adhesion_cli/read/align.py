@@ -94,7 +94,9 @@ def records(
         ]
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
-        of_speed, of_brake = checks.of_speed(speed), checks.of_pressure(brake, beside)
+        wheels = [speed, *(c for c in speeds.values() if c is not speed and len(c.data.t))]
+        of_speed = checks.of_speed(speed)
+        of_brake = checks.of_pressure(brake, beside, wheels)
         told = [
             *_told(speed, of_speed, log.start_ns(), window),
             *_told(brake, of_brake, log.start_ns(), window),

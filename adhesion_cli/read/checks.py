@@ -31,6 +31,7 @@ _MOVES = 0.02  # of itself: a speed that changes by less stands still
 _SLIDES = 0.35  # of the speed by which a wheel on a roller rig may be slowed
 _VACUUM = -3e4  # far below atmosphere [Pa]; K below zero does not exist either
 _LASTS = 2.0  # seconds of one pressure that no valve of a wheel slide protection holds
+_SLOWER = 0.95  # of the wheel beside it: one that turns by less slides
 _JUMPS = (
     "jumps as no {} can, and comes back or never changes again: a spike, a drop-out or a dead "
     "sensor; left out; check the sensor and its wire"
@@ -97,11 +98,19 @@ def _all_move(train: Channel, wheels: Sequence[Channel], first: int, share: floa
     return all(_moved(train, rest, w)[0] > share for w in wheels)
 
 
-def of_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> list[Fault]:
-    """What a pressure [Pa] or K [N] shows by itself and beside the other axles'."""
+def of_pressure(
+    pressure: Channel, others: Sequence[Channel] = (), wheels: Sequence[Channel] = ()
+) -> list[Fault]:
+    """What a pressure [Pa] or K [N] shows by itself and beside the other axles'.
+
+    Args:
+        pressure: of one axle.
+        others: the other axles'.
+        wheels: the axle's wheel speed [rad/s], then the others'.
+    """
     below = pressure.data.value < _VACUUM * max(excursions.scale(pressure), 1.0)
     spikes = pressure_spikes(pressure) & ~below
-    stuck, saturated = standing_pressure(pressure, others)
+    stuck, saturated = standing_pressure(pressure, others, wheels)
     return [
         Fault(
             "pressure-frozen",
@@ -392,7 +401,9 @@ class Standing(NamedTuple):
     saturated: Bools  # at its highest value, the end of its range
 
 
-def standing_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Standing:
+def standing_pressure(
+    pressure: Channel, others: Sequence[Channel] = (), wheels: Sequence[Channel] = ()
+) -> Standing:
     """Where a pressure sensor stands.
 
     Stuck is seen by its noise, which ends; or by the other axles' pressures, which go on, if it
@@ -401,11 +412,12 @@ def standing_pressure(pressure: Channel, others: Sequence[Channel] = ()) -> Stan
     Args:
         pressure: of one axle [Pa], or its K [N].
         others: the other axles'.
+        wheels: the axle's wheel speed [rad/s], then the others'.
     """
     x = pressure.data.value
     runs = _runs(pressure)
     silent = _silent(pressure, runs)
-    below, above = _left_alone(pressure, runs, others)
+    below, above = _left_alone(pressure, runs, others, wheels)
     alone = below | above
     flat = _flat_top(pressure, runs, silent) & ~above
     saturated = _repeats(len(x), runs, flat)
@@ -466,12 +478,14 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     return long
 
 
-def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bools:
+def _left_alone(
+    pressure: Channel, runs: _Runs, others: Sequence[Channel], wheels: Sequence[Channel]
+) -> Bools:
     """Runs below every other axle's pressure, and above, for longer than by a valve; shape (2, k).
 
-    All below it: the brake is released, and no slide protection vents every other axle for that
-    long (a single other one it may). Or all above it. One at full pressure while others are vented
-    is no fault.
+    All below it: the brake is released, unless slide protection vents every other axle: then their
+    wheels slide beside this one again and again (a single other one may be vented for long). Or all
+    above it. One at full pressure while others are vented is no fault.
     """
     t, x = pressure.data.t, pressure.data.value
     found = np.zeros((2, len(runs.first)), dtype=np.bool_)
@@ -496,6 +510,19 @@ def _left_alone(pressure: Channel, runs: _Runs, others: Sequence[Channel]) -> Bo
         above, below = beside > value + 0.3 * top, beside < value - 0.3 * top
         if len(others) == 1 or whole:
             below = (beside < 0.05 * top) & (value > 0.1 * top)
+        if not whole:
+            below &= ~_others_slide(at, wheels)
         for side, apart in enumerate((above.all(axis=0), below.all(axis=0))):
             found[side, i] = any(seconds[b - 1] - seconds[a] >= lasts for a, b in true_runs(apart))
     return found
+
+
+def _others_slide(at: timeaxis.Over, wheels: Sequence[Channel]) -> Bools:
+    """Where a wheel turns more slowly than the first one, or does within `_LASTS`; shape (n,)."""
+    if len(wheels) < 2:
+        return np.zeros(len(at.t), dtype=np.bool_)
+    own, *others = (timeaxis.interpolated(at, c) for c in wheels)
+    slides = (np.array(others) < _SLOWER * own - 2.0 * wheels[0].step).any(axis=0)
+    seen = np.concatenate([[0], np.cumsum(slides)])
+    before, after = (np.searchsorted(at.t, at.t + sign * round(_LASTS * 1e9)) for sign in (-1, 1))
+    return np.asarray(seen[after] > seen[before])
