@@ -20,6 +20,7 @@ import numpy as np
 from . import compiled, events, physics, railfit, signals
 from .events import CAUGHT, Slide
 from .model import (
+    Z95,
     AxleRecord,
     AxleResult,
     Finding,
@@ -66,8 +67,19 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     ratio = np.concatenate(ratios)
     if seconds < _COASTING or len(ratio) < 10:
         return None
-    # one independent value a second: what is held or interpolated repeats itself
-    return float(np.median(ratio)), float(np.std(ratio)) / math.sqrt(max(seconds, 1.0))
+    # One independent value a second at most: what is held or interpolated repeats itself, a line
+    # between readings varies by 2/3 of what they do, and few do not know their own spread.
+    interval, step = record.train_speed_interval, seconds / len(ratio)
+    sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
+    sigma *= _student(seconds / max(interval, step) - 1.0)
+    return float(np.median(ratio)), sigma / math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+
+
+def _student(freedom: float) -> float:
+    """By how much farther than normal 95 % of the means of few values lie, over their sigma."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(freedom, 1.0), (1.0 + 0.95) / 2.0)) / Z95
 
 
 def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
@@ -81,7 +93,7 @@ def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Fi
     ratio, sigma = found
     if abs(ratio - 1.0) > _LARGEST:
         return stated, []
-    if abs(ratio - 1.0) < 2.0 * sigma:
+    if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated.tolerance)), []
     text = (
         f"while coasting the wheel rolls as one of {2e3 * radius * ratio:.1f} mm "

@@ -204,6 +204,29 @@ def test_wheel_diameters_come_from_coasting() -> None:
     assert calibrated == ["axle 3", "axle 4"]
 
 
+def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:
+    t = np.arange(0.0, 8.0, 0.02)
+    columns = np.round(t * 1e9).astype(np.int64), 0.0 * t, 0.0 * t, 25.0 / 0.42 + 0.0 * t
+    every = np.arange(-1.0, 10.0)
+    inside = []
+    for seed in range(300):
+        noise = np.random.default_rng(seed).normal(0.0, 0.05, len(every))
+        v = 25.0 + np.interp(t, every + 0.5, noise)
+        record = AxleRecord(1, *columns, (slice(0, len(t)),), train_speed=v, train_speed_interval=1)
+        found = slip.calibration(record, 0.42)
+        assert found is not None
+        inside.append(abs(found[0] - 1.0) < 1.96 * found[1])
+    assert 0.91 < np.mean(inside) < 0.98
+
+
+def test_a_speed_made_of_the_axles_tells_no_wheel_from_itself() -> None:
+    t = np.arange(0, 8 * 10**9, 2 * 10**7)
+    y, K = np.full(len(t), 25.0 / 0.42), np.zeros(len(t))
+    records = [AxleRecord(n, t, K, K, y, (slice(0, len(t)),)) for n in (1, 2)]
+    made, _ = slip.with_reference_speed(records, records, Vehicle(), 0)
+    assert slip.calibrated(made[0], Vehicle())[1] == []
+
+
 def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
     result = analysed("low-adhesion", False)
     assert "reference-speed" in codes(result)
