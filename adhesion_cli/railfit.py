@@ -21,13 +21,19 @@ points do not decide keeps the width that it had. A true μ that is c times that
 c kA and c kS, and the same A and B, exactly: the error by the vehicle's tolerances is put in
 afterwards.
 
-The intervals hold for rails whose curve is (3); docs/slip.md has what they are worth on others.
+A rail's curve need not be (3). It may be (3) e^g, g a sum of bumps in ln s and of what goes with
+the speed, the weight of each 0 give or take a: a is 0, where the rail is (3), or one of `_BENT`.
+How likely the points make each a is by Laplace's approximation: what a bent curve gains beside the
+points has to outdo how much else it could have been. Each a has so large a share of the draws for
+the peak. The constants, and the rails to be run again, are of (3): of another rail they are those
+of the nearest one.
 
 A constant is told if its 95 % interval is narrower than a factor of `_TOLD`. So are slip and μ of
 the peak, at the slides' middle speed, if there are points beyond it. The slip must have points on
 both sides. μ needs none before it: friction that falls with sliding leads back to the peak's height
-where the flank is not seen, and then the slip is told to be less than so much. Where no curve goes
-through the points, because the rail changed under the slides, there is no fit.
+where the flank is not seen, and then the slip is told to be less than so much; but nothing leads
+back where the rail is likelier not (3). Where no curve goes through the points, because the rail
+changed under the slides, there is no fit.
 
 Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over time of
 μ in the slides over that of the largest μ at the same speeds: the share that was used of what could
@@ -43,12 +49,14 @@ import numpy as np
 from . import compiled
 from .model import Bools, Floats, Vehicle
 from .physics import G
-from .rail import Condition, Contact, Patch, conditions, creep_force
+from .rail import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force
 
 _MOST = 400  # points of a fit
 _SHORTEST = 8.0  # points of less time show no spread of errors [s]
 _STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be alike [s]
-_INDEPENDENT = 100.0  # points that count at most: (3) is no better than that
+_INDEPENDENT = 100.0  # points that count at most: no rail is everywhere the same
+_BENT = 0.06, 0.2, 0.6  # 1 sigma of a bump's weight, where the rail is not (3)
+_BUMP = 0.8  # between two bumps, about, and how wide each is [ln s]
 _TOLD = 3.0  # widest interval of a constant that is told, high over low
 # Before any point is seen, coded, around Polach's sets; 1 sigma of the logarithms.
 _USUAL = Condition(k_a=0.5, k_s=0.2, f0=0.1, A=0.4, B=0.3)
@@ -57,7 +65,7 @@ _LEFT = 0.15  # largest rms beside the curve, over the largest μ
 _EVALUATIONS = 50
 _INSIDE = -12.0, 3.0  # unknowns beyond are no rail, and exponentials overflow
 _CLOSE = 1e-4  # relative change at which a search ends
-_STEP = 1e-6  # of an unknown, for the errors' slope with it
+_STEP = 1e-6  # of an unknown, for the curve's slope with it
 _DRAWS = 200
 _SPEEDS = 8  # at which the peak is found, for all
 _ENDS = 0.01, 0.98  # shares of the points that may lie outside of what they show
@@ -66,7 +74,7 @@ _RMS = 0.02  # noise of μ that is expected, over the largest μ
 _NODES = (1.0 / 6.0, -math.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, math.sqrt(3.0))
 _CLEAR = 0.3  # noise of slip over slip: points with more tell little, and bend the curve
 _CENTRE = (2.5, 97.5)
-_HALVINGS = 40  # that find a peak
+_GRID, _HALVINGS = 60, 16  # steps that find a peak, and halvings of the last of them
 
 
 class Interval(NamedTuple):
@@ -117,7 +125,17 @@ class Points(NamedTuple):
     sliding: Bools  # the others lie between slides
 
 
-_RADIUS, _DELAY = 5, 6  # places among the unknowns, in sigma, behind the coded constants
+class Bend(NamedTuple):
+    """By what a rail's curve may differ from (3): of what g, the logarithm of that, is a sum."""
+
+    bumps: Floats  # ln s of their tops, shape (bumps,)
+    slip: float  # ln s and
+    speed: float  # ln v at which nothing goes with the speed
+
+
+# Places among the unknowns: of coded constants, then in sigma, then weights of what bends.
+_K_A, _SHARE, _F0, _A, _B, _RADIUS, _DELAY, _WEIGHTS = range(8)
+_BY_SPEED = 2  # weights behind those of the bumps: all μ goes with the speed, and the more the slip
 
 
 def _rail(x: Floats) -> Condition:
@@ -126,50 +144,85 @@ def _rail(x: Floats) -> Condition:
     return Condition(k_a, k_a / (1.0 + e(-x[1])), e(x[2]), 1.0 / (1.0 + e(-x[3])), e(x[4]))
 
 
-def _errors(p: Points, patch: Patch, radius: float, sigma: float, x: Floats, left: Floats) -> None:
-    """Fills the errors beside the curve, over their sigma; `sigma` is that of μ's noise."""
-    rail = _rail(x)
+def _part(k: int, slip: float, speed: float, bend: Bend) -> float:
+    """What the weight k bends by."""
+    n, at = len(bend.bumps), math.log(max(slip, _SLIPS[0]))
+    if k < n:
+        far = (at - bend.bumps[k]) / (bend.bumps[1] - bend.bumps[0])
+        return math.exp(-0.5 * far * far)
+    faster = math.log(max(speed, CREEP_FROM)) - bend.speed
+    return faster if k == n else faster * (at - bend.slip)
+
+
+def _adhesion(slip: float, speed: float, x: Floats, patch: Patch, bend: Bend) -> float:
+    """μ on the rail x: (3) e^g."""
+    g = 0.0
+    for k in range(len(x) - _WEIGHTS):
+        g += float(x[_WEIGHTS + k]) * _part(k, slip, speed, bend)
+    force = creep_force(slip * speed, speed, _rail(x), patch)[0]
+    return math.exp(g) * force / patch.load
+
+
+def _course(
+    p: Points, patch: Patch, bend: Bend, radius: float, x: Floats, aside: float, mean: Floats,
+    variance: Floats,
+) -> None:  # fmt: skip
+    """Fills mean and variance of μ where each point may lie, and `aside` of it in slip."""
     for i in range(len(p.slip)):
-        v, noise = p.speed[i], p.noise[i]
-        slip = 1.0 - (1.0 - p.slip[i]) * (1.0 + radius * x[_RADIUS]) + p.clock[i] * x[_DELAY]
-        mean, square = 0.0, 0.0
+        slip = _slip(p, radius, x, i) + aside
+        first, second = 0.0, 0.0
         for weight, far in _NODES:
-            mu = creep_force((slip + far * noise) * v, v, rail, patch)[0] / patch.load
-            mean += weight * mu
-            square += weight * mu * mu
-        variance = sigma * sigma + max(square - mean * mean, 0.0)
-        left[i] = (p.mu[i] - mean) / math.sqrt(variance)
+            mu = _adhesion(slip + far * p.noise[i], p.speed[i], x, patch, bend)
+            first += weight * mu
+            second += weight * mu * mu
+        mean[i], variance[i] = first, max(second - first * first, 0.0)
 
 
-def _slopes(
-    p: Points, patch: Patch, radius: float, sigma: float, x: Floats, slopes: Floats
-) -> None:
-    """Fills the errors' slopes with each unknown, shape (n, unknowns); x is left as it is."""
-    more, less = np.empty(len(p.slip)), np.empty(len(p.slip))
-    _errors(p, patch, radius, sigma, x, less)
-    for m in range(len(x)):
+def _slip(p: Points, radius: float, x: Floats, i: int) -> float:
+    """A point's slip without the errors of radius and delay."""
+    rolling = (1.0 - p.slip[i]) * (1.0 + radius * x[_RADIUS])
+    return float(1.0 - rolling + p.clock[i] * x[_DELAY])
+
+
+def _slopes(p: Points, patch: Patch, bend: Bend, radius: float, x: Floats, slopes: Floats) -> None:
+    """Fills the slopes of the mean with each unknown, shape (n, unknowns); x is left as it is."""
+    n, aside = len(p.slip), _STEP * _SLIPS[0]
+    here, there, variance = np.empty(n), np.empty(n), np.empty(n)
+    _course(p, patch, bend, radius, x, 0.0, here, variance)
+    for m in (_K_A, _SHARE, _A, _B):
         at = x[m]
         x[m] = at + _STEP
-        _errors(p, patch, radius, sigma, x, more)
+        _course(p, patch, bend, radius, x, 0.0, there, variance)
         x[m] = at
-        for i in range(len(less)):
-            slopes[i, m] = (more[i] - less[i]) / _STEP
+        for i in range(n):
+            slopes[i, m] = (there[i] - here[i]) / _STEP
+    _course(p, patch, bend, radius, x, aside, there, variance)
+    for i in range(n):
+        steep = (there[i] - here[i]) / aside
+        slopes[i, _F0] = here[i] - slopes[i, _K_A]  # c f0, c kA and c kS make c μ
+        slopes[i, _RADIUS] = -steep * radius * (1.0 - p.slip[i])
+        slopes[i, _DELAY] = steep * p.clock[i]
+        for k in range(len(x) - _WEIGHTS):
+            slopes[i, _WEIGHTS + k] = here[i] * _part(k, _slip(p, radius, x, i), p.speed[i], bend)
 
 
-def _peaks(rails: Floats, patch: Patch, speed: Floats, found: Floats) -> None:
+def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, found: Floats) -> None:
     """Fills slip and μ of the largest adhesion, shape (rails, speeds, 2)."""
+    first, whole = math.log(_SLIPS[0]), math.log(_SLIPS[1] / _SLIPS[0])
     for i in range(len(rails)):
-        rail = _rail(rails[i])
         for j in range(len(speed)):
-            a, b, v = math.log(_SLIPS[0]), math.log(_SLIPS[1]), speed[j]
+            at, most, step = first, 0.0, whole / _GRID
+            for k in range(_GRID + 1):
+                mu = _adhesion(math.exp(first + k * step), speed[j], rails[i], patch, bend)
+                if mu > most:
+                    at, most = first + k * step, mu
             for _ in range(_HALVINGS):
-                middle = 0.5 * (a + b)
-                if creep_force(math.exp(middle) * v, v, rail, patch)[1] > 0.0:
-                    a = middle
-                else:
-                    b = middle
-            found[i, j, 0] = math.exp(0.5 * (a + b))
-            found[i, j, 1] = creep_force(found[i, j, 0] * v, v, rail, patch)[0] / patch.load
+                step *= 0.5
+                for side in (at - step, at + step):
+                    mu = _adhesion(math.exp(side), speed[j], rails[i], patch, bend)
+                    if mu > most:
+                        at, most = side, mu
+            found[i, j, 0], found[i, j, 1] = math.exp(at), most
 
 
 def curve(rail: Condition, speed: float, slip: Floats, vehicle: Vehicle) -> Floats:
@@ -203,25 +256,28 @@ def fit(
     size = len(_WIDE) + 2
     known, wide = np.zeros(size), np.ones(size)
     known[:_RADIUS], wide[:_RADIUS] = _coded(_USUAL), _WIDE
-    search = _Search(p, patch, radius_error, known, wide)
+    low, high = np.quantile(p.slip, _ENDS).tolist()
+    bend = _bend(p, low, high)
+    search = _Search(p, patch, bend, radius_error, known, wide)
 
     rough = search._replace(p=p._replace(noise=np.zeros(n)))
     starts = [np.append(_coded(rail), (0.0, 0.0)) for rail in conditions().values()]
-    best, left = min((rough.run(_RMS * level, x) for x in starts), key=lambda f: rough.cost(*f))
-    sigma = math.sqrt(float(left @ left) / n) * _RMS * level
+    ends = [rough.run(_RMS * level, x) for x in starts]
+    sigma = min(f.rms for f in ends) * _RMS * level
     if sigma > _LEFT * level:
         return None
-    best, left = search.run(sigma, best)
-    alike = _alike(p.t, left)
-    weak = search._replace(weight=1.0 / math.sqrt(alike))
+    best = max((search.run(sigma, f.x) for f in ends), key=lambda f: f.likely)
+    best = search.run(sigma, best.x)
+    weak = search._replace(weight=1.0 / math.sqrt(_alike(p.t, best.left)))
 
     random = np.random.default_rng(seed)
     scales = np.exp(mu_error * random.standard_normal(_DRAWS))
     draws = np.empty((_DRAWS, size))
     for j in range(_DRAWS):
-        other = known + wide * random.standard_normal(size)
-        draws[j] = weak._replace(known=other).run(sigma, best, random.standard_normal(n))[0]
-    draws[:, [0, 2]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
+        draws[j] = weak.draw(sigma, best.x, random)
+    curves = _bent(search, sigma, draws, best.x, random)
+    for drawn in (draws, curves):
+        drawn[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
     rails = [_rail(x) for x in draws]
     told = {}
     for name in Condition._fields:
@@ -232,25 +288,41 @@ def fit(
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
     peaks = np.empty((_DRAWS, 1 + _SPEEDS, 2))
-    compiled.function(_peaks)(draws, patch, np.append(speed, speeds), peaks)
+    compiled.function(_peaks)(curves, patch, bend, np.append(speed, speeds), peaks)
     at, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
-    low, high = np.quantile(p.slip, _ENDS).tolist()
-    passed = at.high < high
+    below = max(at.high, low)  # of less slip there are no points
+    passed = below < high
+    # That friction falls as it does where it is seen is (3)'s: nothing leads back on a bent curve.
+    bent = curves[:, _WEIGHTS:].any(axis=1)
+    blind = bent.mean() > 0.5 and 100.0 * np.mean(bent & (peaks[:, 0, 0] < low)) > _CENTRE[0]
+    tall = passed and _narrow(mu) and not blind
     hats = [np.interp(slides, speeds, unit) for unit in np.eye(_SPEEDS)]
     h = h[points.sliding]
     could = peaks[:, 1:, 1] @ np.average(hats, axis=1, weights=h)
     used = _interval(scales * np.average(points.mu[points.sliding], weights=h) / could)
     return RailFit(
-        _rail(best),
+        _rail(best.x),
         tuple(rails),
         tuple(scales.tolist()),
         told,
-        at.high if passed else None,
+        below if passed else None,
         at if passed and low < at.value and _narrow(at) else None,
-        mu if passed and _narrow(mu) else None,
-        used if passed and _narrow(mu) else None,
+        mu if tall else None,
+        used if tall else None,
         speed,
     )
+
+
+class _Found(NamedTuple):
+    """The best curve of a search."""
+
+    x: Floats  # the unknowns, shape (unknowns,)
+    left: Floats  # errors beside it, in sigma, shape (n,)
+    likely: float  # logarithm of how likely the points are on such curves, but for a constant
+
+    @property
+    def rms(self) -> float:
+        return math.sqrt(float(self.left @ self.left) / len(self.left))
 
 
 class _Search(NamedTuple):
@@ -258,49 +330,96 @@ class _Search(NamedTuple):
 
     p: Points
     patch: Patch
+    bend: Bend
     radius: float  # 1 sigma, as a share of it
     known: Floats  # of the unknowns, shape (unknowns,)
     wide: Floats  # 1 sigma of that
     weight: float = 1.0  # of a point's error
 
-    def cost(self, x: Floats, beside: Floats) -> float:
-        """What `run` makes small, of what it returns."""
-        return float(
-            np.sum((self.weight * beside) ** 2) + np.sum(((x - self.known) / self.wide) ** 2)
-        )
-
-    def run(
-        self, sigma: float, start: Floats, other: Floats | float = 0.0
-    ) -> tuple[Floats, Floats]:
-        """The unknowns of the best curve, and the errors beside it in sigma, shape (n,).
+    def run(self, sigma: float, start: Floats, other: Floats | float = 0.0) -> _Found:
+        """The best curve.
 
         Args:
             sigma: of the noise of μ.
-            start: of the unknowns.
+            start: of the unknowns; the noise of slip weighs as the curve there makes noise of μ
+                of it. Weighed anew on the way, a curve that is steep or bent would be at its best.
             other: errors taken to be in μ besides, in sigma of what a point weighs.
         """
         from scipy.optimize import least_squares
 
-        errors, slopes = compiled.function(_errors), compiled.function(_slopes)
-        what = self.p, self.patch, self.radius, sigma
+        course, slopes = compiled.function(_course), compiled.function(_slopes)
+        what = self.p, self.patch, self.bend, self.radius
         n, size = len(self.p.t), len(start)
-        beside, by = np.empty(n), np.empty((n, size))
+        mean, variance, by = np.empty(n), np.empty(n), np.empty((n, size))
+        course(*what, np.clip(start, *_INSIDE), 0.0, mean, variance)
+        noise = np.sqrt(sigma * sigma + variance)
+
+        def beside(x: Floats) -> Floats:
+            course(*what, np.clip(x, *_INSIDE), 0.0, mean, variance)
+            errors: Floats = (self.p.mu - mean) / noise
+            return errors
 
         def left(x: Floats) -> Floats:
-            errors(*what, np.clip(x, *_INSIDE), beside)
-            both: Floats = np.append(self.weight * beside + other, (x - self.known) / self.wide)
+            both: Floats = np.append(self.weight * beside(x) + other, (x - self.known) / self.wide)
             return both
 
         def slope(x: Floats) -> Floats:
             slopes(*what, np.clip(x, *_INSIDE), by)
-            both: Floats = np.concatenate([self.weight * by, np.diag(1.0 / self.wide)])
+            weighed = -self.weight * by / noise[:, None]
+            both: Floats = np.concatenate([weighed, np.diag(1.0 / self.wide)])
             return both
 
         found = least_squares(
             left, start, slope, method="lm", max_nfev=_EVALUATIONS, ftol=_CLOSE, xtol=_CLOSE
         )
-        left(found.x)
-        return np.clip(found.x, *_INSIDE), beside
+        volume = float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
+        wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(noise).sum())
+        likely = -float(found.cost) - 0.5 * volume - wide
+        return _Found(np.clip(found.x, *_INSIDE), beside(found.x), likely)
+
+    def draw(self, sigma: float, start: Floats, random: np.random.Generator) -> Floats:
+        """The unknowns of the best curve for other errors, as likely as those that are left."""
+        known = self.known + self.wide * random.standard_normal(len(start))
+        other = random.standard_normal(len(self.p.t))
+        return self._replace(known=known).run(sigma, start, other).x
+
+
+def _bend(p: Points, low: float, high: float) -> Bend:
+    """What can bend a curve with points from one slip to the other, and the flank before them."""
+    count = max(1, round(math.log(high / low) / _BUMP))
+    bumps = math.log(low) + math.log(high / low) / count * np.arange(-1.0, count + 1)
+    return Bend(bumps, float(np.median(np.log(p.slip))), float(np.median(np.log(p.speed))))
+
+
+def _bent(
+    straight: _Search, sigma: float, draws: Floats, best: Floats, random: np.random.Generator
+) -> Floats:
+    """Draws of the curve that the rail may have, be it (3) or not, shape (draws, unknowns).
+
+    Args:
+        straight: search among curves (3).
+        sigma: of the noise of μ beside them.
+        draws: of these curves, kept as far as the points make them likely.
+        best: of these curves.
+        random: for the others.
+    """
+    more = np.zeros(len(straight.bend.bumps) + _BY_SPEED)
+    searches = [straight]
+    for weight in _BENT:
+        known, wide = np.append(straight.known, more), np.append(straight.wide, more + weight)
+        searches.append(straight._replace(known=known, wide=wide))
+    start = np.append(best, more)
+    sigma *= searches[-1].run(sigma, start).rms
+    weight = 1.0 / math.sqrt(_alike(straight.p.t, searches[-1].run(sigma, start).left))
+    searches = [of._replace(weight=weight) for of in searches]
+    found = [of.run(sigma, start[: len(of.known)]) for of in searches]
+    share = np.exp([f.likely - max(f.likely for f in found) for f in found])
+    count = len(draws)
+    which = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(count) + 0.5) / count)
+    curves = np.pad(draws, ((0, 0), (0, len(more))))
+    for j in np.flatnonzero(which).tolist():
+        curves[j] = searches[which[j]].draw(sigma, found[which[j]].x, random)
+    return curves
 
 
 def _alike(t: Floats, left: Floats) -> float:

@@ -62,8 +62,8 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 _OF_CURVE = (
-    "Peak and constants are those of Polach's curve (3); the intervals hold on rails of that shape "
-    "(docs/slip.md)."
+    "Constants are those of Polach's curve (3), or of the nearest one; the peak's interval holds "
+    "on other curves, too (docs/slip.md)."
 )
 
 
