@@ -208,7 +208,9 @@ def test_a_copy_makes_nothing_sound(tmp_path: Path) -> None:
     path, copy = tmp_path / "log.mcap", tmp_path / "0.mcap"
     path.write_bytes(changed(scalar_log(VALUES)))
     assert {f.code for f in recovered(path, copy)} == {"mcap-damaged", "mcap-unchecked"}
+    first = copy.read_bytes()
     for k in range(3):  # copies of the copy
+        assert copy.read_bytes() == first
         findings = McapSource(copy, ReadOptions()).findings
         assert [(f.code, f.severity, f.count) for f in findings] == [
             ("mcap-unchecked", "info", len(VALUES)), ("mcap-recovered", "warning", len(VALUES)),
@@ -307,7 +309,8 @@ def test_the_summary_leads_over_a_hole(tmp_path: Path) -> None:
         reader = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in reader.iter_messages()) == 40 - len(lost)
         assert [a.name for a in reader.iter_attachments()] == ["a5", "a35"]
-        assert [m.name for m in reader.iter_metadata()] == ["m5", "m35"]
+        own = "adhesion.recovered"  # what the copy says of itself
+        assert [m.name for m in reader.iter_metadata()] == ["m5", "m35", own]
 
 
 def test_a_chunk_behind_damage_that_is_refused_is_met_once(tmp_path: Path) -> None:

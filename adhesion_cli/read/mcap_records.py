@@ -247,31 +247,36 @@ class Walk:
     @property
     def unchecked(self) -> int:
         """Messages that no CRC guards, or none did before they were recovered."""
-        bare = 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
-        return bare + self._before("unchecked")
+        return self._bare + min(self._before("unchecked"), self.rows)
+
+    @property
+    def _bare(self) -> int:
+        return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
 
     @property
     def suspect(self) -> int:
         """Of those, messages that may have changed: of the same bytes some are known to have."""
         end = max((block.end for block in self.blocks), default=0)
         here = self._data_changed or any(one.at < end for one in self.damage)
-        return self.unchecked if here else self._before("suspect")
+        return self.unchecked if here else min(self._before("suspect"), self.rows)
 
     def _before(self, what: str) -> int:
         count = self.metadata.get(RECOVERED, {}).get(what, "0")
-        return min(int(count), self.rows) if re.fullmatch("[0-9]{1,18}", count) else 0
+        return int(count) if re.fullmatch("[0-9]{1,18}", count) else 0
 
     def account(self) -> dict[str, str]:
         """What a copy of what is whole has to say of itself: fresh CRCs make nothing sound."""
-        if not (self.damage or self.unchecked):
-            return self.metadata.get(RECOVERED, {})
+        past = self.metadata.get(RECOVERED, {})
+        if not (self.damage or self._bare):
+            return past
         found = [f"byte {one.at}: {one.what}" for one in self.damage[:1]]
         if len(self.damage) > 1:
             found.append(f"{len(self.damage) - 1} more")
-        before = self.metadata.get(RECOVERED, {}).get("damage", "")
+        before = past.get("damage", "")
+        unknown = self.lost is None or past.get("lost") == "unknown"
         return {
             "damage": "; ".join([*found, *([f"before: {before}"] if before else [])])[:1000],
-            "lost": "unknown" if self.lost is None else str(self.lost),
+            "lost": "unknown" if unknown else str((self.lost or 0) + self._before("lost")),
             "unchecked": str(self.unchecked),
             "suspect": str(self.suspect),
         }
