@@ -4,6 +4,7 @@ import json
 import struct
 import subprocess
 import sys
+import time
 from collections import Counter
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
@@ -392,6 +393,65 @@ def test_only_what_is_asked_for_is_decoded(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------- values
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf", "cdr"])
+def test_an_array_has_its_usual_length(tmp_path: Path, encoding: str) -> None:
+    """A first message that is short, or one that is long, does not cost all others."""
+    ros = Schema(1, b"float64[] value", "ros2msg", "p/msg/T")
+    of = double_message()
+    of.field[0].label = F.LABEL_REPEATED
+    schema = ros if encoding == "cdr" else proto_schema(proto_file([of]), "D")
+    for odd in ([9.0], [7.0, 8.0, 9.0]):
+        arrays = [odd] + [[i, -i] for i in range(1, 20)]
+        bodies = {
+            "json": lambda x: json.dumps({"value": x}).encode(),
+            "protobuf": lambda x: b"\x0a" + bytes([8 * len(x)]) + struct.pack(f"<{len(x)}d", *x),
+            "cdr": lambda x: cdr(ros, {"value": x}),
+        }
+        log = Log([schema], [Channel(1, "/a", encoding, {}, int(encoding != "json"))])
+        log.messages = [message(1, START + i, bodies[encoding](x)) for i, x in enumerate(arrays)]
+        source = opened(tmp_path, log)
+        first, second = read(source).values()
+        assert first.value[1:].tolist() == list(range(1, 20))
+        assert second.value[1:].tolist() == [-i for i in range(1, 20)]
+        assert codes(source) == [("mcap-array-length", 1)]
+
+
+def test_keys_that_are_ever_new_are_no_names(tmp_path: Path) -> None:
+    """A column for each were 200 times the log; one finding tells of them."""
+    rows = [(i, {f"k{i}_{j}": j for j in range(20)} | {"x": i}) for i in range(600)]
+    source = opened(tmp_path, json_log(rows))
+    assert len(source.fields) == 21
+    assert read(source)["/0 x"].value.tolist() == list(range(600))
+    assert codes(source) == [("mcap-late-field", 599)]
+
+    rows = [(i, {f"k{i}_{j}": j for j in range(2)} | {"x": i}) for i in range(1500)]
+    log = json_log(rows)
+    log.per_chunk = 1  # as few new keys in each block as are told one by one
+    source = opened(tmp_path, log)
+    read(source)
+    assert len(source.findings) < 600
+    assert sum(f.count for f in source.findings) == 2 * (1500 - 1)  # the first is known
+
+
+def test_many_channels_cost_each_the_same(tmp_path: Path, monkeypatch: Any) -> None:
+    spent = []
+    for count in (3_000, 12_000):
+        log = Log([], [Channel(i, f"/{i}", "json", {}, 0) for i in range(1, count + 1)])
+        log.messages = [message(c.id, START + c.id, b'{"x": %d}' % c.id) for c in log.channels]
+        opened(tmp_path, log)
+        begin = time.process_time()
+        source = open_mcap(tmp_path / "log.mcap", ReadOptions())
+        columns = source.columns(source.fields)
+        spent.append(time.process_time() - begin)
+        assert [c.value.tolist() for c in columns] == [[i] for i in range(1, count + 1)]
+    assert spent[1] < 8 * spent[0]  # 4; 13 where each channel looks at all others
+    monkeypatch.setattr("adhesion_cli.read.mcap._MOST_FIELDS", 100)
+    source = opened(tmp_path, log)
+    assert len(source.fields) == 100
+    (finding,) = (f for f in source.findings if f.code == "mcap-not-offered")
+    assert (finding.severity, finding.channel, finding.count) == ("warning", "/101", count - 100)
 
 
 def test_arrays_of_other_lengths(tmp_path: Path) -> None:
@@ -831,6 +891,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     path.write_bytes(log.bytes())
     script = """
 import sys
+import time
 from collections import Counter
 from pathlib import Path
 from adhesion_cli.read.mcap import open_mcap

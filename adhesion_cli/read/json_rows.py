@@ -28,6 +28,7 @@ from .tree import (
     said_fault,
 )
 
+_MOST_LATE = 20  # new keys of one object that are told one by one, of each block
 _NUMBERS = {int, float, bool}
 # Python writes these although JSON has none of them; strings are matched to be left alone.
 _NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
@@ -174,7 +175,13 @@ class _Spread:
             self._faults.append(Fault("mcap-type-change", text, rows))
 
     def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
-        for key in sorted(set().union(*nodes) - known.keys()):
+        keys = sorted(set().union(*nodes) - known.keys())
+        if len(keys) > _MOST_LATE:
+            late = np.array([not node.keys() <= known.keys() for node in nodes], np.bool_)
+            text = f"{path(steps) or 'message'} has ever new keys: not read, nor told one by one"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+            keys = []
+        for key in keys:
             late = np.array([key in node for node in nodes], np.bool_)
             text = f"{path((*steps, key))} is not in the channel's first messages and is not read"
             self._faults.append(Fault("mcap-late-field", text, rows[late]))

@@ -20,11 +20,12 @@ from .tree import (
     Stamp,
     Tree,
     UndecodableError,
+    at,
     leaves,
-    merged,
     repeated,
     stamp,
     states_unit,
+    typical,
 )
 
 _YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
@@ -34,6 +35,8 @@ _SECOND = 10**9
 # Late messages and exchanged chunks give about two; a clock set back makes two stretches of the
 # log lie over each other, which to sort would be to mix.
 _MOST_TURNS = 16
+_MOST_FIELDS = 1 << 14  # series of all channels, beyond which no further channel is looked into
+_MOST_TOLD = 500  # kinds of faults of one channel that are told one by one
 _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
     "mcap-type-change": "error",
@@ -201,8 +204,12 @@ class McapSource:
 
     def _discover(self) -> None:
         """Finds the numbers in each series' first messages."""
+        total, more = 0, list[str]()
         for s in self._series:
             if not s.rows:
+                continue
+            if total >= _MOST_FIELDS:
+                more.append(s.topic)
                 continue
             try:
                 s.decoder = self._decoder(s)
@@ -222,11 +229,8 @@ class McapSource:
                     trees.append(s.decoder.tree(head))
                 except UndecodableError as e:
                     why = why or str(e)
-            if s.encoding == "json":
-                for tree in trees:
-                    s.tree = merged(s.tree, tree)
-            elif trees:
-                s.tree = trees[0]
+            if trees:
+                s.tree = typical(trees, schema=s.encoding != "json")
             s.heads = []
             if s.tree is None:
                 text = f"the first messages do not decode, so none is read: {why}"
@@ -237,6 +241,7 @@ class McapSource:
             for leaf in found:
                 if s.leaves.setdefault(leaf.path, leaf) is not leaf:
                     left_out.append(f"a second {leaf.path}")
+            total += len(s.leaves)
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
@@ -244,12 +249,19 @@ class McapSource:
                     s.topic, len(left_out),
                 )  # fmt: skip
             if (of := stamp(s.tree, texts=s.encoding == "json")) is not None:
-                s.stamp_time = of.first(s.tree)
+                has = any(at(trees[0], steps) is not None for steps in of.places)
+                s.stamp_time = of.first(trees[0] if has else s.tree)
                 stamps = [of.first(tree) for tree in trees]
                 # Protobuf shows what is absent: a 0 that is there is where some count starts.
                 s.stamp = replace(of, zero=s.encoding == "protobuf" and max(stamps) < _YEAR_1990)
                 repeats = sum(a == b for a, b in pairwise(stamps))
                 s.stamps_repeat = 2 * repeats > len(stamps) - 1
+
+        if more:
+            text = (
+                f"not looked into, as the series before are {total}: cut the log to what is needed"
+            )
+            self._tell("mcap-not-offered", "warning", text, more[0], len(more))
 
     def _decoder(self, s: _Series) -> Decoder | None:
         schema = s.schema
@@ -324,8 +336,9 @@ class McapSource:
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see Source."""
         takers: dict[int, _Taker] = {}
+        series = {(s.topic, s.group): s for s in self._series}
         for f in wanted:
-            s = next((s for s in self._series if (s.topic, s.group) == (f.channel, f.group)), None)
+            s = series.get((f.channel, f.group))
             if s is None or f.path not in s.leaves:
                 raise UserError(
                     f"{self.path}: no field {f.path!r} in {f.channel!r}",
@@ -344,9 +357,7 @@ class McapSource:
                     "state another time source, log or publish",
                 )
             taker.prepare(self._source)
-        for block, records in self.walk.again():
-            for taker in takers.values():
-                taker.take(records, block.at)
+        self._take(list(takers.values()))
         by_field: dict[tuple[str, str, str], Column] = {}
         for taker in takers.values():
             if taker.rows != taker.series.rows:
@@ -355,6 +366,22 @@ class McapSource:
                 by_field[taker.series.topic, taker.series.group, p] = column
             self._report(taker)
         return [by_field[f.channel, f.group, f.path] for f in wanted]
+
+    def _take(self, takers: list["_Taker"]) -> None:
+        """Hands each the messages of its channels; the cost of a block does not grow with them."""
+        whose = np.full(1 << 16, -1, np.int32)  # by channel id
+        for k, taker in enumerate(takers):
+            whose[taker.series.ids] = k
+        for block, records in self.walk.again():
+            of = whose[records.channel]
+            rows = np.flatnonzero(of >= 0)
+            of = of[rows].astype(np.uint16)  # which numpy sorts in linear time
+            rows = rows[np.argsort(of, kind="stable")]
+            counts = np.bincount(of)
+            ends = np.cumsum(counts)
+            for k in np.flatnonzero(counts).tolist():
+                mine = rows[ends[k] - counts[k] : ends[k]]
+                takers[k].take(records.some(mine), block.at)
 
     def _tell_of_unused_stamps(self, of: Sequence[_Series]) -> None:
         # In a result of ours the stamp is the log time; where a log begins at 0 it is not set.
@@ -412,18 +439,14 @@ class _Taker:
         self._wanted = repeated(s.tree, [s.leaves[p] for p in self.paths], s.stamp)
         places = list(self._wanted.leaves)
         self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
-        self._ids = np.array(s.ids)
         self._t: Times = np.empty(s.rows, np.int64)
         self._values: Floats = np.empty((len(self.paths), s.rows))
         self._newest = np.int64(-(1 << 63))
 
     def take(self, records: Records, at: int) -> None:
-        """Adds the messages of the block at an offset of the file."""
-        ids = self._ids
-        mine = records.channel == ids[0] if len(ids) == 1 else np.isin(records.channel, ids)
-        records = records.some(mine)
+        """Adds its messages of the block at an offset of the file."""
         n = len(records.start)
-        if not n or self.rows + n > self.series.rows:
+        if self.rows + n > self.series.rows:
             self.rows += n  # of too many rows the caller tells
             return
         log = records.log_time
@@ -457,9 +480,10 @@ class _Taker:
         if self._source != "header":
             self._note_late(t)
         for fault in faults:
-            found = self.found.setdefault(
-                (fault.code, fault.text, fault.of), _Found(0, at, int(log[fault.rows[0]]))
-            )
+            key = fault.code, fault.text, fault.of
+            if len(self.found) >= _MOST_TOLD and key not in self.found:
+                key = fault.code, "further ones", ""
+            found = self.found.setdefault(key, _Found(0, at, int(log[fault.rows[0]])))
             found.count += len(fault.rows)
 
     def _note_late(self, t: Times) -> None:

@@ -165,8 +165,8 @@ class Records:
         found: NDArray[Any] = view[self.start + offset]
         return found
 
-    def some(self, mine: Bools) -> "Records":
-        """Some of the messages."""
+    def some(self, mine: Bools | Offsets) -> "Records":
+        """Some of the messages, by a mask or by their numbers."""
         return replace(self, start=self.start[mine], channel=self.channel[mine])
 
     @property
@@ -616,21 +616,24 @@ class Walk:
         self.blocks.append(block)
         self.unknown += records.unknown
         counts = np.bincount(records.channel)
-        for channel in np.flatnonzero(counts).tolist():
-            self.counts[channel] += int(counts[channel])
-            if channel not in self.heads:
-                self._keep_heads(channel, records)
+        met = np.flatnonzero(counts).tolist()
+        self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
+        if unmet := [channel for channel in met if channel not in self.heads]:
+            order = np.argsort(records.channel.astype(np.uint16), kind="stable")
+            begin = np.cumsum(counts) - counts
+            for channel in unmet:
+                mine = order[begin[channel] :][: counts[channel]]
+                self._keep_heads(channel, records, mine)
         if len(log):
             first, last = int(log.min()), int(log.max())
             self.times = min(self.times[0], first), max(self.times[1], last)
 
-    def _keep_heads(self, channel: int, records: Records) -> None:
+    def _keep_heads(self, channel: int, records: Records, mine: Offsets) -> None:
         """Keeps the first messages of a channel, all out of its first block."""
         known = self._defined.get((Opcode.CHANNEL, channel))
         other = isinstance(known, Channel) and known.message_encoding != "json"
         most = _OTHER_HEADS if other else _JSON_HEADS
-        mine = records.channel == channel
-        first = records.some(mine & (np.cumsum(mine) <= most))
+        first = records.some(mine[:most])
         heads = []
         for start, end in zip(first.start, first.end, strict=True):
             self._head_bytes += int(end - start)

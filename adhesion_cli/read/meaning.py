@@ -7,6 +7,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from ..errors import UserError, unknown
 from ..model import Finding, Meaning
@@ -141,17 +142,17 @@ def _words(text: str) -> list[str]:
 
 def _has(kind: str, words: Sequence[str]) -> str:
     """The first of these words that speaks of this kind of thing, "" for none."""
+    said = (_speaks(kind, word) for word in words if not word.isdigit())
+    return next((found for found in said if found), "")
+
+
+@lru_cache(1 << 14)  # logs have many names of few words
+def _speaks(kind: str, word: str) -> str:
     known = _WORDS[kind]
-    for word in words:
-        if word in known:
-            return word
-        for stem in _STEMS:
-            if stem in known and stem in word:
-                return word
-        for entry in known:
-            if not entry.isascii() and len(entry) <= len(word) and entry in word:
-                return entry
-    return ""
+    if word in known or any(stem in known and stem in word for stem in _STEMS):
+        return word
+    of_word = (e for e in known if not e.isascii() and len(e) <= len(word) and e in word)
+    return next(of_word, "")
 
 
 def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
@@ -425,9 +426,10 @@ def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     A pressure that stands once per outer element serves all wheels of that element.
     """
     findings = []
-    topics = dict.fromkeys(meant[i].field.channel for i in guesses)
-    for topic in topics:
-        own = [i for i in guesses if meant[i].field.channel == topic]
+    topics: dict[str, list[int]] = {}
+    for i in guesses:
+        topics.setdefault(meant[i].field.channel, []).append(i)
+    for topic, own in topics.items():
         places = {i: tuple(map(int, re.findall(r"\[(\d+)\]", meant[i].field.path))) for i in own}
         wheels = sorted({places[i] for i in own if meant[i].meaning == "wheel_speed"})
         if not wheels or len(wheels[0]) < 2:

@@ -1,5 +1,6 @@
 """A message as a tree of plain values, and the numbers in it: alike for every MCAP encoding."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -22,6 +23,8 @@ LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scal
 MOST_LEAVES = 4096  # scalar series of one channel
 MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
+_MANY_KEYS = 1024  # of JSON messages, taken together; more are names only where ...
+_EVER_NEW = 16  # ... a message has at least one of so many
 EXACT = 1 << 53  # up to here every integer is a double
 PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
 
@@ -293,8 +296,8 @@ def leaves(
             if len(found) < MOST_LEAVES:
                 stated, where, unit_at = unit(steps)
                 found.append(Leaf(steps, label, stated, where, label_at, unit_at))
-            elif len(found) == MOST_LEAVES and path(steps) not in left_out[-1:]:
-                left_out[:] = [*left_out[:20], f"all after {found[-1].path}"]
+            elif (rest := f"all after {found[-1].path}") not in left_out:
+                left_out[:] = [*left_out[:20], rest]
         elif isinstance(node, Opaque):
             left_out.append(f"{path(steps)} ({node.kind})")
         elif isinstance(node, (dict, list)) and len(steps) >= DEEPEST:
@@ -354,6 +357,63 @@ def merged(first: Tree, second: Tree) -> Tree:
     return second if first is None else first
 
 
+def typical(trees: Sequence[Tree], schema: bool) -> Tree:
+    """What the messages of a channel hold, by its first ones.
+
+    An array has the length that most of them have which is not 0: others are told and not used.
+
+    Args:
+        trees: the first messages, at least one.
+        schema: whether a schema fixes which keys they have. Where none does it is those of any,
+            unless keys are ever new, as those that are numbers or names of things: then those of
+            the largest message.
+    """
+    shapes = [tuple(_lengths(tree)) for tree in trees]
+    often = Counter(shapes)
+    usual = max(often, key=lambda one: (schema and np.count_nonzero(one), often[one], sum(one)))
+    first = [tree for tree, shape in zip(trees, shapes, strict=True) if shape == usual]
+    if schema:
+        return first[0]
+    others = [tree for tree, shape in zip(trees, shapes, strict=True) if shape != usual]
+    level = [*first, *others]
+    while len(level) > 1:  # by twos, as the union of many is large
+        odd = level[len(level) & ~1 :]
+        level = [merged(a, b) for a, b in zip(level[::2], level[1::2], strict=False)] + odd
+    largest = max(trees, key=_size)
+    if _size(level[0]) > max(_MANY_KEYS, _EVER_NEW * _size(largest)):
+        return largest
+    return _cut(level[0], trees)
+
+
+def _lengths(tree: Tree) -> Iterator[int]:
+    """Of all arrays, in their order."""
+    if isinstance(tree, list):
+        yield len(tree)
+    if isinstance(tree, (list, dict)):
+        for below in tree if isinstance(tree, list) else tree.values():
+            if isinstance(below, (list, dict)):
+                yield from _lengths(below)
+
+
+def _size(tree: Tree) -> int:
+    if isinstance(tree, (list, dict)):
+        return sum(map(_size, tree if isinstance(tree, list) else tree.values()))
+    return 1
+
+
+def _cut(tree: Tree, trees: Sequence[Tree]) -> Tree:
+    """A union of trees, its arrays as long as most of those that hold anything."""
+    if isinstance(tree, dict):
+        objects = [one for one in trees if isinstance(one, dict)]
+        return {k: _cut(v, [o[k] for o in objects if k in o]) for k, v in tree.items()}
+    if isinstance(tree, list) and tree:
+        arrays = [one for one in trees if isinstance(one, list) and one]
+        often = Counter(map(len, arrays))
+        length = max(often, key=lambda n: (often[n], n))
+        return [_cut(v, [a[i] for a in arrays if i < len(a)]) for i, v in enumerate(tree[:length])]
+    return tree
+
+
 def repeated(tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None) -> Wanted:
     """What a first message says about wanted numbers that later ones must repeat."""
     wanted = [leaf.steps for leaf in leaves]
@@ -391,7 +451,7 @@ def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int)
         if other.any():
             yield Fault(
                 "mcap-array-length",
-                f"{path(steps)} has another length than {expected}, which it has at first",
+                f"{path(steps)} has another length than {expected}, its usual one at first",
                 np.flatnonzero(other),
             )
 

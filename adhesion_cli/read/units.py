@@ -174,6 +174,17 @@ def unknown_in(name: str) -> str:
     return inside[-1] if inside and not unit(inside[-1]) else ""
 
 
+# between a name and its unit, the last of them nothing but space
+_SEPARATORS = [
+    re.compile(f"(?i){separator}(?=[^\\s]+$)")
+    for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+")
+]
+_TAILS = [
+    re.compile(rf"[_.\-/:]({word})(_?(?:axle|ax|wheel|w)?_?\d{{1,2}})?$")
+    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+/[a-zA-Z]+", r"[a-zA-Z]+")
+]
+
+
 def in_name(name: str) -> tuple[str, str]:
     """Splits a channel name into its base and the unit written in it, "" where there is none.
 
@@ -182,15 +193,15 @@ def in_name(name: str) -> tuple[str, str]:
     for match in reversed(list(_BRACKETS.finditer(name))):
         if unit(match[1]):
             return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), match[1].strip()
-    for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+"):
-        head, *tail = re.split(f"(?i){separator}(?=[^\\s]+$)", name.strip())
+    for separator in _SEPARATORS:
+        head, *tail = separator.split(name.strip())
         if head and tail and (found := unit(tail[-1])) and not (
-            separator == r"\s+" and found.name == "N" and tail[-1] != "N"
+            separator is _SEPARATORS[-1] and found.name == "N" and tail[-1] != "N"
         ):  # fmt: skip
             return head.strip(), tail[-1].strip()
     # behind an underscore, the axle's number perhaps behind it: v_kmh, speed_km_h, wheel_speed_rpm1
-    for word in (r"[a-zA-Z]+_[a-zA-Z]", r"[a-zA-Z]+/[a-zA-Z]+", r"[a-zA-Z]+"):
-        end = re.search(rf"[_.\-/:]({word})(_?(?:axle|ax|wheel|w)?_?\d{{1,2}})?$", name)
+    for tail_unit in _TAILS:
+        end = tail_unit.search(name)
         if end and end[1].lower() in _IN_NAMES:
             return name[: end.start()] + (end[2] or ""), end[1]
     camel = re.search(r"(?<=[a-z])(Kmh|Mps|Rpm|KPa|MPa|Bar|Mbar|RadS|Kpa|Mpa|Pa|Hz)(?=\d*$)", name)
