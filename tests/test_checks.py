@@ -338,6 +338,27 @@ def test_wheel_speeds_that_drift_from_the_trains_are_told(
     assert {f.channel.split()[0] for f in told} >= {f"wheel_speed_{axle or 3}"}
 
 
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+@pytest.mark.parametrize("by", [0.0, 0.06, -0.06])
+def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_path: Path) -> None:
+    random, t = np.random.default_rng(1), np.arange(0.0, 90.0, 1.0 / rate)
+    on = sum(np.clip(t - at, 0.0, 1.0) * np.clip(at + 8.0 - t, 0.0, 1.0) for at in (12, 42, 72))
+    w, slows = wheelset(DEFAULT.vehicle, 1), 0.8 * on
+    v = 38.0 - np.cumsum(slows) / rate
+    K = (w.mass + w.inertia / w.radius**2) * slows / w.phi
+    p = np.where(on > 0.0, cylinder_pressure(force_line(DEFAULT.vehicle), K), 0.0)
+    p += random.normal(0.0, 1000.0, len(t))
+    train = v * (1.0 + by * t / 90.0) + random.normal(0.0, 0.01, len(t))
+    rows = (f"{a:.3f},{b:.4f},{c:.4f},{d:.1f}" for a, b, c, d in zip(t, train, v, p, strict=True))
+    path = tmp_path / "log.csv"
+    head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+    told = [f for f in align.records(one, DEFAULT.vehicle)[1] if f.code == "speed-suspect"]
+    assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
+    assert all("than at other times" in f.message and f.severity == "warning" for f in told)
+
+
 @pytest.mark.parametrize("share", [0.5, 0.8])
 @pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
 def test_wheel_speeds_at_the_end_of_their_range_are_left_out(

@@ -193,7 +193,10 @@ def _on_one_clock(
         )
     if late is None:
         if off:
-            tell("train-offset", f"{off}: slip is wrong by that; correct the train speed's zero")
+            tell(
+                "train-offset",
+                f"{off}: slip is wrong by that; correct its zero, or see if it drifts",
+            )
         return list(axles), findings
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
     if abs(late.value) > max(_TOLD * late.tolerance, _COUNTED * interval):

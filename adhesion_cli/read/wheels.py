@@ -13,6 +13,7 @@ from .units import UNITS, listed, others
 _FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
 _SIGMAS = 2.0  # of the wheel radius are tolerated
 _APART = 0.05, 0.3  # a wheel that rolls is no farther from the train's speed: share, and [m/s]
+_WANDERS = 0.02, 0.15  # nor, where no brake holds it, from what it usually is beside it: the same
 _LASTS = 2.0  # for longer [s]
 _SWAP = 12  # samples of a slide that show whose pressure it follows
 
@@ -82,7 +83,8 @@ def apart(s: Scene) -> Iterator[Finding]:
     """Wheels that turn faster than the train, or slower though no brake holds them.
 
     A brake makes a wheel slower, only a motor makes it faster. Without a train speed that of most
-    wheels is one where none is braked.
+    wheels is one where none is braked. A wheel that no brake holds is as fast beside the train all
+    along, whatever its diameter.
     """
     g = s.grid
     reference = g.train
@@ -98,6 +100,15 @@ def apart(s: Scene) -> Iterator[Finding]:
         off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
         released = far(g.clamping[i] <= 0.0, 2 * g.half)  # a wheel that slid has caught up
         where = lasting((off > allowed) & braked | (off < -allowed) & released, _LASTS, g)
+        if not where.any() and g.train is not None:
+            free = released & braked & (reference > CRAWL)
+            usual = float(np.median(g.rim[i][free] / reference[free])) if free.any() else 1.0
+            off = g.rim[i] - usual * reference
+            allowed = _WANDERS[0] * reference + _WANDERS[1] + between
+            where = lasting(free & (np.abs(off) > allowed), _LASTS, g)
+            if where.any():
+                yield _wanders(s, i, off / reference, where)
+            continue
         if not where.any():
             continue
         share = float(np.median(off[where] / reference[where]))
@@ -114,6 +125,18 @@ def apart(s: Scene) -> Iterator[Finding]:
             "--axle"
         )
         yield s.told("speed-suspect", "warning", text, a.speed, where, i)
+
+
+def _wanders(s: Scene, i: int, share: Floats, where: Bools) -> Finding:
+    """A wheel that no brake holds and that is not as fast beside the train as at other times."""
+    most = 100.0 * float(np.median(share[where]))
+    way = "faster" if most > 0.0 else "slower"
+    text = (
+        f"where no brake holds it the wheel turns {abs(most):.0f} % {way} "
+        "beside the train than at other times: its sensor or the train speed drifts, or is off for "
+        "a while; slip is wrong by that; leave these times out with --from and --to"
+    )
+    return s.told("speed-suspect", "warning", text, s.axles[i].speed, where, i)
 
 
 def _free(g: Grid, i: int) -> Bools:
