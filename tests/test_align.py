@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import Channel, Column, Log, Meaning, Vehicle
+from adhesion_cli.model import AxleRecord, Channel, Column, Finding, Log, Meaning, Vehicle
 from adhesion_cli.physics import clamping_force, rolling_deceleration, wheelset
 from adhesion_cli.read import align, timeaxis
 
@@ -212,6 +212,25 @@ def test_running_backwards_brakes_all_the_same() -> None:
     )
     np.testing.assert_array_equal(forward[0][0].wheel_speed, backward[0][0].wheel_speed)
     assert [f.code for f in backward[1]] == ["reverse-running"]
+
+
+@pytest.mark.parametrize("wheel", [1.0, -1.0])
+def test_a_train_speed_of_the_other_sign_is_taken_without_it(wheel: float) -> None:
+    t, p, y = brake()
+    pressure = channel("pressure", t, p)
+
+    def made(of_wheel: float, of_train: float) -> tuple[AxleRecord, list[Finding]]:
+        speeds = channel("wheel_speed", t, of_wheel * y), channel("train_speed", t, of_train * y)
+        (record,), findings = align.records(log(pressure, *speeds), Vehicle())
+        return record, findings
+
+    forward, (record, findings) = made(1.0, 1.0)[0], made(wheel, -1.0)
+    assert forward.train_speed is not None
+    assert record.train_speed is not None
+    np.testing.assert_array_equal(record.train_speed, forward.train_speed)
+    named = "train_speed" if wheel > 0.0 else "wheel_speed"
+    told = [(f.code, f.severity, f.channel) for f in findings if f.code == "reverse-running"]
+    assert told == [("reverse-running", "info", named)]
 
 
 def test_a_locked_wheel_is_told_from_a_train_that_stands() -> None:

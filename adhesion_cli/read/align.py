@@ -29,7 +29,7 @@ from .grid import Axle, Grid, grid
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
-_REVERSE = 1.0  # wheel speed that no noise around standstill reaches [rad/s]
+_REVERSE = 1.0  # speed that no noise around standstill reaches [rad/s, of the train m/s]
 _TOLD = 3.0  # sigma from zero is a train speed that is late
 _COUNTED = 0.75  # of an interval, a wheel speed by counted pulses is late itself
 _DEAD = ("interleaved", "speed-frozen", "speed-spike", "pressure-frozen", "pressure-spike")
@@ -73,8 +73,19 @@ def records(
     found: list[Axle] = []
     findings: list[Finding] = []
     accelerations = [trains.pop(a) for a in list(trains) if trains[a].is_rate]
+    signed = any(_backwards(c).any() for c in speeds.values())
     for of_axle, logged in trains.items():
-        faults = checks.of_train(logged, list(speeds.values()))
+        if (back := _backwards(logged)).any():
+            if not signed:
+                text = (
+                    "is below zero where the wheels' speeds are above: taken without its sign; if "
+                    "the train did not run backwards, correct the sign"
+                )
+                fault = checks.Fault("reverse-running", text, back, False)
+                told = _told(logged, [fault], log.start_ns(), window)
+                findings += [replace(f, severity="info") for f in told]
+        logged = _unsigned(logged)
+        faults = checks.of_train(logged, [_unsigned(c) for c in speeds.values()])
         findings += _told(logged, faults, log.start_ns(), window)
         trains[of_axle] = _without(logged, faults)
     for axle in numbers:
@@ -90,7 +101,9 @@ def records(
         own = (trains[of_axle] for of_axle in (axle, None) if of_axle in trains)
         train = next((c for c in own if len(c.data.t)), None)
         moving = [
-            c for c in (*speeds.values(), *trains.values()) if c is not speed and len(c.data.t)
+            _unsigned(c)
+            for c in (*speeds.values(), *trains.values())
+            if c is not speed and len(c.data.t)
         ]
         pressed = pressures if brake.meaning == "pressure" else forces
         beside = [c for c in pressed.values() if c is not brake]
@@ -223,15 +236,13 @@ def _same(one: Channel, other: Channel) -> bool:
 
 def _shifted(axle: Axle, late: Parameter) -> Axle:
     """An axle whose train speed is that much earlier."""
-    record, train, logged = axle.record, axle.train, axle.record.train_speed
+    record, train = axle.record, axle.train
     assert train is not None
-    assert logged is not None
     record = replace(record, train_speed_late=late)
     if late.value:
         data = replace(train.data, t=train.data.t - round(late.value * 1e9))
         v = timeaxis.interpolated(timeaxis.Over(record.t, 0, 1), replace(train, data=data))
-        backwards = not np.any(logged < 0.0)  # taken without their sign
-        record = replace(record, train_speed=np.abs(v) if backwards else v)
+        record = replace(record, train_speed=v)
     return axle._replace(record=record)
 
 
@@ -242,6 +253,19 @@ def _inside(since: Floats, window: Window) -> Bools:
         since <= (np.inf if last is None else last)
     )
     return inside
+
+
+def _backwards(speed: Channel) -> Bools:
+    """Samples of a speed that say the train runs backwards, shape (n,)."""
+    backwards: Bools = speed.data.value < -max(_REVERSE, speed.step)
+    return backwards
+
+
+def _unsigned(speed: Channel) -> Channel:
+    """A speed without its sign where it says that the train runs backwards."""
+    if not _backwards(speed).any():
+        return speed
+    return replace(speed, data=replace(speed.data, value=np.abs(speed.data.value)))
 
 
 def _told(
@@ -317,7 +341,7 @@ def _record(
     every = held.interval(brake)
     straight = held.straightened(brake, every) if every else brake
     at = _aligned(speed, brake, straight, train, *true)
-    backwards = y < -max(_REVERSE, speed.step)
+    backwards = _backwards(speed)
     since = (t - log.start_ns()) / 1e9
     inside = _inside(since, window)
     is_pressure = brake.meaning == "pressure"
@@ -372,7 +396,7 @@ def _record(
     if not segments:
         return None, findings
     if backwards.any():
-        y, at = np.abs(y), at._replace(train=np.abs(at.train))
+        y = np.abs(y)
     rows = slice(None) if kept.all() else kept  # all of them need no copy
     return AxleRecord(
         axle, t[rows], K[rows], K_smooth[rows], y[rows], segments, speed.step,
