@@ -84,6 +84,15 @@ def test_a_pressure_apart_from_all_others_is_told(fault: str, tmp_path: Path) ->
     told_of_the_axle(NAMES[k % 2], fault, (5.0, 20.0)[k // 2 % 2], 1, tmp_path)
 
 
+@pytest.mark.parametrize(("name", "seconds"), [("four-axles", 2.0), ("low-adhesion", -1.0)])
+def test_one_late_pressure_is_nothing_of_all(name: str, seconds: float, tmp_path: Path) -> None:
+    log = later(clean(name, 20.0), AXLE, seconds)
+    told = [f for f in simulated.told(log, tmp_path, DEFAULT) if f.code != "no-pressure"]
+    assert [(f.code, f.channel[:13]) for f in told if f.severity == "warning"] == [
+        ("pressure-clock-offset", f"bc_pressure_{AXLE}")
+    ]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 @pytest.mark.parametrize("rate", [5.0, 20.0, 100.0])

@@ -26,6 +26,7 @@ from ..model import (
 from ..physics import clamping_force, force_line, wheelset
 from . import acceleration, braking, checks, held, plausible, timeaxis, trainclock, units
 from .grid import Axle, Grid, grid
+from .pressures import late as late_alone
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
 
@@ -74,17 +75,17 @@ def records(
     findings: list[Finding] = []
     accelerations = [trains.pop(a) for a in list(trains) if trains[a].is_rate]
     signed = any(_backwards(c).any() for c in speeds.values())
-    for of_axle, logged in trains.items():
-        if (back := _backwards(logged)).any():
-            if not signed:
-                text = (
-                    "is below zero where the wheels' speeds are above: taken without its sign; if "
-                    "the train did not run backwards, correct the sign"
-                )
-                fault = checks.Fault("reverse-running", text, back, False)
-                told = _told(logged, [fault], log.start_ns(), window)
-                findings += [replace(f, severity="info") for f in told]
-        logged = _unsigned(logged)
+    for of_axle, signed_train in trains.items():
+        back = _backwards(signed_train)
+        if back.any() and not signed:
+            text = (
+                "is below zero where the wheels' speeds are above: taken without its sign; if the "
+                "train did not run backwards, correct the sign"
+            )
+            fault = checks.Fault("reverse-running", text, back, False)
+            told = _told(signed_train, [fault], log.start_ns(), window)
+            findings += [replace(f, severity="info") for f in told]
+        logged = _unsigned(signed_train)
         faults = checks.of_train(logged, [_unsigned(c) for c in speeds.values()])
         findings += _told(logged, faults, log.start_ns(), window)
         trains[of_axle] = _without(logged, faults)
@@ -143,7 +144,9 @@ def records(
     findings += told
     if told:  # the train speed is another one
         together = grid(found, vehicle)
-    why = braking.explained(found, together, vehicle)
+    alone = late_alone(found, together) if together else []  # they say nothing of the others
+    alike = [a for k, a in enumerate(found) if k not in alone]
+    why = braking.explained(alike, grid(alike, vehicle) if alone else together, vehicle)
     found = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in found]
     chosen = [a for a in found if a.record.axle in asked]
     theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}

@@ -57,15 +57,28 @@ class _Odd(NamedTuple):
 
 def odd(s: Scene) -> Iterator[Finding]:
     """Pressures that are stuck, lost, offset, drift or late while the others say something else."""
-    measured = np.isfinite(s.grid.pressure).any(axis=1).all()
-    x = s.grid.pressure if measured else s.grid.clamping
-    slid = _slid(s.grid, x)
+    for o, either in _odd(s.axles, s.grid):
+        yield _told(s, o, either)
+
+
+def late(axles: Sequence[Axle], g: Grid) -> list[int]:
+    """Places of the axles whose own pressure is late, or early, beside two others or more."""
+    return [o.axle for o, either in _odd(axles, g) if o.late and not either]
+
+
+def _odd(axles: Sequence[Axle], g: Grid) -> Iterator[tuple[_Odd, bool]]:
+    """What departs, the most first; and whether only one is left beside it, which may be wrong."""
+    measured = np.isfinite(g.pressure).any(axis=1).all()
+    x = g.pressure if measured else g.clamping
+    slid = _slid(g, x)
     left = list(range(len(x)))
     while len(left) > 1:
-        found = [o for i in left if (o := _departs(s, x, slid, i, [j for j in left if j != i]))]
+        found = [
+            o for i in left if (o := _departs(axles, g, x, slid, i, [j for j in left if j != i]))
+        ]
         either = len(left) == 2
         for o in found if either else sorted(found, key=lambda o: (o.steady, -o.size))[:1]:
-            yield _told(s, o, either)
+            yield o, either
             left.remove(o.axle)
         if not found:
             return
@@ -146,9 +159,10 @@ def _slid(g: Grid, x: Floats) -> Bools:
     return slid
 
 
-def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _Odd | None:
+def _departs(
+    axles: Sequence[Axle], g: Grid, x: Floats, slid: Bools, i: int, rest: Sequence[int]
+) -> _Odd | None:
     """Where axle i has another pressure than the others that have not slid; None where nowhere."""
-    g = s.grid
     beside = finite_median(np.where(slid[rest], np.nan, x[rest]))
     known = np.isfinite(x[i]) & np.isfinite(beside) & (g.fastest > _CRAWL)
     if known.sum() < LEAST:
@@ -167,7 +181,7 @@ def _departs(s: Scene, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _
     # A vented cylinder has less than the brake gives, never more.
     vented = slid[rest] & (x[rest] > x[i] - allowed)
     alone = ~alike.any(axis=0) & ((off > 0.0) & ~vented.any(axis=0) | (off < 0.0) & ~slid[i])
-    late = _late(g, x[i], level, known & ~slid[i], s.axles[i])
+    late = _late(g, x[i], level, known & ~slid[i], axles[i])
     where = known & (np.abs(off) > _SLIGHT * top)
     if not late or (apart < np.abs(off) / 2.0).any(axis=0)[where].mean() > 0.5:
         late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), _LASTS, g)
