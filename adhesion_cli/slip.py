@@ -39,6 +39,7 @@ _COASTING = 2.0  # of it are needed for a calibration [s]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
 _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
+_MOVES = 1.0  # a speed sensor may read zero below, without its noise [m/s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
 _DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]
@@ -198,7 +199,7 @@ def _march(
 
 
 def speed_noise(record: AxleRecord, radius: float) -> Floats:
-    """1 sigma of the noise of v − ωR [m/s], shape (n,); one level, that while braked.
+    """1 sigma of the noise of v − ωR [m/s], shape (n,); one level, that while braked and moving.
 
     The train speed's is what bends over three values a time apart, the largest of times up to
     `_SLOWEST`: it may be sampled more slowly than the wheel's, and a receiver's own filter makes
@@ -208,7 +209,7 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
     """
     assert record.train_speed is not None
     v, rim = record.train_speed, record.wheel_speed * radius
-    braked = record.clamping_force > physics.FREE
+    braked = (record.clamping_force > physics.FREE) & (v > _MOVES)
     rolls = braked & (np.abs(v - rim) < np.maximum(CAUGHT * v, _NEAR))
     h = float(np.median(np.diff(record.t))) * 1e-9
     train = 0.0
@@ -216,12 +217,13 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
         levels = [
             float(np.median(known)) / _MEDIAN
             for x, used in ((v, braked), (v - rim, rolls))
-            if len(known := (bend := _bend(record, x, m))[used & np.isfinite(bend)]) > 20 * m
+            if len(known := (bend := _bend(record, x, m))[used & np.isfinite(bend)]) > 10 * m
         ]
         train = max(train, min(levels, default=0.0))
-    wheel = np.nanmedian(_bend(record, rim, 1)) / _MEDIAN
+    wheel = np.nanmedian(np.where(v > _MOVES, _bend(record, rim, 1), np.nan)) / _MEDIAN
     between = _bend(record, v, max(1, round(record.train_speed_interval / h))) / _CLEARLY
-    return np.hypot(np.fmax(train, between), np.nan_to_num(wheel))
+    found: Floats = np.hypot(np.fmax(train, between), np.nan_to_num(wheel))
+    return found
 
 
 def slowing(record: AxleRecord) -> Floats:

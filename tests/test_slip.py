@@ -219,6 +219,17 @@ def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:
     assert 0.91 < np.mean(inside) < 0.98
 
 
+def test_the_noise_of_the_speeds_is_not_that_of_a_train_that_stands() -> None:
+    t = np.arange(0.0, 90.0, 0.02)
+    true = np.maximum(20.0 - 0.8 * np.maximum(t - 3.0, 0.0), 0.0)  # stands after 28 s
+    random, K = np.random.default_rng(5), np.where(t > 3.0, 8000.0, 0.0)
+    v = np.maximum(true + random.normal(0.0, 0.03, len(t)), 0.0) * (true > 0.0)
+    columns = np.round(t * 1e9).astype(np.int64), K, K, true / 0.42
+    record = AxleRecord(1, *columns, (slice(0, len(t)),), train_speed=v)
+    level = np.median(slip.speed_noise(record, 0.42)[true > 1.0])
+    assert level == pytest.approx(0.03, rel=0.1)
+
+
 def test_a_speed_made_of_the_axles_tells_no_wheel_from_itself() -> None:
     t = np.arange(0, 8 * 10**9, 2 * 10**7)
     y, K = np.full(len(t), 25.0 / 0.42), np.zeros(len(t))
