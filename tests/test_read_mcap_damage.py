@@ -527,6 +527,7 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     "JSON 1e400": lambda: json_log(b'{"x": 1}', b'{"x": 1e400}'),
     "JSON deep": lambda: json_log(b'{"x": 1}', b"[" * 100_000),
     "JSON deep and closed": lambda: json_log(b'{"x": 1}', b"[" * 900 + b"]" * 900),
+    "JSON deep each time": lambda: json_log(*[b"[" * 1000 + b"]" * 1000] * 3, b'{"x": 1}'),
     "JSON not UTF-8": lambda: json_log(b'{"x": 1}', b'{"x": "\xff"}'),
     "JSON two in one": lambda: json_log(b'{"x": 1}', b'{"x": 1}, {"x": 2}'),
     "JSON text": lambda: json_log(b'{"x": 1}', b'{"x": "7"}'),
@@ -585,7 +586,7 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     ),
     "metadata only": lambda: wrapped(record(Metadata("m", {}))) [:-12],
 }  # fmt: skip
-RIGHT = {"protobuf recursive", "protobuf fan-out"}  # valid, however odd
+RIGHT = {"protobuf recursive", "protobuf fan-out", "JSON deep each time"}  # valid, however odd
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from ..model import RECOVERED, Column, Finding, Floats, Reject, Severity, Times
 from .mcap_records import HEADER, MESSAGE, Records, Schema, Walk
 from .source import Field, ReadOptions
 from .tree import (
+    MOST_LEAVES,
     Decoder,
     Fault,
     Leaf,
@@ -22,6 +23,7 @@ from .tree import (
     UndecodableError,
     at,
     leaves,
+    number_texts,
     repeated,
     stamp,
     states_unit,
@@ -248,6 +250,11 @@ class McapSource:
                     f"not offered as single series: {', '.join(p[:80] for p in left_out[:3])}",
                     s.topic, len(left_out),
                 )  # fmt: skip
+            # Where a schema says text, text it is.
+            if s.encoding == "json" and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
+                text = f"numbers in quotation marks are not read: {', '.join(texts[:3])[:200]}"
+                severity: Severity = "info" if s.leaves else "warning"
+                self._tell("mcap-number-text", severity, text, s.topic, len(texts))
             if (of := stamp(s.tree, texts=s.encoding == "json")) is not None:
                 has = any(at(trees[0], steps) is not None for steps in of.places)
                 s.stamp_time = of.first(trees[0] if has else s.tree)

@@ -1,5 +1,6 @@
 """A message as a tree of plain values, and the numbers in it: alike for every MCAP encoding."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scal
 MOST_LEAVES = 4096  # scalar series of one channel
 MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
+_NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]*)?([eE][+-]?[0-9]{1,3})?")
 _MANY_KEYS = 1024  # of JSON messages, taken together; more are names only where ...
 _EVER_NEW = 16  # ... a message has at least one of so many
 EXACT = 1 << 53  # up to here every integer is a double
@@ -334,6 +336,19 @@ def leaves(
     return found, left_out
 
 
+def number_texts(tree: Tree, steps: Steps = ()) -> Iterator[str]:
+    """The places of texts that are numbers but for their quotation marks."""
+    if isinstance(tree, str):
+        if _NUMBER.fullmatch(tree.strip()):
+            yield path(steps)
+    elif isinstance(tree, dict) and len(steps) < DEEPEST:
+        for key, value in tree.items():
+            yield from number_texts(value, (*steps, key))
+    elif isinstance(tree, list) and len(steps) < DEEPEST:
+        for i, value in enumerate(tree[:LONG_ARRAY]):
+            yield from number_texts(value, (*steps, i))
+
+
 def names(parent: Tree, length: int) -> list[str] | None:
     """The string array `name` or `names` of a message that names the elements of its arrays."""
     for key in ("name", "names"):
@@ -347,13 +362,13 @@ def names(parent: Tree, length: int) -> list[str] | None:
     return None
 
 
-def merged(first: Tree, second: Tree) -> Tree:
-    """What either of two messages has; of two values at one place a number, else the first."""
-    if isinstance(first, dict) and isinstance(second, dict):
+def merged(first: Tree, second: Tree, depth: int = 0) -> Tree:
+    """What either of two messages has, down to the depth that is read; of two values the first."""
+    if isinstance(first, dict) and isinstance(second, dict) and depth < DEEPEST:
         keys = first | second  # in the order of their first sight
-        return {key: merged(first.get(key), second.get(key)) for key in keys}
-    if isinstance(first, list) and isinstance(second, list):
-        return [merged(a, b) for a, b in zip_longest(first, second)]
+        return {key: merged(first.get(key), second.get(key), depth + 1) for key in keys}
+    if isinstance(first, list) and isinstance(second, list) and depth < DEEPEST:
+        return [merged(a, b, depth + 1) for a, b in zip_longest(first, second)]
     return second if first is None else first
 
 
@@ -370,10 +385,11 @@ def typical(trees: Sequence[Tree], schema: bool) -> Tree:
     """
     shapes = [tuple(_lengths(tree)) for tree in trees]
     often = Counter(shapes)
-    usual = max(often, key=lambda one: (schema and np.count_nonzero(one), often[one], sum(one)))
-    first = [tree for tree, shape in zip(trees, shapes, strict=True) if shape == usual]
     if schema:
-        return first[0]
+        usual = max(often, key=lambda one: (np.count_nonzero(one), often[one], sum(one)))
+        return trees[shapes.index(usual)]
+    usual = max(often, key=lambda one: often[one])
+    first = [tree for tree, shape in zip(trees, shapes, strict=True) if shape == usual]
     others = [tree for tree, shape in zip(trees, shapes, strict=True) if shape != usual]
     level = [*first, *others]
     while len(level) > 1:  # by twos, as the union of many is large
@@ -385,32 +401,36 @@ def typical(trees: Sequence[Tree], schema: bool) -> Tree:
     return _cut(level[0], trees)
 
 
-def _lengths(tree: Tree) -> Iterator[int]:
+def _lengths(tree: Tree, depth: int = 0) -> Iterator[int]:
     """Of all arrays, in their order."""
     if isinstance(tree, list):
         yield len(tree)
-    if isinstance(tree, (list, dict)):
+    if isinstance(tree, (list, dict)) and depth < DEEPEST:
         for below in tree if isinstance(tree, list) else tree.values():
             if isinstance(below, (list, dict)):
-                yield from _lengths(below)
+                yield from _lengths(below, depth + 1)
 
 
-def _size(tree: Tree) -> int:
-    if isinstance(tree, (list, dict)):
-        return sum(map(_size, tree if isinstance(tree, list) else tree.values()))
+def _size(tree: Tree, depth: int = 0) -> int:
+    if isinstance(tree, (list, dict)) and depth < DEEPEST:
+        below = tree if isinstance(tree, list) else tree.values()
+        return sum(_size(one, depth + 1) for one in below)
     return 1
 
 
-def _cut(tree: Tree, trees: Sequence[Tree]) -> Tree:
+def _cut(tree: Tree, trees: Sequence[Tree], depth: int = 0) -> Tree:
     """A union of trees, its arrays as long as most of those that hold anything."""
-    if isinstance(tree, dict):
+    if isinstance(tree, dict) and depth < DEEPEST:
         objects = [one for one in trees if isinstance(one, dict)]
-        return {k: _cut(v, [o[k] for o in objects if k in o]) for k, v in tree.items()}
-    if isinstance(tree, list) and tree:
+        return {k: _cut(v, [o[k] for o in objects if k in o], depth + 1) for k, v in tree.items()}
+    if isinstance(tree, list) and tree and depth < DEEPEST:
         arrays = [one for one in trees if isinstance(one, list) and one]
         often = Counter(map(len, arrays))
         length = max(often, key=lambda n: (often[n], n))
-        return [_cut(v, [a[i] for a in arrays if i < len(a)]) for i, v in enumerate(tree[:length])]
+        return [
+            _cut(v, [a[i] for a in arrays if i < len(a)], depth + 1)
+            for i, v in enumerate(tree[:length])
+        ]
     return tree
 
 
