@@ -10,7 +10,7 @@ import re
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -476,13 +476,14 @@ class _Scan:
         if block.quotes:
             feeds, ends = block.ends()
             inside = len(feeds) - len(ends)
+        fit, unfit_rows, kept = self._sieved(block)
         while True:
             types = {i: self.types[i][0] for i in (*self.clock.columns, *self.indices)}
             for i in self.keys:
                 types.setdefault(i, pa.string())
             wrong: list[tuple[int, str, str]] = []
             try:
-                table = self._table(block, types, inside > 0, wrong)
+                table = self._table(fit, types, inside > 0, wrong)
             except pa.ArrowInvalid as error:
                 self._demote(block, str(error), types)
                 continue
@@ -500,6 +501,8 @@ class _Scan:
                 break
             for i in unfit:
                 self.types[i] = tuple(k for k in self.types[i] if not pa.types.is_floating(k))
+        if kept is not None:
+            wrong = sorted([*unfit_rows, *((int(kept[k]), kind, s) for k, kind, s in wrong)])
         if block.lines != table.num_rows + len(wrong):
             feeds, ends = block.ends()
             blank = int((np.diff(ends, prepend=-1) == 1).sum())
@@ -550,6 +553,45 @@ class _Scan:
             if state.any():
                 states[i] = state
         return _Part(block, rows, {}, np.ones(block.lines, np.bool_), states, [], 0, 0)
+
+    def _sieved(
+        self, block: Block
+    ) -> tuple[Block, list[tuple[int, str, str]], NDArray[np.int64] | None]:
+        """The block without rows of another width, those, and which rows of the block are left.
+
+        The parser asks about each of them, which takes as long as a hundred sound ones. Those that
+        may be blank, comments or holes are left to it; None where the block is as it was.
+        """
+        text = np.frombuffer(block.data, np.uint8, block.size)
+        marks = text == ord(block.delimiter)
+        if block.quotes or np.count_nonzero(marks) == block.lines * (self.dialect.width - 1):
+            return block, [], None
+        feeds = np.flatnonzero(text == 10)
+        starts = np.append(0, feeds[:-1] + 1)
+        starts, ends = starts[feeds > starts], feeds[feeds > starts]
+        before = np.searchsorted(np.flatnonzero(marks), [starts, ends])
+        cells = before[1] - before[0] + 1
+        bare = (text[starts] < 128) & ~np.isin(
+            text[starts], list(b"\0 \t\r\f\v\x1c\x1d\x1e\x1f#%/")
+        )
+        wrong = bare & (cells != self.dialect.width)
+        if not wrong.any():
+            return block, [], None
+        wrong[-1] &= not wrong.all()  # the parser takes no block without a row
+        told: list[tuple[int, str, str]] = []
+        few = cells < self.dialect.width
+        for kind, which in (("too few cells", wrong & few), ("too many cells", wrong & ~few)):
+            rows = np.flatnonzero(which)
+            told += [(k, kind, "") for k in rows.tolist()]
+            if len(rows):  # only the first is shown
+                a, b = int(starts[rows[0]]), int(ends[rows[0]])
+                shown = block.data[a : min(b, a + 400)].decode("utf-8", "replace")[:100]
+                told[-len(rows)] = (int(rows[0]), kind, shown)
+        away = np.zeros(block.size + 1, np.int8)
+        np.add.at(away, starts[wrong], 1)
+        np.add.at(away, ends[wrong] + 1, -1)
+        data = text[np.cumsum(away[:-1], dtype=np.int8) == 0].tobytes()
+        return replace(block, data=data, size=len(data)), told, np.flatnonzero(~wrong)
 
     def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
         """Whether float64 says what the cells of a column said; no `checked` for the time's.
@@ -658,8 +700,14 @@ class _Scan:
         rows = np.sort(np.append(part.numbers(untimed), np.array(wrong, np.int64)))
         if not len(rows):
             return None
-        first = np.frombuffer(part.block.data, np.uint8)[part.places(rows)[:, 0]]
-        for row in rows[~np.isin(first, list(b"+-.0123456789"))]:
+        spans = part.places(rows)
+        first = np.frombuffer(part.block.data, np.uint8)[spans[:, 0]]
+        named = ~np.isin(first, list(b"+-.0123456789"))
+        seen = set()  # a row need not be judged twice
+        for row, (start, end) in zip(rows[named].tolist(), spans[named, :2].tolist(), strict=True):
+            if (raw := part.block.data[start:end]) in seen:
+                continue
+            seen.add(raw)
             _, text = place = part.text(row)
             bare = uncommented(text) if commented else text
             cells = split(bare, part.block.delimiter)
