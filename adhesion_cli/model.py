@@ -116,6 +116,12 @@ class Channel:
     row_of: tuple[str, str] = ("", "")  # topic or signal, and device; one for channels of one row
     is_rate: bool = False  # `data` is the rate of what it means [SI/s]: a train's acceleration
     label: str = ""  # a name the log itself gives an element of a list
+    period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
+
+    @property
+    def coarsest(self) -> float:
+        """The largest quantisation step of any value, SI."""
+        return max(self.step, self.period_step * float(np.max(self.data.value, initial=0.0)) ** 2)
 
     @property
     def title(self) -> str:
@@ -192,9 +198,15 @@ class AxleRecord:
     of_totals: bool = False  # the wheel speed was logged as a total of pulses or as an angle
     of_rim: bool = False  # the wheel speed was logged as ωR and divided by the vehicle's R
     saturated: Bools | None = None  # the pressure stands at the end of its sensor's range
+    wheel_period_step: float = 0.0  # of 1/y, where y comes of the period of pulses [s/rad]
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def wheel_speed_steps(self) -> Floats:
+        """Quantisation step of each y, shape (n,) [rad/s]."""
+        return np.maximum(self.wheel_speed_step, self.wheel_period_step * self.wheel_speed**2)
 
     def cut(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a record of its own."""

@@ -167,7 +167,8 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         rounding, slack, white = step**2 / 6.0 / together**2, _DOUBT, fitted_to
     else:
         telling = fitted_to = [_telling(run) for run in wheel]
-        rounding, slack, white = step**2 / 12.0, _SURE, wheel
+        rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
+        slack, white = _SURE, wheel
     noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
     prior = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0]))
     fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, prior, slack)
@@ -248,7 +249,7 @@ def _rolling(
     K, t = clamping.level, _seconds(run)
     u = -rolling_deceleration(w) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
-    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_step)
+    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_steps)
     s = w.a * w.phi * w.rolling * K
     return smoother.Run(t, y - ripple, u, s, lost**2, known, np.zeros(len(t)))
 
@@ -331,18 +332,19 @@ def _gained(t: Floats, u: Floats) -> Floats:
     return gained
 
 
-def _unstepped(t: Floats, y: Floats, step: float) -> tuple[Floats, Floats]:
-    """What a rounded signal tells, and its variance, shape (n,); inf where nothing new.
+def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """What a signal rounded to these steps (n,) tells, and its variance (n,); inf: nothing new.
 
     Rounding errors are independent only where the signal moves a step per sample. Where it stays on
     a level for several, it is known best as it passes to the next: half way between both, to within
     what it moves in one interval; the run of equal values besides counts as one sample. Back and
-    forth between two levels the errors are independent again: noise, or a pulse counter.
+    forth between two levels the errors are independent again: noise, or a pulse counter. One that
+    goes by the period of pulses, so that its steps differ, repeats its last while it waits for one.
     """
     n, variance = len(y), step**2 / 12.0
     first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
-    if step == 0.0 or len(first) == n:
-        return y, np.full(n, variance)
+    if len(first) == n or not step.any():
+        return y, variance
     length = np.diff(first, append=n)
     jump = np.diff(y[first])
     back = np.zeros(len(first) + 2, dtype=bool)  # runs that end where they came from
@@ -355,13 +357,18 @@ def _unstepped(t: Floats, y: Floats, step: float) -> tuple[Floats, Floats]:
     used[first] = True
     level, told = y.copy(), np.where(used, count * variance, np.inf)
 
+    far = np.abs(np.concatenate([[0.0], jump, [0.0]])) >= 1.5 * step[[*first, -1]]
     at, lasts = first[1:], np.diff(t[first], append=t[-1])
-    slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step)
-    told[at[~slow]] = told[at[~slow] - 1] = variance
+    slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step[at])
+    told[at[~slow]], told[at[~slow] - 1] = variance[at[~slow]], variance[at[~slow] - 1]
     at, jump, lasts = at[slow], jump[slow], np.minimum(lasts[1:], lasts[:-1])[slow]
     share = np.minimum((t[at] - t[at - 1]) / lasts, 1.0)  # of a step in one interval
     level[at] -= 0.5 * jump * (1.0 - share)
-    told[at] = variance * share**2
+    told[at] = variance[at] * share**2
+    if np.ptp(step) > 0.0:
+        waits = (length > 1) & (far[1:] | far[:-1])
+        told[np.repeat(waits, length)] = np.inf
+        told[first[waits]] = variance[first[waits]]
     return np.where(dither, y, level), np.where(dither, variance, told)
 
 
@@ -553,7 +560,7 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
         pulse[pad + 1] = 1.0
         kernel = np.gradient(sosfiltfilt(sos, pulse, padlen=0), 1.0 / rate)
         removed = float(np.std(y - np.interp(t, even, smooth)))
-        noise = max(removed, run.wheel_speed_step / math.sqrt(12.0))
+        noise = max(removed, math.sqrt(float(np.mean(run.wheel_speed_steps**2)) / 12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
         found.append(
             Parts(

@@ -106,3 +106,41 @@ def test_held_cells_mean_what_empty_ones_do(rate: float, tmp_path: Path) -> None
     assert [f.severity for f in told] == ["info"]
     assert f"for {1.0 / rate:g} s" in told[0].message
     assert "pressure-held" not in {f.code for f in results[0].findings}
+
+
+@pytest.mark.parametrize(("meaning", "scenario"), [
+    ("wheel_speed", "service-brake"), ("wheel_speed", "low-adhesion"),
+    ("train_speed", "low-adhesion"),
+])  # fmt: skip
+def test_repeated_speeds_are_no_measurements(meaning: str, scenario: str, tmp_path: Path) -> None:
+    """A table that repeats a speed gives what one without the repeats does, and says so.
+
+    Taken for measurements they make a staircase: the inertia's force is lost, and sigma is 0.
+    """
+    log = simulated.recordings(scenario, rate=100.0, noise=1e-5)
+    results = []
+    for hold in (False, True):
+
+        def slow(r: simulated.Recording, hold: bool = hold) -> simulated.Recording:
+            new = np.arange(0, len(r.t), 10)
+            if hold:
+                return simulated.replace(r, value=r.value[np.arange(len(r.t)) // 10 * 10])
+            return simulated.replace(r, t=r.t[new], value=r.value[new])
+
+        path = simulated.write(tmp_path / f"{hold}.csv", simulated.changed(log, meaning, slow))
+        results.append(analysis.analyze(path, lambda **_: settings.load(), algos=["td"]))
+    for empty, filled in zip(*(r.axles for r in results), strict=True):
+        n = min(len(empty.record), len(filled.record))
+        a, b = empty.reference, filled.reference
+        assert np.nanmax(np.abs(a.force[:n] - b.force[:n]) / b.sigma[:n]) < 1.0
+        if meaning == "train_speed":
+            v, known = filled.record.train_speed, empty.record.train_speed
+            assert v is not None
+            assert known is not None
+            assert np.nanmax(np.abs(v - known)[:-10]) < 0.02
+    told = [f for f in results[1].findings if f.code == "speed-held"]
+    assert told
+    assert {f.severity for f in told} == {"info"}
+    every = "1 s" if meaning == "train_speed" else "0.1 s"
+    assert all(f"for {every}:" in f.message and f.count > 300 for f in told)
+    assert "speed-held" not in {f.code for f in results[0].findings}

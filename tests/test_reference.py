@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from adhesion_cli import physics, reference, scenario, signals, simulate, smoother
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Z95, AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
+from adhesion_cli.read.log import _tick
 
 VEHICLE = Vehicle()
 
@@ -299,7 +300,7 @@ def test_sigma_covers_what_a_slow_pressure_does_not_show(pressure_rate: float) -
 def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, way: float) -> None:
     t = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 300))
     ramp = 100.0 + start + way * rise * t
-    level, variance = reference._unstepped(t, np.round(ramp), 1.0)
+    level, variance = reference._unstepped(t, np.round(ramp), np.ones(len(ramp)))
     told = np.isfinite(variance)
     assert np.all(np.abs(level - ramp)[told] <= 0.5 + 1e-9)
     sharp = variance < 1.0 / 12.0
@@ -312,8 +313,49 @@ def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, wa
 def test_a_pulse_counter_is_not_a_staircase() -> None:
     """5 5 6 5 5 6: the mean is 5.33, not half way between the two levels."""
     y = np.tile([5.0, 5.0, 6.0], 50)
-    level, variance = reference._unstepped(np.arange(150.0), y, 1.0)
+    level, variance = reference._unstepped(np.arange(150.0), y, np.ones(150))
     assert np.average(level, weights=1.0 / variance) == pytest.approx(y.mean(), abs=0.02)
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize("tick", [1e-5, 1e-4])
+def test_a_speed_by_the_period_of_pulses_has_the_steps_of_its_timer(
+    tick: float, rate: float
+) -> None:
+    """Whole ticks between pulses: at speed the steps are coarse, and near standstill it waits."""
+    record, _ = logged("service-brake", 1000.0, noise=0.0)
+    t, teeth = record.t * 1e-9, 80
+    turned = np.concatenate([[0.0], np.cumsum(np.diff(t) * record.wheel_speed[1:])])
+    at = np.interp(np.arange(turned[-1] * teeth / math.tau) * math.tau / teeth, turned, t)
+    at = np.unique(np.round(at / tick))
+    speed = math.tau / teeth / (np.diff(at) * tick)
+    own = np.arange(t[0], t[-1], 1.0 / rate)
+    last = np.searchsorted(at[1:] * tick, own, side="right") - 1
+    y = speed[np.maximum(last, 0)]
+    shown = _tick(np.round(y, 5), 0.0)
+    assert shown == pytest.approx(tick * teeth / math.tau, rel=1e-4)
+    rows = np.round((own - t[0]) * 1000.0).astype(int)
+    log = AxleRecord(
+        1, record.t[rows], record.clamping_force[rows], record.clamping_force_smooth[rows], y,
+        (slice(0, len(rows)),), wheel_period_step=shown,
+    )  # fmt: skip
+    F = reference.compute(log, VEHICLE)
+    assert record.truth is not None
+    error = F.force - record.truth[rows]
+    used = np.isfinite(error)
+    assert used.mean() > 0.8
+    assert np.mean((np.abs(error) < 1.96 * F.sigma + 0.02 * np.max(record.truth))[used]) > 0.9
+    assert tick > 1e-5 or rms(error[used]) < 0.01 * np.max(record.truth)
+
+
+def test_speeds_that_no_timer_made_have_no_ticks() -> None:
+    ramp = np.linspace(30.0, 3.0, 3000)
+    noisy = ramp + np.random.default_rng(1).normal(0.0, 0.01, len(ramp))
+    for y, step in (
+        (ramp, 0.0), (noisy, 0.0), (np.round(ramp, 1), 0.1), (np.round(noisy, 2), 0.01),
+        (np.round(ramp / 0.0661) * 0.0661, 0.0661), (np.full(100, 7.0), 0.0), (ramp[:0], 0.0),
+    ):  # fmt: skip
+        assert _tick(y, step) == 0.0
 
 
 def test_wrong_mass_and_friction_change_the_model_not_the_noise() -> None:

@@ -55,6 +55,8 @@ def records(
         UserError: where a needed channel is missing, an axle asked for is not there, or no two
             channels share any time.
     """
+    findings: list[Finding] = []
+    log = _as_read(log, findings)
     speeds, pressures = _by_axle(log, "wheel_speed"), _by_axle(log, "pressure")
     forces, trains = _by_axle(log, "clamping_force"), _by_axle(log, "train_speed")
     if not speeds:
@@ -72,7 +74,6 @@ def records(
         )
     asked = axles or numbers
     found: list[Axle] = []
-    findings: list[Finding] = []
     accelerations = [trains.pop(a) for a in list(trains) if trains[a].is_rate]
     signed = any(_backwards(c).any() for c in speeds.values())
     for of_axle, signed_train in trains.items():
@@ -302,6 +303,29 @@ def _by_axle(log: Log, meaning: Meaning) -> dict[int | None, Channel]:
     return {c.axle: c for c in log.channels if c.meaning == meaning and len(c.data.t)}
 
 
+def _as_read(log: Log, findings: list[Finding]) -> Log:
+    """The log with speeds that repeat their readings as these were: repeats are no measurements.
+
+    A wheel speed without them, a train speed on straight lines between its own samples.
+    """
+    channels = []
+    for c in log.channels:
+        every = 0.0
+        if c.meaning in ("wheel_speed", "train_speed") and len(c.data.t) and not c.is_rate:
+            every = held.interval(c)
+        if every:
+            own = held.readings(c, every)
+            repeats, used = len(c.data.t) - len(own.data.t), "one of each is used"
+            if c.meaning == "train_speed":
+                own = replace(held.straightened(c, every), rate_hz=own.rate_hz)
+                used = "straight lines between them are used"
+            text = f"each reading is repeated for {every:.3g} s: {used}"
+            findings.append(Finding("speed-held", "info", text, c.title, repeats))
+            c = own
+        channels.append(c)
+    return replace(log, channels=tuple(channels))
+
+
 class _Aligned(NamedTuple):
     """The other channels at the wheel speed's times, shape (n,) each."""
 
@@ -413,6 +437,7 @@ def _record(
         and logged.dimension in ("count", "angle"),
         of_rim=logged is not None and logged.dimension == "speed",
         saturated=at.held[kept] >= limit if limit < math.inf else None,
+        wheel_period_step=speed.period_step,
     ), findings  # fmt: skip
 
 

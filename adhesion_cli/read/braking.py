@@ -285,7 +285,7 @@ def _stands(a: Axle) -> float:
     t, y = a.record.t * 1e-9, a.record.wheel_speed
     lasts = np.diff(t[np.flatnonzero(np.diff(y, prepend=np.nan))], append=t[-1])
     stays = float(lasts[lasts > 2.0 * _FINE].sum() / (t[-1] - t[0]))
-    return stays * a.speed.step / math.sqrt(12.0)
+    return stays * a.speed.coarsest / math.sqrt(12.0)
 
 
 def _sums(log: _Log, x: Floats) -> Floats:

@@ -225,7 +225,7 @@ def stuck_speed(
     least = np.where(ends | constant, 0.1, _MOVES)  # one value alone does not show its step
     stuck = (
         long
-        & (expected > np.maximum(steps * speed.step, least * value))
+        & (expected > np.maximum(steps * speed.coarsest, least * value))
         & (ends | (_leap(y, runs) > 0.3 * expected))
     )
     if constant and stuck.any():
@@ -342,7 +342,7 @@ def _alone(c: Channel) -> tuple[Bools, Floats]:
 def _noise(c: Channel) -> float:
     """More than two samples differ by from noise alone."""
     runs = ((c.data.t[s], c.data.value[s]) for s in timeaxis.pieces(c.starts, len(c.data.t)))
-    return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.step
+    return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.coarsest
 
 
 def locked(speed: Channel, others: Sequence[Channel], faster: float = 2.0 * _SLOW) -> Bools:

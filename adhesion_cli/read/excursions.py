@@ -58,7 +58,7 @@ def by_turns(c: Channel) -> bool:
     there, along = np.diff(x), np.abs(x[2:] - x[:-2])
     returns = float(np.mean(there[1:] * there[:-1] < 0.0))
     away = float(np.median(np.abs(there)))
-    return returns > _RETURNS and away > 4.0 * (float(np.median(along)) + c.step)
+    return returns > _RETURNS and away > 4.0 * (float(np.median(along)) + c.coarsest)
 
 
 def of_train(speed: Channel) -> Bools:
@@ -94,7 +94,7 @@ def _of(c: Channel, limits: Limits) -> Bools:
     noise = by_noise(c, limits.least)
     limits = limits._replace(least=limits.least + noise, start=limits.start + noise)
     for piece in timeaxis.pieces(c.starts, len(found)):
-        found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.step, limits)
+        found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
     return found
 
 
@@ -193,11 +193,11 @@ def by_noise(c: Channel, least: float) -> float:
     bend = np.abs(np.diff(x[np.diff(x, prepend=np.nan) != 0.0], 2))
     while sigma > 1.01 * before:
         before = sigma
-        inside = bend[bend <= 2.0 * least + 10.0 * sigma + 6.0 * c.step]
+        inside = bend[bend <= 2.0 * least + 10.0 * sigma + 6.0 * c.coarsest]
         if len(inside):
             middle = 1.4826 * float(np.median(inside))
-            sigma = max(sigma, (middle - 3.0 * c.step) / math.sqrt(6.0))
-    return 8.0 * sigma + 6.0 * c.step
+            sigma = max(sigma, (middle - 3.0 * c.coarsest) / math.sqrt(6.0))
+    return 8.0 * sigma + 6.0 * c.coarsest
 
 
 def _held(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:

@@ -5,12 +5,13 @@ ramp that is read off once a second is not a staircase.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model import Channel, Column, Floats
+from . import timeaxis
 
 _LEAST = 4  # stands of equal length that show how often a channel is sampled
 _SLOWEST = 2.0  # a longer interval is not a sensor's but a test's programme [s]
@@ -27,7 +28,7 @@ def interval(channel: Channel) -> float:
     stands = []  # index of the first sample of each, and of the next one's
     for piece in _pieces(channel):
         first = piece.start + _changes(channel.data.value[piece])
-        clear = np.abs(np.diff(channel.data.value[first])) > 1.5 * channel.step
+        clear = np.abs(np.diff(channel.data.value[first])) > 1.5 * channel.coarsest
         stands.append((first[:-1][clear], first[1:][clear]))
     begin, end = (np.concatenate(side) for side in zip(*stands, strict=True))
     count = end - begin
@@ -50,13 +51,35 @@ def straightened(channel: Channel, interval: float) -> Channel:
     """
     value = channel.data.value.copy()
     for piece in _pieces(channel):
-        t, x = _seconds(channel, piece), channel.data.value[piece]
-        first = _changes(x)
-        equal = np.maximum(np.rint(np.diff(t[first], append=t[-1]) / interval), 1.0).astype(int)
-        nth = np.arange(equal.sum()) - np.repeat(np.cumsum(equal) - equal, equal)
-        own = np.searchsorted(t, t[np.repeat(first, equal)] + nth * interval * (1.0 - 1e-9))
+        t, x, own = _seconds(channel, piece), value[piece], _own(channel, piece, interval)
         value[piece] = np.interp(t, t[own], x[own])
     return replace(channel, data=Column(channel.data.t, value, channel.data.valid))
+
+
+def readings(channel: Channel, interval: float) -> Channel:
+    """The channel of the samples, `interval` [s] apart, that are its own, without the repeats."""
+    pieces = list(_pieces(channel))
+    own = [_own(channel, piece, interval) for piece in pieces]
+    index = np.concatenate([piece.start + i for piece, i in zip(pieces, own, strict=True)])
+    return replace(
+        channel,
+        data=Column(*(column[index] for column in astuple(channel.data))),
+        starts=tuple(int(n) for n in np.cumsum([0, *map(len, own[:-1])])),
+        gap_ns=max(channel.gap_ns, timeaxis.gap_limit(np.array([round(interval * 1e9)]))),
+        rate_hz=1.0 / interval,
+    )
+
+
+def _own(channel: Channel, piece: slice, interval: float) -> NDArray[np.int64]:
+    """Index, in an uninterrupted piece, of each sample that is no repeat."""
+    t, x = _seconds(channel, piece), channel.data.value[piece]
+    first = _changes(x)
+    equal = np.maximum(np.rint(np.diff(t[first], append=t[-1]) / interval), 1.0).astype(int)
+    nth = np.arange(equal.sum()) - np.repeat(np.cumsum(equal) - equal, equal)
+    own: NDArray[np.int64] = np.searchsorted(
+        t, t[np.repeat(first, equal)] + nth * interval * (1.0 - 1e-9)
+    )
+    return own
 
 
 def _pieces(channel: Channel) -> Iterator[slice]:

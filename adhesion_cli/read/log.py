@@ -19,6 +19,8 @@ _KIND: dict[Meaning | None, str] = {
     "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
 }  # fmt: skip
 _NAMED = 5  # channels of one finding
+_FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
+_ON_GRID = 0.9  # mean cosine of phases that lie on one
 _WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")  # what it can do without
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -303,7 +305,8 @@ def _channel(
     ours = m.field.message_type.startswith("adhesion.")
     if ours:  # our own files say NaN where there is none
         column = replace(column, valid=column.valid & np.isfinite(column.value))
-    step = _step(column.value if column.valid.all() else column.value[column.valid])
+    values = column.value if column.valid.all() else column.value[column.valid]
+    step, tick = _step(values), 0.0
     axis = timeaxis.clean(told, column, start, max_gap)
     if ours:  # such a stretch is no gap in the log
         n = len(column.t)
@@ -326,6 +329,7 @@ def _channel(
             findings += found
         else:
             data = replace(data, value=factor * data.value + unit.offset)
+            tick = _tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
             step *= factor
         if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
             text = (
@@ -338,7 +342,7 @@ def _channel(
     return Channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
-        m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label,
+        m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label, tick,
     ), [*axis.findings, *findings]  # fmt: skip
 
 
@@ -411,6 +415,36 @@ def _step(values: Floats) -> float:
         return 0.0
     ratio = steps / smallest
     return smallest if float(np.abs(ratio - np.rint(ratio)).max()) < 0.02 else 0.0
+
+
+def _tick(speed: Floats, step: float) -> float:
+    """The step of 1/speed, where a timer counts whole ticks from pulse to pulse; 0 elsewhere.
+
+    Judged over the faster half, where ticks are coarsest and speeds on a grid have no periods on
+    one: by the mean cosine of the periods' phases in it.
+    """
+    head = speed[:: max(1, len(speed) // 20000)]
+    head = head[np.isfinite(head)]
+    periods = np.unique(1.0 / head[head > max(0.5 * float(head.max(initial=0.0)), 1e-9)])
+    if len(periods) < 12 or periods[-1] < 1.2 * periods[0]:
+        return 0.0
+    usual = float(np.quantile(np.diff(periods), 0.1))  # a tick, or some where speed falls fast
+    if usual < max(_FINEST * periods[0], 2.0 * step * periods[0] ** 2):
+        return 0.0
+
+    def agree(ticks: Floats, periods: Floats) -> Floats:
+        cosine: Floats = np.cos(2.0 * np.pi * periods / ticks[:, None]).mean(axis=1)
+        return cosine
+
+    some = periods[:: max(1, len(periods) // 200)]
+    close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
+    for parts in (1, 2, 3):
+        ticks = usual / parts * close
+        best = ticks[[np.argmax(agree(ticks, some))]]
+        if agree(best, periods)[0] > _ON_GRID:
+            whole = np.rint(periods / best)
+            return float(periods @ whole / (whole @ whole))
+    return 0.0
 
 
 def _sha256(path: Path) -> str:

@@ -38,7 +38,7 @@ def _match(reference: Floats, y: Floats) -> _Match:
 def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
     """What is left of a wheel speed's quantisation in the mean over a step of the grid [m/s]."""
     interval = 1.0 / speed.rate_hz if speed.rate_hz else 0.0
-    rim = max(r.value for r in vehicle.wheel_radius) * speed.step
+    rim = max(r.value for r in vehicle.wheel_radius) * speed.coarsest
     return rim * min(1.0, interval / step) / 2.0
 
 
