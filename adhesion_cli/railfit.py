@@ -52,7 +52,7 @@ from .physics import G
 from .rail import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force
 
 _MOST = 400  # points of a fit
-_SHORTEST = 8.0  # points of less time show no spread of errors [s]
+SHORTEST = 8.0  # points of less time show no spread of errors [s]
 _STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be alike [s]
 _INDEPENDENT = 100.0  # points that count at most: no rail is everywhere the same
 _BENT = 0.06, 0.2, 0.6  # 1 sigma of a bump's weight, where the rail is not (3)
@@ -232,6 +232,23 @@ def curve(rail: Condition, speed: float, slip: Floats, vehicle: Vehicle) -> Floa
     return np.array(mu)
 
 
+def _clear(points: Points) -> Bools:
+    return points.noise < _CLEAR * points.slip
+
+
+def _times(points: Points) -> Floats:
+    """Time that each point stands for [s], shape (n,)."""
+    h = np.diff(points.t, append=points.t[-1:])
+    return np.minimum(h, 2.0 * np.median(h))  # not from slide to slide
+
+
+def enough(points: Points) -> bool:
+    """There is a slide, and time enough in which the slip stands out of its noise."""
+    if not points.sliding.any():
+        return False
+    return bool(_times(points)[_clear(points)].sum() >= SHORTEST)
+
+
 def fit(
     points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, seed: int = 0
 ) -> RailFit | None:
@@ -245,11 +262,9 @@ def fit(
         seed: of the draws.
     """
     patch = Contact().patch(vehicle.axle_mass.value * G)
-    clear = points.noise < _CLEAR * points.slip
-    h = np.diff(points.t, append=points.t[-1:])
-    h = np.minimum(h, 2.0 * np.median(h))  # not from slide to slide
-    if h[clear].sum() < _SHORTEST or not points.sliding.any():
+    if not enough(points):
         return None
+    clear, h = _clear(points), _times(points)
     some = np.flatnonzero(clear)[:: max(1, -(-int(clear.sum()) // _MOST))]
     p = Points._make(column[some] for column in points)
     level, n = max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6), len(some)

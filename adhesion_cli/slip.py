@@ -338,13 +338,20 @@ def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
         return None
-    clear, found = _clear(record, s), [x.start for x in slides(axle)]
+    runs = [x.where for x in slides(axle)] + _creeps(record, s)
+    starts = [int(record.t[x.start]) for x in runs]
+    return min((t for t in starts if begin <= t <= end), default=None)
+
+
+def _creeps(record: AxleRecord, s: Floats) -> list[slice]:
+    """Where slip is none of a rolling wheel's, and lasts; in the order of time."""
+    clear, found = _clear(record, s), []
     for part in record.segments:
         for first, past in signals.true_runs(clear[part] > CAUGHT):
-            since, until = record.t[part.start + first], record.t[part.start + past - 1]
-            if until - since >= _CREEPS * 1e9:
-                found.append(int(since))
-    return min((t for t in found if begin <= t <= end), default=None)
+            run = slice(part.start + first, part.start + past)
+            if record.t[run.stop - 1] - record.t[run.start] >= _CREEPS * 1e9:
+                found.append(run)
+    return found
 
 
 def shares(axle: AxleResult) -> dict[str, float]:
@@ -392,9 +399,15 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
         )
     radius = calibrated(axle.record, vehicle)[0]
     points, mu_error = _points(axle, vehicle, found, radius.value)
+    if not railfit.enough(points):
+        return told(
+            None,
+            f"slides too short: with the creep beside them less than {railfit.SHORTEST:g} s in "
+            "which slip stands out of its noise: neither peak nor rail can be told",
+        )
     rail = railfit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
-        return told(None, "slides too short, or on a rail that changed: no curve fits them")
+        return told(None, "no curve goes through the points: the rail changed under the slides")
     missing = [n for n in rail.best._fields if n not in rail.told]
     text = ""
     if rail.below is None:
@@ -420,21 +433,28 @@ def _rmse(axle: AxleResult) -> float | None:
 def _points(
     axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
 ) -> tuple[railfit.Points, float]:
-    """Operating points of the slides and between them, and the 1 sigma of μ's scale.
+    """Operating points of the slides, of creep before and after, and between; 1 sigma of μ's scale.
 
-    Before the first slide the rail may have been another one, and so in a long time between two.
+    What is no slide and neither creep is left out, from a long time before a slide to the next:
+    the rail may have been another one.
     """
     record, ref = axle.record, axle.reference
     assert axle.slip is not None
     assert record.train_speed is not None
     sliding, near = np.zeros((2, len(record)), dtype=np.bool_)
     for x in found:
-        sliding[x.where] = near[x.where] = True
+        sliding[x.where] = True
+    runs = {x.start: x for x in (*_creeps(record, axle.slip), *(x.where for x in found))}
     for segment in record.segments:
-        inside = [x.where for x in found if segment.start <= x.where.start < segment.stop]
-        for before, after in pairwise(inside):
-            if record.t[after.start] - record.t[before.stop - 1] < _BETWEEN * 1e9:
-                near[before.stop : after.start] = True
+        inside = [runs[i] for i in sorted(runs) if segment.start <= i < segment.stop]
+        together = slice(0, 0)
+        for run, after in pairwise([*inside, slice(0, 0)]):
+            together = slice(together.start if together.stop else run.start, run.stop)
+            pause = record.t[after.start] - record.t[run.stop - 1]
+            if after.stop and pause < _BETWEEN * 1e9:
+                continue
+            near[together] = sliding[together].any()
+            together = slice(0, 0)
     at = np.flatnonzero(near & np.isfinite(ref.force) & np.isfinite(axle.slip))
     mu = physics.coefficient(ref.force[at], vehicle)
     scale = ref.tolerance[at] / np.maximum(ref.force[at], 1.0)

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -15,6 +15,7 @@ import pytest
 from simulated import late, recordings, simulation, write
 
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
+from adhesion_cli.cli.app import app
 from adhesion_cli.cli.slip import table
 from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
 from adhesion_cli.physics import G
@@ -191,7 +192,29 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
     points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
+    assert railfit.enough(points)
     assert railfit.fit(points, Vehicle(), 0.0, 0.0) is None
+    assert not railfit.enough(railfit.Points._make(x[: int(7.0 / 0.02)] for x in points))
+
+
+def test_a_wheel_that_swings_about_the_peak_tells_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Slide protection lets it slide for less than a fit needs, and creep for 40 s."""
+    arguments = ["antiskid", "slippery-stop", "-q", "--json", "-o", str(tmp_path)]
+    assert app(arguments, standalone_mode=False) == 0
+    capsys.readouterr()
+    for law in ("rule", "patent"):
+        log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
+        result = analysis.analyze(log, partial(settings.load, folder=False), ["leso"])
+        found, _ = slip.summary(result.axles[0], result.vehicle)
+        assert sum(x.duration for x in found.slides) < railfit.SHORTEST
+        assert found.rail is not None
+        at, height = true_curve("low", 1.0, found.rail.speed)
+        assert found.rail.peak_slip is not None
+        assert found.rail.peak_slip.low < at < found.rail.peak_slip.high
+        assert found.rail.peak_mu is not None
+        assert found.rail.peak_mu.low < height < found.rail.peak_mu.high
 
 
 def test_wheel_diameters_come_from_coasting() -> None:
