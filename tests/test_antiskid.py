@@ -40,6 +40,8 @@ from adhesion_cli.controller import APPLY, HOLD, VENT, Observed, registry
 from adhesion_cli.controllers import patent, rule
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Vehicle
+from adhesion_cli.read import align
+from adhesion_cli.read.log import open_source, read
 from adhesion_cli.scenario import Limit, Scenario
 from adhesion_cli.stop import LOCKED, Stop, Verdict
 from adhesion_cli.write import mcap, rrd
@@ -827,6 +829,30 @@ def test_events_of_a_stop_are_what_truly_happened(tmp_path: Path) -> None:
     assert locked.message == f"axle 1: locked for {stands:.2f} s"
     (slide,) = [m for m in told if m.code == "slide"]
     assert f"slip up to {np.nanmax(stop.slip):.0%}" in slide.message
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_late_receiver_of_1_hz_shows_by_the_forces(tmp_path: Path, seed: int) -> None:
+    stop, vehicle = antiskid.run(case("slippery-stop"), "rule", seed), case("slippery-stop").vehicle
+    t = (stop.t - stop.t[0]) * 1e-9
+    lines = ["time [s],train speed [m/s]"]
+    lines[0] += "".join(f",axle {i} speed [rad/s],axle {i} clamping force [N]" for i in range(1, 5))
+    late = np.interp(t - 1.5, t, stop.measured_train_speed)
+    for j in range(0, len(t), 2):
+        pairs = zip(stop.measured_wheel_speed[j], stop.measured_clamping_force[j], strict=True)
+        own = f"{late[j]:.3f}" if j % 100 == 0 else ""
+        lines.append(f"{t[j]:.3f},{own}" + "".join(f",{x:.4f},{K:.1f}" for x, K in pairs))
+    log = tmp_path / "gnss.csv"
+    log.write_text("\n".join(lines) + "\n")
+    stated = partial(settings.load, folder=False)(None, [])
+    one = read(open_source(log, stated.read), (), vehicle)
+    records, findings = align.records(one, vehicle)
+    assert "train-clock-offset" in {f.code for f in findings}
+    for record in records:
+        assert record.train_speed_late is not None
+        assert record.train_speed_late.tolerance < 0.1
+        error = record.train_speed_late.value - 1.5
+        assert abs(error) < 2.0 * record.train_speed_late.tolerance
 
 
 @pytest.mark.parametrize(("seconds", "seed"), [(0.0, 1), (0.0, 8), (0.5, 8), (2.0, 8)])

@@ -23,7 +23,7 @@ from ..model import (
     Times,
     Vehicle,
 )  # fmt: skip
-from ..physics import clamping_force, force_line, wheelset
+from ..physics import clamping_force, force_line
 from . import acceleration, braking, checks, held, plausible, timeaxis, trainclock, units
 from .grid import Axle, Grid, grid
 from .pressures import late as late_alone
@@ -192,10 +192,9 @@ def _on_one_clock(
 ) -> tuple[list[Axle], list[Finding]]:
     """The axles with a train speed shifted by what it is late, where that is told from zero."""
     train = axles[0].train
-    wheels = [wheelset(vehicle, a.record.axle) for a in axles]
     if not g or train is None:
         return list(axles), []
-    late, offset = trainclock.beside(g, wheels, axles[0].record.train_speed_interval)
+    late, offset = trainclock.beside(axles, g, vehicle)
     findings = []
     first = (int(train.data.t[0]) - start_ns) / 1e9
 

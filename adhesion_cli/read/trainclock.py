@@ -15,10 +15,13 @@ that of the least squares, the train speed's noise being the same in every axle 
 
 Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
 
-    −dT/dt(t + τ) = b mean_i(F_i/m) + c,
+    T(t + τ) = v₀ − b ∫ mean_i(F_i/m) dt − c t,
 
-F by (1), b for the vehicle's constants, c for a gradient: its steps at each build-up and release
-tell τ, the better the fewer vehicles of the train are not in the log.
+F by (1), whose ∫ I ω̇ needs no derivative, b for the vehicle's constants, v₀ and c for each piece's
+start and gradient. T is taken at its own samples: lines between those of 1 Hz miss what wheels do
+meanwhile, and where a controller repeats itself nearly as often they are another train's. The
+steps at each build-up, slide and release tell τ, the better the fewer vehicles of the train are not
+in the log.
 """
 
 import math
@@ -26,10 +29,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..model import Bools, Floats, Parameter, Wheelset
+from ..model import Bools, Floats, Parameter, Vehicle, Wheelset
+from ..physics import wheelset
 from ..signals import white_noise
-from .grid import CRAWL, LEAST, Grid, adhesion, far
+from .grid import CRAWL, LEAST, Axle, Grid, far, grid
 
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]
@@ -52,7 +57,10 @@ _SUREST = 0.2  # a larger 1 sigma of τ tells nothing [s]
 _OFF = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
 _APART, _AS_GOOD = 0.5, 1.1  # nearest other τ or o [s, m/s], and its loss over the best one's
-_CLEAR = 1.5  # the same by the forces, whose steps are few, and of τ and o
+_CLEAR = 1.5  # the same of τ and o
+_CLEARLY = 12.0  # and by the forces, as twice the log of the likelihood
+_FINE = 0.05  # step on which forces are, where the log is fast enough [s]
+_PIECE = 25.0  # within which a gradient stays the same [s]
 _EXPLAINED = 0.8  # share of the train's deceleration that its wheels' adhesion must explain
 _OTHERS = 0.05  # 1 sigma of τ by the wheels that are not in the log, by pads and pipes [s]
 _MOST = 4000  # samples of the fit
@@ -110,37 +118,58 @@ class _Scan(NamedTuple):
         return bool(others.min() < times * self.losses[self.place])
 
 
-def beside(g: Grid, wheels: Sequence[Wheelset], interval: float) -> Beside:
+def beside(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> Beside:
     """How late the train speed is, above 0 where it is behind, and by what it is off.
 
     Args:
-        g: all axles.
-        wheels: their constants, one each.
-        interval: between the train speed's own samples [s].
+        axles: all axles, with the same train speed.
+        g: the same on one time axis.
+        vehicle: for the wheels' constants.
     """
-    if g.train is None or np.isfinite(g.train).sum() < 2 * LEAST:
+    train, interval = g.train, axles[0].record.train_speed_interval
+    if train is None or axles[0].train is None or np.isfinite(train).sum() < 2 * LEAST:
         return Beside(None)
-    found = _by_rolling(g, g.train, interval)
-    return found if found != Beside(None) else Beside(_by_forces(g, g.train, wheels))
+    found = _by_rolling(g, train, interval)
+    fine = grid(axles, vehicle, _FINE)
+    if found != Beside(None) or fine is None:
+        return found
+    t: Floats = (g.first - fine.first) * 1e-9 + g.step * np.arange(len(train), dtype=np.float64)
+    if interval > g.step:
+        own = axles[0].train.data
+        t, train = np.multiply(own.t - fine.first, 1e-9), np.abs(own.value)
+    every = max(1, len(t) // _MOST)
+    wheels = [wheelset(vehicle, a.record.axle) for a in axles]
+    return Beside(_by_forces(fine, t[::every], train[::every], wheels))
 
 
-def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter | None:
-    """τ at which the train slows as the adhesion of its wheels makes it, if that is clear."""
-    made = adhesion(g, wheels)
-    known = np.isfinite(made)
-    t: Floats = g.step * np.arange(len(train), dtype=np.float64)
-    slowing = -g.slope(train)
-    fit = np.isfinite(slowing) & (train > CRAWL)
-    change = np.gradient(np.nan_to_num(made), g.step)
+def _by_forces(g: Grid, t: Floats, train: Floats, wheels: Sequence[Wheelset]) -> Parameter | None:
+    """τ at which the train slows as the adhesion of its wheels makes it, if that is clear.
 
-    def at(tau: float) -> tuple[Floats, Floats, Floats]:
-        """X (3, n) of b, c and τ; what b and c leave of the train's deceleration; that itself."""
-        used = known & (np.interp(t + tau, t, fit, left=0.0, right=0.0) > 0.99)
-        late = np.interp(t + tau, t, np.nan_to_num(slowing))[used]
-        X = np.stack([made, np.ones(len(t)), -change])[:, used]
-        x = np.linalg.lstsq(X[:2].T, late, rcond=None)[0]
-        X[2] *= x[0]
-        return X, late - x @ X[:2], late
+    Args:
+        g: all axles, as finely as forces change.
+        t: of samples of the train speed, on that axis (n,) [s].
+        train: those (n,) [m/s].
+        wheels: their constants, one each.
+    """
+    axis: Floats = g.step * np.arange(g.rim.shape[1], dtype=np.float64)
+    S, known = _lost(g, wheels)
+    made = np.gradient(S, g.step)
+
+    def at(tau: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """T, −S and what τ makes of T, without their pieces' lines (3, n); what is left; pieces."""
+        when = t - tau
+        used = (when > axis[0]) & (when < axis[-1]) & (train > CRAWL) & np.isfinite(train)
+        used &= np.interp(when, axis, known) > 0.999
+        piece = np.cumsum(~used)[used] + 1e6 * np.floor(t[used] / _PIECE)
+        _, piece, size = np.unique(piece, return_inverse=True, return_counts=True)
+        enough = size[piece] >= LEAST
+        on, piece = np.flatnonzero(used)[enough], np.unique(piece[enough], return_inverse=True)[1]
+        columns = train[on], -np.interp(when[on], axis, S), np.interp(when[on], axis, made)
+        flat = _flat(np.array(columns), t[on], piece)
+        square = float(flat[1] @ flat[1])
+        b = float(flat[1] @ flat[0]) / square if square > 0.0 else 0.0
+        flat[2] *= b
+        return flat, flat[0] - b * flat[1], piece
 
     def loss(tau: float) -> float:
         left = at(tau)[1]
@@ -151,18 +180,49 @@ def _by_forces(g: Grid, train: Floats, wheels: Sequence[Wheelset]) -> Parameter 
         return None
     tau = scan.best
     for _ in range(5):
-        X, left, late = at(tau)
-        if np.ptp(late) < _SLOWING or np.linalg.cond(X) > 1e7 or len(left) < 2 * LEAST:
+        flat, left, piece = at(tau)
+        X = flat[1:]
+        if len(left) < 2 * LEAST or not X.any(axis=1).all() or np.linalg.cond(X) > 1e7:
             return None
         x = np.linalg.lstsq(X.T, left, rcond=None)[0]
-        tau += float(x[2])
+        tau += float(x[1])
         if not abs(tau - scan.best) <= 2.0 * _SCAN:
             return None
-    rest, alike = left - x @ X, 2 * g.half + 1
-    variance = float(np.mean(rest**2)) * alike * float(np.linalg.inv(X @ X.T)[2, 2])
-    sigma = math.hypot(math.sqrt(variance), _OTHERS)
-    unclear = scan.unclear(tau, _CLEAR) or left.var() > (1.0 - _EXPLAINED) * late.var()
+    rest, square = left - x @ X, float(left @ left)
+    alike = min(max(float(left[1:] @ left[:-1]) / square, 0.0), 0.99) if square else 0.0
+    telling = (1.0 - alike) / (1.0 + alike)
+    row = np.linalg.inv(X @ X.T)[1]
+    of_pieces = sum(float(row @ (X * rest)[:, piece == i].sum(axis=1)) ** 2 for i in set(piece))
+    of_noise = float(np.mean(rest**2)) / telling * float(np.sum((row @ X) ** 2))
+    sigma = math.hypot(math.sqrt(max(of_pieces, of_noise)), _OTHERS)
+    unclear = scan.unclear(tau, math.exp(_CLEARLY / (telling * len(left))))
+    unclear |= square > (1.0 - _EXPLAINED) * float(flat[0] @ flat[0])
     return None if unclear or sigma > _SUREST else Parameter(tau, sigma)
+
+
+def _lost(g: Grid, wheels: Sequence[Wheelset]) -> tuple[Floats, Bools]:
+    """S = ∫ mean F/m dt (n,) [m/s], and where it is known: a wheel that stands has less than φK."""
+    known: Bools = np.all(np.isfinite(g.clamping) & (g.rim > CRAWL), axis=0)
+    K, rim = np.nan_to_num(g.clamping), np.nan_to_num(g.rim)
+    area = np.zeros(K.shape)
+    area[:, 1:] = np.cumsum((K[:, 1:] + K[:, :-1]) / 2.0 * g.step, axis=1)
+    each = zip(wheels, area, rim, strict=True)
+    lost = [(w.phi * a + w.inertia / w.radius**2 * v) / w.mass for w, a, v in each]
+    return np.mean(lost, axis=0), known
+
+
+def _flat(x: Floats, t: Floats, piece: NDArray[np.int64]) -> Floats:
+    """Columns (k, n) without the straight lines of their pieces: start, and gradient."""
+
+    def mean(y: Floats) -> Floats:
+        found: Floats = (np.bincount(piece, y) / np.bincount(piece))[piece]
+        return found
+
+    since = t - mean(t)
+    for i, y in enumerate(x):
+        y = y - mean(y)
+        x[i] = y - since * mean(y * since) / mean(since**2)
+    return x
 
 
 class _Cause(NamedTuple):
