@@ -5,11 +5,12 @@ creeps by more than 1 %; before, and under an axle that never slid, it gave what
 counts as dry. The train is the log's axles, the speed the log's at the start of the brake. The
 demand is the clamping force of the axles that never slid. Where every axle did, slide protection
 let air out of each from then on: the demand goes on as it stood when the last of them began to, or
-as the largest force since. If it did not yet stand, it may have been anything from that to what
-locks a wheel on dry rail: half of the draws have more, and there is no dry distance to compare
-with. It begins as much earlier as cylinders take to fill against their springs, before which there
-is no clamping force. Where the brake was released before the train stood, the demand goes on as it
-was. The track is level and the unit that of `scenario.Antiskid`.
+as the largest force since; where no axle slides and all hold one force it shows again. If it did
+not yet stand, or changed since, it may have been anything from that to what locks a wheel on dry
+rail: half of the draws have more, and there is no dry distance to compare with. It begins as much
+earlier as cylinders take to fill against their springs, before which there is no clamping force.
+Where the brake was released before the train stood, the demand goes on as it was. The track is
+level and the unit that of `scenario.Antiskid`.
 
 The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, friction in
 deep slides falling alike under all of them, and a true pad friction for all; each controller stops
@@ -34,6 +35,7 @@ from .rail import Condition, condition
 from .railfit import RailFit
 from .read.braking import SIGMAS, tolerance
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
+from .signals import true_runs
 from .slip import Summary
 from .stop import JUDGED_FROM, Stop, Verdict
 from .sweep import Beside, beside, interval, on_all_cores
@@ -41,10 +43,13 @@ from .text import printable
 from .unit import Settings, parameters
 
 _EVERY = 0.1  # between two knots of the demand [s]
-_RELEASED, _FULL = 0.05, 0.9  # shares of the largest demand: less is none, this is not yet less
+_RELEASED = 0.05  # share of the largest demand: less is none
+_OFFSET = 0.1  # share of it: what never falls below less is a sensor's offset
+_PAUSE = 2.0  # without brake and slide: longer, the brake was released [s]
 _DRAWS = 40  # of the fit that are run again
 _NOISE = 0.01  # share of the largest demand: less is no change of it
 _STOOD, _EVEN = 1.0, 0.03  # a demand that has changed by no more in so long stands [s], share of it
+_HELD = 5.0  # of a wheel that rolls slide protection lets no force stand as long [s]
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
@@ -81,6 +86,7 @@ class _Braking(NamedTuple):
     t: Times  # [ns]
     speed: Floats  # of the train [m/s]
     K: Floats  # clamping force of each axle [N], shape (axles, n)
+    slides: Bools  # some axle does
 
 
 def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
@@ -136,14 +142,14 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     rails = [s.rail for s in summaries]
     draws, random = [], np.random.default_rng(0)
     most = condition("dry").f0 * physics.G * result.vehicle.axle_mass.value
-    most = max(1.0, most / result.vehicle.friction.value / float(asked.max()))
+    most = max(most / result.vehicle.friction.value, float(asked.max()))
     drawn = _drawn(rails, result.vehicle, random)
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
         phi = scenario.vehicle.friction
         truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [of[k] if of else None for of in drawn])
-        more = np.where(known, 1.0, most ** max(random.uniform(-1.0, 1.0), 0.0))
-        brake = Brake(_commands(braking, more * asked))
+        more = (most / np.maximum(asked, _LEAST)) ** max(random.uniform(-1.0, 1.0), 0.0)
+        brake = Brake(_commands(braking, np.where(known, 1.0, more) * asked))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
     stands = bool(braking.speed[-1] < _STANDS)
     return Case(
@@ -244,27 +250,59 @@ def _scaled(x: Condition, c: float) -> Condition:
 def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
     """From the demand of the brake in which the longest slide lies, to standstill or release."""
     slide = max((x for s in summaries for x in s.slides), key=lambda x: x.duration)
-    start = min(
-        int(a.record.t[s.start])
-        for a in result.axles
-        for s in a.applications
-        if a.record.t[s.start] <= slide.start <= a.record.t[s.stop - 1]
-    )
+    start, end = _brake(result, summaries, slide.start)
     filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
     start -= round(filled / Antiskid().fill_rate * 1e9)
     start = max(start, *(int(a.record.t[0]) for a in result.axles))
-    last = max(int(a.record.t[-1]) for a in result.axles)
-    t = np.arange(start, last, round(_EVERY * 1e9), dtype=np.int64)
+    t = np.arange(start, end, round(_EVERY * 1e9), dtype=np.int64)
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
     K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
-    stop = len(t)
-    if (stands := speed < _STANDS).any():
-        stop = int(np.argmax(stands)) + 1
-    asked = K[:, :stop].max(axis=0)
-    released = np.flatnonzero((asked < _RELEASED * asked.max()) & (t[:stop] > slide.start))
-    if len(released):
-        stop = int(np.flatnonzero(asked[: released[0]] >= _FULL * asked.max())[-1]) + 1
-    return _Braking(t[:stop], speed[:stop], K[:, :stop])
+    stands = speed < _STANDS
+    past = int(np.argmax(stands)) + 1 if stands.any() else len(t)
+    past = max(_last_full(K[:, :past].max(axis=0)), int(np.searchsorted(t, slide.start))) + 1
+    slides: Bools = np.zeros(past, dtype=np.bool_)
+    for x in (x for s in summaries for x in s.slides):
+        slides |= (t[:past] >= x.start) & (t[:past] <= x.start + round(x.duration * 1e9))
+    return _Braking(t[:past], speed[:past], K[:, :past], slides)
+
+
+def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, int]:
+    """When the brake began that was applied at that time, and when the next one, or the end [ns].
+
+    Slide protection may vent every cylinder of a train, but while a wheel slides, and it fills them
+    soon after: a release lasts, and nothing slides.
+    """
+    spans = [(x.start, x.start + round(x.duration * 1e9)) for s in summaries for x in s.slides]
+    for a in result.axles:
+        spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
+    spans.sort()
+    begin, end = spans[0]
+    for first, last in spans[1:]:
+        if first - end > _PAUSE * 1e9:
+            if end >= at:
+                return begin, first
+            begin = first
+        end = max(end, last)
+    return begin, max(int(a.record.t[-1]) for a in result.axles)
+
+
+def _last_full(asked: Floats) -> int:
+    """Where the fall begins that ends in released brakes; the last place where they are not.
+
+    Args:
+        asked: the largest clamping force of all axles [N], shape (n,).
+    """
+    most = float(asked.max())
+    least = float(asked.min())
+    none = (least if least < _OFFSET * most else 0.0) + _RELEASED * most
+    top = i = max(np.flatnonzero(asked > none).tolist(), default=0)
+    if top == len(asked) - 1:
+        return top
+    while i > 0 and (top - i) * _EVERY < _STOOD:
+        i -= 1
+        if asked[i] > asked[top] + _NOISE * most:
+            top = i
+    return top
 
 
 def _in_part(result: Result, braking: _Braking) -> list[Finding]:
@@ -316,26 +354,51 @@ def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[Floats, Bools, li
         asked: Floats = braking.K[free].max(axis=0)
     else:
         rolling = braking.t < np.array(firsts)[:, None]
-        rolling[:, 0] = True
-        known = np.any(rolling, axis=0)
-        last = int(known.sum())
-        asked = np.where(rolling | ~known, braking.K, 0.0).max(axis=0)
-        asked[last - 1 :] = np.maximum.accumulate(asked[last - 1 :])
-        before = asked[:last][-1 - round(_STOOD / _EVERY) :]
-        if len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]:
-            known[:] = True
-            text = "every axle slid: the demand counts as it stood when the last of them began to"
+        held = _held(braking)
+        seen = np.where(rolling | held, braking.K, 0.0).max(axis=0)
+        known = rolling.any(axis=0) | held
+        known[0], seen[0] = True, braking.K[:, 0].max()
+        most, asked = braking.K.max(axis=0), seen.copy()
+        for i in np.flatnonzero(~known).tolist():
+            asked[i] = max(asked[i - 1], most[i])
+        for first, past in true_runs(~known):
+            before = asked[:first][-1 - round(_STOOD / _EVERY) :]
+            since = [asked[past - 1], *seen[past : past + 1]]
+            stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
+            if stood and np.abs(since / before[-1] - 1.0).max() < _EVEN:
+                known[first:past] = True
+        if known.all():
+            text = "every axle slid: where none shows the demand it counts as it stood before"
             findings.append(Finding("demand-guessed", "info", text))
         else:
             text = (
-                "every axle slid before the demand stood: it was at least the largest clamping "
-                f"force that was reached, {asked[-1] / 1e3:.1f} kN; no dry distance to compare with"
+                "every axle slid before the demand stood, or it changed since: it counts as at "
+                f"least the clamping force that was reached, {asked.max() / 1e3:.1f} kN; no dry "
+                "distance to compare with"
             )
             findings.append(Finding("demand-guessed", "warning", text))
     if braking.speed[-1] >= _STANDS:
-        text = f"the brake was released at {braking.speed[-1]:.1f} m/s: replayed to standstill"
+        v = braking.speed[-1]
+        text = f"the brake was released, or the log ends, at {v:.1f} m/s: replayed to standstill"
         findings.append(Finding("stop-extended", "info", text))
     return asked, known, findings
+
+
+def _held(braking: _Braking) -> Bools:
+    """When no axle slides and all have one force for a while: the demand's, shape (n,).
+
+    Slide protection lets none stand so long where wheels roll.
+    """
+    many, K = round(_HELD / _EVERY), braking.K
+    held: Bools = np.zeros(K.shape[1], dtype=np.bool_)
+    if K.shape[1] > many:
+        view = np.lib.stride_tricks.sliding_window_view
+        windows = view(K, many, axis=1)
+        least, most = windows.min(axis=(0, 2)), windows.max(axis=(0, 2))
+        even = (most - least < _EVEN * most) & (most > _RELEASED * K.max())
+        for i in np.flatnonzero(even & ~view(braking.slides, many).any(axis=1)).tolist():
+            held[i : i + many] = True
+    return held
 
 
 def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:

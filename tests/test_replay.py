@@ -10,10 +10,21 @@ import pytest
 from recordings import static
 from simulated import recordings, simulation, write
 
-from adhesion_cli import analysis, antiskid, rail, railfit, replay, scenario, settings, slip
+from adhesion_cli import (
+    analysis,
+    antiskid,
+    rail,
+    railfit,
+    replay,
+    scenario,
+    settings,
+    simulate,
+    slip,
+)
 from adhesion_cli.cli.app import app
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Parameter, Result
+from adhesion_cli.scenario import Command, Rail, Section, Wsp
 
 NAME = "low-adhesion"
 KNOWN = (
@@ -141,7 +152,7 @@ def test_a_demand_that_nobody_saw_is_none() -> None:
     t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
     K = np.minimum(np.arange(100.0), 40.0) * 500.0
     limited = np.where(np.arange(100) < 20, K, 7000.0)
-    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), np.array([limited, limited]))
+    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), np.array([limited, limited]), t >= t[15])
     asked, known, told = replay._demand(stop, [int(t[15]), int(t[20])])
     assert [(f.code, f.severity) for f in told] == [("demand-guessed", "warning")]
     assert known.tolist() == [True] * 20 + [False] * 80
@@ -152,6 +163,89 @@ def test_a_demand_that_nobody_saw_is_none() -> None:
     assert [(f.code, f.severity) for f in told] == [("demand-guessed", "info")]
     assert known.all()
     assert asked == pytest.approx(K)
+
+
+def braked(
+    path: Path, axles: int, duration: float, wsp: Wsp, *commands: Command, low: Rail | None = None
+) -> tuple[replay.Case, simulate.Simulation]:
+    """The replay of a log in which every axle slides, and which may end before the stop does."""
+    s = simulate.load(NAME)
+    cleaning = tuple(1.0 + 0.1 * i for i in range(axles))
+    train = replace(s.train, axles=axles, positions=(), cleaning=cleaning)
+    train = replace(train, speed=12.0) if low else train
+    brake = replace(s.brake, command=commands)
+    s = replace(s, duration=duration, train=train, brake=brake, wsp=wsp, rail=low or s.rail)
+    true = simulate.run(s)
+    log = write(path / "log.csv", simulate.log(true))
+    return replay.case(analysis.analyze(log, settings.load, ["kalman"], train_speed=True)), true
+
+
+FULL = Command(2.0, pressure=6.5e5, ramp=1.5)
+
+
+def test_a_vent_of_every_axle_is_no_release(tmp_path: Path) -> None:
+    """It vents all there is for 0.4 s, and leaves the brake alone below 1 m/s."""
+    case, true = braked(tmp_path, 1, 60.0, Wsp(period=0.4, vent_time=0.1), FULL)
+    at = int(np.searchsorted(true.t, case.start_s * 1e9))
+    assert (true.clamping_force[at + 3000 : -20000, 0] < 100.0).any()
+    assert case.logged_m == pytest.approx(true.distance[-1] - true.distance[at], abs=1.0)
+    assert "stop-extended" not in {f.code for f in case.findings}
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    assert (np.diff(asked[10:]) >= 0.0).all()  # as the largest so far
+    assert asked[30] == pytest.approx(13.8e3, rel=0.02)
+
+
+def test_a_release_is_one(tmp_path: Path) -> None:
+    """By hand at 14 s from 15.1 m/s, while the axles slide; the log goes on."""
+    case, _ = braked(tmp_path, 2, 36.0, Wsp(), FULL, Command(14.0, pressure=0.0))
+    assert case.logged_m is None
+    (told,) = (f for f in case.findings if f.code == "stop-extended")
+    v = float(told.message.split(" m/s")[0].split()[-1])
+    assert v == pytest.approx(15.0, abs=0.7)
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    assert len(asked) * replay._EVERY == pytest.approx(14.0 - case.start_s, abs=1.0)
+    assert asked[-1] == asked.max()
+
+
+def test_a_demand_that_every_axle_shows_again_is_known() -> None:
+    """Reduced while all slide: the forces stand at one level, as nothing but the demand makes."""
+    t = np.arange(300, dtype=np.int64) * round(1e9 * replay._EVERY)
+    random = np.random.default_rng(1)
+    K = np.where(t < 10**10, 12e3, 5e3) + random.normal(0.0, 20.0, (2, 300))
+    K[0, 30:150] = K[1, 32:150] = 4e3
+    K[1, 40:45] = 0.0  # one vents, the other does not
+    stop = replay._Braking(t, np.linspace(20.0, 10.0, 300), K, (t >= t[30]) & (t < t[150]))
+    asked, known, told = replay._demand(stop, [int(t[30]), int(t[32])])
+    assert (told[0].code, told[0].severity) == ("demand-guessed", "warning")
+    assert known[:32].all()
+    assert not known[32:45].any()
+    assert known[160:].all()
+    assert asked[160:] == pytest.approx(5e3, rel=0.03)
+    assert asked[40] == pytest.approx(12e3, rel=0.02)
+
+
+def test_a_demand_larger_than_it_stood_is_not_known() -> None:
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    K = np.where(np.arange(100) < 30, 6e3, 2e3)
+    K[60:65] = 8e3  # refilled to more than it stood at
+    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), K[None], t >= t[30])
+    asked, known, _ = replay._demand(stop, [int(t[30])])
+    assert known[:30].all()
+    assert not known[30:].any()
+    assert asked[[40, 80]] == pytest.approx([6e3, 8e3])
+
+
+def test_draws_of_an_unknown_demand_reach_what_locks_a_wheel(tmp_path: Path) -> None:
+    """Though the log shows it in the end, when slide protection leaves the brake alone."""
+    low = Rail((Section(0.0, "very-low"),))
+    case, _ = braked(tmp_path, 1, 60.0, Wsp(slowest=3.0), FULL, low=low)
+    asked = np.array([[c.clamping_force for c in s.brake.command] for s, _ in case.draws])
+    assert not case.demanded
+    best = np.array([c.clamping_force for c in case.scenario.brake.command])
+    middle, last = len(best) // 2, len(best) - 1
+    assert best[last] > 1.1 * best[middle]
+    assert asked[:, middle].min() == pytest.approx(best[middle])
+    assert asked[:, middle].max() > 1.1 * best[middle]
 
 
 @pytest.mark.slow
