@@ -46,7 +46,7 @@ class ReadOptions:
     strict: bool = False  # damage is an error, not a finding
     rejects: bool = False  # CSV: remember each row and cell left out
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
-    max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to
+    max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
     max_record: int = 1 << 27  # bytes one MCAP record may declare
 
 
