@@ -47,7 +47,7 @@ _TEXTS = {
         "max_unpacked": "largest gzipped CSV, unpacked [bytes]",
     },
     "key of `mcap`": {
-        "max_inflated": "largest chunk, inflated [bytes]; all chunks together: this and 1000 times the file",
+        "max_inflated": "largest chunk, inflated [bytes]; all of a file: 1000 times its size more",
         "max_record": "largest record [bytes]",
     },
 }
