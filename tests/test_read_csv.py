@@ -452,9 +452,18 @@ def test_a_later_header_of_other_columns_ends_the_table(log, second):
         read(log, text, strict=True)
 
 
-@pytest.mark.parametrize(
-    "second", ["t [s],p,v", '"T [s]", P ,v', "t [s],p", "s,bar,km/h", "lost,lost,lost"]
-)
+@pytest.mark.parametrize("second", ["t [s],p,v", "s,bar,km/h", '"t [s]", p,v', "[s],[bar],[km/h]"])
+def test_the_same_header_again_is_no_loss(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, _ = read(log, text, rejects=True, strict=True)
+    assert (source.rows, list(source.rejects), codes(source)) == (80, [], set())
+    assert sum(source.lines.values()) == text.count("\n")
+    (told,) = (f for f in source.findings if f.code == "csv-header-again")
+    assert (told.severity, told.count) == ("info", 1)
+    assert "line 33" in told.message
+
+
+@pytest.mark.parametrize("second", ['"T [s]", P ,v', "t [s],p", "lost,lost,lost"])
 def test_the_same_header_again_costs_its_own_row(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
     source, _ = read(log, text, rejects=True)

@@ -267,6 +267,9 @@ class CsvSource:
                 "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
                 sum(skipped.values()),
             )  # fmt: skip
+        if scan.again:
+            text = f"{scan.again} rows are the header again ({scan.where('again')}): nothing lost"
+            self._report("csv-header-again", "info", text, "", scan.again)
         if scan.damage:
             self._report(
                 "csv-gzip-damaged", "warning", f"compressed data end early: {scan.damage}", "", 1
@@ -377,6 +380,7 @@ class _Scan:
     rejects: Rejects | None = None
     tries: int = 0  # at taking a block as plain numbers
     ended: bool = False  # by a header of other columns
+    again: int = 0  # rows that are the header once more
 
     def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
         """Times, group codes and values of the rows that have a time and a wanted group."""
@@ -689,8 +693,28 @@ class _Scan:
         if any(mark in part.block.data for mark in (b"#", b"%", b"//")):
             comment[[r for r in np.flatnonzero(~ok) if is_comment(part.line(int(r))[1])]] = True
         self.lines["comment"] += int(comment.sum())
+        again = self._header_again(part, ~ok & ~missing & ~comment)
         self._drop(part, ~ok & missing & ~comment, "time missing")
-        self._drop(part, ~ok & ~missing & ~comment, "time unreadable")
+        self._drop(part, ~ok & ~missing & ~comment & ~again, "time unreadable")
+
+    def _header_again(self, part: _Part, which: Bools) -> Bools:
+        """Which of these rows are the header, or the units row, once more; they are counted."""
+        again = np.zeros(len(which), bool)
+        i = self.clock.columns[0]
+        heads = [list(cells) for cells in (*self.dialect.parts, self.dialect.units) if any(cells)]
+        if not heads or not pa.types.is_string(part.arrays[i].type):
+            return again
+        bare = pc.utf8_trim(part.arrays[i], "[](){}<> ")
+        known = pa.array([cells[i].strip("[](){}<> ") for cells in heads], pa.string())
+        for row in np.flatnonzero(which & np.asarray(pc.is_in(bare, known))).tolist():
+            cells = split(part.line(row)[1], part.block.delimiter)[: len(self.dialect.names)]
+            if cells in heads or [c.strip("[](){}<> ") for c in cells] in heads:
+                again[row] = True
+        if n := int(again.sum()):
+            self.lines["header"] += n
+            self.again += n
+            self.first.setdefault("again", part.line(int(again.argmax())))
+        return again
 
     def _end(self, part: _Part, untimed: NDArray[np.int64]) -> int | None:
         """Row of the block that is a header of other columns or units, where this table ends."""

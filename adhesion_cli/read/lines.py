@@ -234,9 +234,12 @@ class Lines:
                     self.damage, more = str(error), b""
                 total += len(more)
                 if total > self.max_inflated:
+                    limit = self.max_inflated
+                    shown = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
                     raise UserError(
-                        f"{self.path}: inflates to more than {self.max_inflated >> 20} MiB",
-                        "raise the limit on inflated bytes if the file can be trusted",
+                        f"{self.path}: inflates to more than {shown}",
+                        "if the log is trusted, raise the limit: --set csv.max_unpacked="
+                        f"{8 * limit}",
                     )
                 parts.append(more)
                 if not more or sum(map(len, parts)) >= _BLOCK:

@@ -362,6 +362,8 @@ def _decode(head: bytes, encoding: str, complete: bool) -> str:
 
 def _logical_lines(text: str, complete: bool, path: Path) -> list[tuple[int, str, int]]:
     """(line number, text, further lines inside quotes) of the head's first lines."""
+    if not text.strip("\n\t "):
+        raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     if not text.strip("\0\n\t "):
         raise UserError(
             f"{path}: holds nothing but NUL bytes: space that was reserved and never written",
