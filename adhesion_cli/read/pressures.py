@@ -21,6 +21,7 @@ from .units import listed, others
 _APART = 0.08  # of the highest pressure: more than transducers and cylinders differ
 _UNLIKE = 0.5  # so much later may one cylinder fill or vent than another [s]
 _LASTS = 1.5  # so long must it depart [s]
+_UNSEEN = 2.5  # or for so many samples: between fewer a slide of the others may not show
 _ALIKE = 0.04  # ratios within this are one
 _SHARE = 0.2  # of the time: that often is a ratio the axle's own
 _OWN = 0.15  # another share of the others' pressure than 1 is worth a word
@@ -184,7 +185,8 @@ def _departs(
     late = _late(g, x[i], level, known & ~slid[i], axles[i])
     where = known & (np.abs(off) > _SLIGHT * top)
     if not late or (apart < np.abs(off) / 2.0).any(axis=0)[where].mean() > 0.5:
-        late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), _LASTS, g)
+        lasts = max(_LASTS, _UNSEEN * g.step)
+        late, where = 0.0, lasting(known & alone & (np.abs(off) > allowed), lasts, g)
     steady = not where.any()
     if steady and abs(ratio - 1.0) > _OWN:
         where = known & ~slid[i] & (level > 0.3 * top) & ~alike.any(axis=0)
