@@ -120,19 +120,19 @@ def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> E
     fine = grid(axles, vehicle, _FINE) if coarse else None
     if coarse is None or fine is None:
         return AS_STATED
-    e = _explained(axles, vehicle, coarse, fine, np.mean(fine.rim, axis=0))
+    e = _explained(axles, vehicle, coarse, fine, np.mean(fine.rim, axis=0), True)
     # A wheel on its way into a slide slows harder than (1) says; the train does not.
     if e.line and fine.train is not None:
-        trains = _explained(axles, vehicle, coarse, fine, fine.train)
+        trains = _explained(axles, vehicle, coarse, fine, fine.train, False)
         if trains.line is None:
             return AS_STATED if e.either else e._replace(line=None)
     return e
 
 
 def _explained(
-    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats
+    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats, creeps: bool
 ) -> Explanation:
-    """What explains this speed."""
+    """What explains this speed, of wheels that creep or of the train."""
     log = _log(axles, vehicle, coarse, fine, v)
     if log is None:
         return AS_STATED
@@ -165,8 +165,8 @@ def _explained(
         return found
 
     usual, cost = _judged(log, telling, fits(_USUAL), least)
-    if usual == AS_STATED:
-        return AS_STATED
+    if usual == AS_STATED or not creeps:
+        return usual
     more = fits(_SLIPPERY)
     slippery, less = _judged(log, telling, more, least)
     or_creep = more["stated"].cost < cost + _CLEARLY
