@@ -18,7 +18,8 @@ _LASTS = 0.5  # and so does a change of region that is an event [s]
 class Slide(NamedTuple):
     """One slide of one axle, from `CAUGHT` to `CAUGHT` with more than `SLIDE` between.
 
-    On a train speed made of the axles it is at least that: where all slide, the train is faster.
+    On a train speed made of the axles it is at least that: where all slide, the train is faster; so
+    it is on one that may be late.
     """
 
     where: slice  # of the record
@@ -27,7 +28,7 @@ class Slide(NamedTuple):
     distance: float  # run by the train meanwhile [m]
     max_slip: float  # [-]
     energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
-    at_least: bool  # the train speed is made of the axles
+    at_least: bool  # the train speed is made of the axles, or nothing tells how late it is
 
     def __str__(self) -> str:
         heat = "unknown energy" if self.energy is None else f"{self.energy / 1e3:.1f} kJ"
@@ -35,7 +36,10 @@ class Slide(NamedTuple):
             f"slide of {self.duration:.2f} s over {self.distance:.0f} m, slip up to "
             f"{self.max_slip:.0%}, {heat} into tread and rail"
         )
-        return text + " (at least: the train speed is made of the axles)" * self.at_least
+        return (
+            text
+            + " (at least: the train speed is made of the axles, or may be late)" * self.at_least
+        )
 
 
 def slides(

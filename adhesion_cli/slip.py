@@ -27,6 +27,7 @@ from .model import (
     Floats,
     Parameter,
     Regions,
+    Severity,
     Times,
     Vehicle,
 )  # fmt: skip
@@ -42,7 +43,7 @@ _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
 _MOVES = 1.0  # a speed sensor may read zero below, without its noise [m/s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
-_DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]
+_DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]; see `_slow`
 _CREEPS = 0.5  # a creep that is no swing of the speeds lasts longer [s]
 _CLEARLY = 2.0  # sigma that are more than noise
 _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
@@ -237,6 +238,11 @@ def slowing(record: AxleRecord) -> Floats:
     return np.maximum(found, 0.0)
 
 
+def _slow(record: AxleRecord) -> bool:
+    """Whether nothing tells how late a receiver is that may be so by two of its long intervals."""
+    return record.train_speed_late is None and record.train_speed_interval > _DELAY
+
+
 def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
     """1 sigma of slip by the train speed, one error for all, shape (n,).
 
@@ -244,11 +250,12 @@ def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
 
     Args:
         record: of an axle.
-        unknown: σ_τ where nothing is known of it [s].
+        unknown: σ_τ where nothing is known of it [s]; of a slow receiver it is its interval.
     """
     if record.train_speed is None:
         return np.zeros(len(record))
     late, own = record.train_speed_late, record.train_speed_sigma
+    unknown = record.train_speed_interval if _slow(record) else unknown
     by_delay = (late.tolerance if late else unknown) * slowing(record)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.hypot(by_delay, 0.0 if own is None else own) / record.train_speed
@@ -297,13 +304,17 @@ def observed(
         march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], sure[s], code[s])
     done = replace(axle, slip=slip, slope=slope, slope_confidence=sure, region=code)
     if record.train_speed_late is None and any(
-        np.median(slowing(record)[x.where]) > _EVEN for x in slides(done)
+        np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip)
     ):
-        text = (
-            "neither wheels that roll while braked nor the forces of all tell whether the train "
-            "speed is late: slip in slides trusts its time stamps"
-        )
-        findings.append(Finding("train-clock-unknown", "info", text, f"axle {record.axle}"))
+        text = "neither wheels that roll while braked nor the forces of all tell whether the train "
+        severity: Severity = "info"
+        if _slow(record):
+            most = 2.0 * record.train_speed_interval
+            text += f"speed is late, and it may be by {most:.1f} s: slides are at least as told"
+            severity = "warning"
+        else:
+            text += "speed is late: slip in slides trusts its time stamps"
+        findings.append(Finding("train-clock-unknown", severity, text, f"axle {record.axle}"))
     told = events.of_axle(record.axle, slides(done), record.segments, record.t, code)
     return replace(done, events=told), findings
 
@@ -314,14 +325,24 @@ def observed(
 def slides(axle: AxleResult) -> list[Slide]:
     """Slides of an axle, in the order of time; none reaches across segments.
 
-    What a train speed's error may make of slip, as the train all but stands, is no slide.
+    What a train speed's error may make of slip, as the train all but stands, is no slide; of a
+    receiver that nothing times they are what is left of slip at least.
     """
-    record, s, F = axle.record, axle.slip, axle.reference.force
-    if s is None or record.train_speed is None:
+    if axle.slip is None:
         return []
-    columns = record.t, record.train_speed, s, _clear(record, s), F
-    made = record.train_speed_made
-    return [x for part in record.segments for x in events.slides(part, *columns, made)]
+    clear = _clear(axle.record, axle.slip)
+    return _slides(axle, clear if _slow(axle.record) else axle.slip, clear)
+
+
+def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Slide]:
+    """The same of this slip, and of what is clearly so of it, shape (n,)."""
+    record = axle.record
+    if record.train_speed is None:
+        return []
+    columns = record.t, record.train_speed, s, s if clear is None else clear
+    at_least = record.train_speed_made or _slow(record)
+    F = axle.reference.force
+    return [x for part in record.segments for x in events.slides(part, *columns, F, at_least)]
 
 
 def _clear(record: AxleRecord, s: Floats) -> Floats:
@@ -396,6 +417,12 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
             None,
             "the train speed is made of the axles, and all may creep by as much as the peak's slip "
             "and more: log a train speed to be told peak and rail",
+        )
+    if _slow(axle.record):
+        return told(
+            None,
+            "nothing tells how late the train speed is: neither peak nor rail can be told; log its "
+            "time of measurement, or a stop in which wheels roll while braked",
         )
     radius = calibrated(axle.record, vehicle)[0]
     points, mu_error = _points(axle, vehicle, found, radius.value)

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from simulated import late, recordings, simulation, write
+from simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
 from adhesion_cli.cli.app import app
@@ -21,6 +21,7 @@ from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicl
 from adhesion_cli.physics import G
 from adhesion_cli.read.log import open_source
 from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.simulate import Recording
 from adhesion_cli.write import mcap
 
 
@@ -411,6 +412,28 @@ def test_a_delay_that_no_rolling_wheel_tells_is_said_so() -> None:
         result = analysis.analyze(log, settings.load, ["leso"])
     assert result.axles[0].record.train_speed_late is None
     assert "train-clock-unknown" in codes(result)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 1.5])
+def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: float) -> None:
+    def slow(r: Recording) -> Recording:
+        some = np.flatnonzero(np.diff(r.t // 10**9, prepend=-1))
+        return replace(r, t=r.t[some] + round(seconds * 1e9), value=r.value[some])
+
+    alone = [r for r in recordings("low-adhesion") if r.axle in (None, 1)]
+    with TemporaryDirectory() as folder:
+        log = write(Path(folder) / "gnss.csv", changed(alone, "train_speed", slow))
+        result = analysis.analyze(log, settings.load, ["leso"])
+    (axle,) = result.axles
+    assert axle.record.train_speed_late is None
+    told = [f.severity for f in result.findings if f.code == "train-clock-unknown"]
+    assert told == ["warning"]
+    found, _ = slip.summary(axle, result.vehicle)
+    assert found.rail is None
+    assert axle.record.true_slip is not None
+    for x in found.slides:
+        assert x.at_least
+        assert x.max_slip < np.nanmax(axle.record.true_slip[x.where]) + 0.01
 
 
 def test_a_spike_does_not_become_the_train() -> None:
