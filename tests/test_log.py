@@ -138,9 +138,9 @@ def test_a_fault_of_one_clock_is_told_once(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", np.where(t < 5.0, t, t + 60.0), 4)
     log = survey(open_source(path, ReadOptions()), (), Vehicle())
     (gap,) = (f for f in log.findings if f.severity != "info")
-    assert (gap.code, gap.channel, gap.count, gap.first_s) == ("gap", "", 1, 4.9)
-    assert gap.message.startswith("8 channels of one clock (bc pressure 1 [bar], wheel 1 [rad/s], ")
-    assert "wheel 2 [rad/s], bc pressure 3 [bar] and 3 more): no samples for" in gap.message
+    assert (gap.code, gap.count, gap.first_s) == ("gap", 1, 4.9)
+    assert gap.channel == ", ".join(c.title for c in log.channels)
+    assert gap.message.startswith("8 channels of one clock: no samples for")
 
 
 def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 from ..model import Finding, Result, Score
 from ..text import printable
 
+_NAMES = 200  # characters of the channels of a finding; all of them are in --json
 _SEVERE = {"error": 0, "warning": 1, "info": 2}
 NARROW = 80  # columns where there is no terminal, and in a recording
 _TEXT = 16  # columns that a text keeps
@@ -117,7 +118,8 @@ def findings(found: Sequence[Finding]) -> str:
             count = (
                 f" ({f.count}×{where})" if f.count > 1 else f" ({where.strip()})" if where else ""
             )
-            channel = f" {printable(f.channel)}:" if f.channel else ""
+            named = f.channel if len(f.channel) <= _NAMES else f.channel[: _NAMES - 1] + "…"
+            channel = f" {printable(named)}:" if f.channel else ""
             lines.append(f"{f.severity:7s} {f.code}:{channel} {printable(f.message)}{count}")
         if len(shown) < len(same):
             others = ", ".join(printable(f.channel) for f in same[1:6])

@@ -18,7 +18,6 @@ from .source import ReadOptions, Source
 _KIND: dict[Meaning | None, str] = {
     "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
 }  # fmt: skip
-_NAMED = 5  # channels of one finding
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
 _WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")  # what it can do without
@@ -250,9 +249,8 @@ def _once(told: Sequence[tuple[int, Finding]]) -> list[Finding]:
         if len(names) == 1:
             findings.append(replace(f, channel=names[0]))
             continue
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        text = f"{len(names)} channels of one clock ({', '.join(names[:_NAMED])}{more}): "
-        findings.append(replace(f, message=text + f.message))
+        text = f"{len(names)} channels of one clock: {f.message}"
+        findings.append(replace(f, channel=", ".join(names), message=text))
     return findings
 
 
