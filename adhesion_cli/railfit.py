@@ -37,7 +37,10 @@ changed under the slides, there is no fit.
 
 Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over time of
 μ in the slides over that of the largest μ at the same speeds: the share that was used of what could
-have been. The curve goes through the points, so only their errors can bring it above 1.
+have been. The curve goes through the points, so only their errors can bring it above 1. Radius and
+delay err in where a slide begins and ends, too: each draw has slides of its own.
+
+μ errs more where the brake turns between two readings of its pressure: `Points.swing`.
 """
 
 import math
@@ -47,9 +50,11 @@ from typing import NamedTuple
 import numpy as np
 
 from . import compiled
+from .events import CAUGHT
 from .model import Bools, Floats, Vehicle
 from .physics import G
 from .rail import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force
+from .signals import true_runs
 
 _MOST = 400  # points of a fit
 SHORTEST = 8.0  # points of less time show no spread of errors [s]
@@ -121,6 +126,7 @@ class Points(NamedTuple):
     slip: Floats
     mu: Floats
     noise: Floats  # σ_s, 1 sigma of the slip's noise
+    swing: Floats  # 1 sigma of μ, as far as the log knows it; larger where the brake changes
     clock: Floats  # 1 sigma of slip by the train speed's delay and drift, one error for all
     sliding: Bools  # the others lie between slides
 
@@ -311,10 +317,7 @@ def fit(
     bent = curves[:, _WEIGHTS:].any(axis=1)
     blind = bent.mean() > 0.5 and 100.0 * np.mean(bent & (peaks[:, 0, 0] < low)) > _CENTRE[0]
     tall = passed and _narrow(mu) and not blind
-    hats = [np.interp(slides, speeds, unit) for unit in np.eye(_SPEEDS)]
-    h = h[points.sliding]
-    could = peaks[:, 1:, 1] @ np.average(hats, axis=1, weights=h)
-    used = _interval(scales * np.average(points.mu[points.sliding], weights=h) / could)
+    used = _utilisation(points, h, curves, scales, radius_error, speeds, peaks[:, 1:, 1])
     return RailFit(
         _rail(best.x),
         tuple(rails),
@@ -323,9 +326,39 @@ def fit(
         below if passed else None,
         at if passed and low < at.value and _narrow(at) else None,
         mu if tall else None,
-        used if tall else None,
+        _interval(used) if tall else None,
         speed,
     )
+
+
+def _utilisation(
+    p: Points, h: Floats, draws: Floats, scales: Floats, radius: float, speeds: Floats,
+    could: Floats,
+) -> Floats:  # fmt: skip
+    """Mean μ of the slides over that of the largest at the same speeds, by each draw; (draws,).
+
+    A draw's radius and delay are other slips, and slides that begin and end elsewhere.
+
+    Args:
+        p: all points.
+        h: the time that each stands for [s].
+        draws: unknowns, of each draw.
+        scales: true μ over the computed one, of each draw.
+        radius: 1 sigma, as a share of it.
+        speeds: at which the largest μ is known [m/s].
+        could: that, shape (draws, speeds).
+    """
+    found = np.empty(len(draws))
+    for j, x in enumerate(draws):
+        slip = 1.0 - (1.0 - p.slip) * (1.0 + radius * x[_RADIUS]) + p.clock * x[_DELAY]
+        inside = np.zeros(len(h), dtype=np.bool_)
+        for a, b in true_runs(slip > CAUGHT):
+            inside[a:b] = p.sliding[a:b].any()
+        inside = inside if inside.any() else p.sliding
+        largest = np.interp(p.speed[inside], speeds, could[j])
+        weight = h[inside]
+        found[j] = scales[j] * (p.mu[inside] @ weight) / (largest @ weight)
+    return found
 
 
 class _Found(NamedTuple):
@@ -367,7 +400,7 @@ class _Search(NamedTuple):
         n, size = len(self.p.t), len(start)
         mean, variance, by = np.empty(n), np.empty(n), np.empty((n, size))
         course(*what, np.clip(start, *_INSIDE), 0.0, mean, variance)
-        noise = np.sqrt(sigma * sigma + variance)
+        noise = np.sqrt(sigma * sigma + self.p.swing**2 + variance)
 
         def beside(x: Floats) -> Floats:
             course(*what, np.clip(x, *_INSIDE), 0.0, mean, variance)

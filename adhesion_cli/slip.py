@@ -42,6 +42,7 @@ _BEHIND = 0.03  # all axles this far below the reference speed slide together
 _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
 _MOVES = 1.0  # a speed sensor may read zero below, without its noise [m/s]
 _NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
+_SMEARS = 0.1  # by so much the smoother of the force spreads an error [s]
 _SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
 _DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]; see `_slow`
 _CREEPS = 0.5  # a creep that is no swing of the speeds lasts longer [s]
@@ -490,4 +491,17 @@ def _points(
     t = (record.t[at] - record.t[0]) * 1e-9
     v, clock = record.train_speed[at], _speed_error(record, _DELAY)[at]
     noise = speed_noise(record, radius)[at] / v  # of (2)
-    return railfit.Points(t, v, axle.slip[at], mu, noise, clock, sliding[at]), error
+    swing = physics.coefficient(_around(record, ref.sigma)[at], vehicle)
+    return railfit.Points(t, v, axle.slip[at], mu, noise, swing, clock, sliding[at]), error
+
+
+def _around(record: AxleRecord, sigma: Floats) -> Floats:
+    """Largest sigma of the reference within `_SMEARS`, shape (n,).
+
+    Between two readings of a pressure that turns, K is not known, and ω̇ takes on its error: the
+    smoother smears it over readings that are themselves right.
+    """
+    h = float(np.median(np.diff(record.t))) * 1e-9
+    m = max(1, round(_SMEARS / h))
+    wide = np.pad(np.nan_to_num(sigma), m)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, 2 * m + 1).max(axis=-1))

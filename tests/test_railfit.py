@@ -59,7 +59,7 @@ def logged(
     measured = mu + 0.01 * mu.mean() * np.interp(t, own, random.standard_normal(len(own)))
     measured /= 1.0 + scale * random.standard_normal()
     sigma = math.sqrt(2.0 / 3.0) * speed_noise / v
-    points = railfit.Points(t, v, seen, measured, sigma, clock, np.ones(len(t), dtype=np.bool_))
+    points = railfit.Points(t, v, seen, measured, sigma, 0.0 * t, clock, t >= 0.0)
     return points, radius, scale
 
 

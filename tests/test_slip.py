@@ -160,7 +160,7 @@ def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
     patch, wet = rail.Contact().patch(load), rail.condition("wet")
     mu = np.array([rail.creep_force(s * 15.0, 15.0, wet, patch)[0] / load for s in creep])
     mu += np.random.default_rng(1).normal(0.0, 1e-3, len(mu))
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
     found = railfit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
@@ -177,7 +177,7 @@ def test_points_beyond_the_peak_alone_bound_it(name: str) -> None:
     patch, condition = rail.Contact().patch(load), rail.condition(name)
     mu = np.array([rail.creep_force(s * speed, speed, condition, patch)[0] / load for s in creep])
     mu += np.random.default_rng(1).normal(0.0, 5e-4, len(mu))
-    points = railfit.Points(t, np.full(len(t), speed), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
+    points = railfit.Points(t, np.full(len(t), speed), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
     found = railfit.fit(points, Vehicle(), 0.0, 0.0)
     assert found is not None
     assert found.peak_slip is None
@@ -188,11 +188,53 @@ def test_points_beyond_the_peak_alone_bound_it(name: str) -> None:
     assert found.peak_mu.low < height < found.peak_mu.high < 1.2 * found.peak_mu.low
 
 
+def swinging(deepest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, slip that swings between 0.3 % and the deepest, and its μ on a low rail at 15 m/s."""
+    t, speed = np.arange(0.0, 20.0, 0.02), 15.0
+    depth = 0.5 * math.log(deepest / 0.003)
+    creep = deepest * np.exp(depth * (np.sin(4.0 * t) - 1.0))
+    load = Vehicle().axle_mass.value * G
+    patch, condition = rail.Contact().patch(load), rail.condition("low")
+    mu = [rail.creep_force(s * speed, speed, condition, patch)[0] / load for s in creep.tolist()]
+    return t, creep, np.array(mu)
+
+
+def test_forces_known_to_err_where_the_brake_turns_move_no_peak() -> None:
+    t, creep, mu = swinging(0.25)
+    turns = (creep > 0.06) & (np.gradient(creep) > 0.0)
+    noise = np.random.default_rng(2).normal(0.0, 3e-4, len(t))
+    seen = np.where(turns, 0.9, 1.0) * mu + noise
+    swing = np.where(turns, 0.1, 0.0) * mu
+    zero = 0.0 * t
+    points = railfit.Points(t, zero + 15.0, creep, seen, zero, swing, zero, creep > 0.01)
+    found = railfit.fit(points, Vehicle(), 0.0, 0.0)
+    assert found is not None
+    assert found.peak_slip is not None
+    at, _ = true_curve("low", 1.0, found.speed)
+    assert found.peak_slip.low < at < found.peak_slip.high
+    assert found.peak_slip.value == pytest.approx(at, rel=0.1)
+
+
+def test_utilisation_knows_that_slides_may_begin_and_end_elsewhere() -> None:
+    t, creep, mu = swinging(0.12)
+    clock, zero = 0.01, 0.0 * t
+    seen = creep - clock + np.random.default_rng(3).normal(0.0, 5e-4, len(t))
+    sliding = seen - 2.0 * clock > 0.01  # as slides are found
+    points = railfit.Points(t, zero + 15.0, seen, mu, zero + 5e-4, zero, zero + clock, sliding)
+    found = railfit.fit(points, Vehicle(), 0.0, 0.0)
+    assert found is not None
+    assert found.utilisation is not None
+    true = mu[creep > 0.01].mean() / true_curve("low", 1.0, 15.0)[1]
+    assert abs(mu[sliding].mean() / mu[creep > 0.01].mean() - 1.0) > 0.02
+    assert found.utilisation.low < true < found.utilisation.high
+    assert found.utilisation.high < 1.2 * found.utilisation.low
+
+
 def test_a_rail_that_changes_has_no_curve() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
-    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, 0.0 * t, 0.0 * t, t >= 0.0)
+    points = railfit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
     assert railfit.enough(points)
     assert railfit.fit(points, Vehicle(), 0.0, 0.0) is None
     assert not railfit.enough(railfit.Points._make(x[: int(7.0 / 0.02)] for x in points))
