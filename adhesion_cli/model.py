@@ -374,3 +374,8 @@ class Result:
     findings: tuple[Finding, ...]
     settings: dict[str, Any]  # every parameter used, as TOML would hold it
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
+
+    def brake_ns(self) -> int:
+        """When the first brake of any axle begins, else the log [ns]: a recording's time zero."""
+        begun = [int(a.record.t[a.applications[0].start]) for a in self.axles if a.applications]
+        return min(begun, default=self.log.start_ns())

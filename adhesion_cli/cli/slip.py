@@ -41,8 +41,8 @@ def command(logs: Logs, shared: Shared) -> int:
         of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
         summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
-        start = result.log.start_ns()
-        notes = [(f"```\n{table([s], start, shares=False)}\n```", s.rail) for s in of]
+        zero = result.brake_ns()
+        notes = [(f"```\n{table([s], zero, shares=False)}\n```", s.rail) for s in of]
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.settings["bands"])
@@ -67,11 +67,11 @@ _OF_CURVE = (
 )
 
 
-def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) -> str:
-    """Peak, utilisation and regions of every axle, the rails, every slide.
+def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> str:
+    """Peak, utilisation and regions of every axle, the rails, every slide from `zero_ns` on.
 
     Without `shares` there are no regions, each value is a line, and all is as narrow as a
-    recording's notes.
+    recording's notes; times there are a recording's, from the brake on.
     """
     from ..slope import REGIONS
     from . import show
@@ -119,7 +119,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
     parts += [show.folded(_OF_CURVE, width=width)] if rails else []
     head = [
         "axle",
-        "slide at [s]",
+        "slide at [s]" if shares else "from brake [s]",
         "duration [s]",
         "distance [m]",
         "largest slip [%]",
@@ -127,7 +127,7 @@ def table(summaries: "Sequence[Summary]", start_ns: int, shares: bool = True) ->
     ]
     rows = [
         [
-            str(s.axle), show.number((x.start - start_ns) / 1e9, 2),
+            str(s.axle), show.number((x.start - zero_ns) / 1e9, 2),
             *(
                 "≥ " * (x.at_least and value is not None) + show.number(value, digits)
                 for value, digits in (

@@ -125,9 +125,7 @@ class _Page:
         self.result, self.colours, self.notes = result, colours, notes
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
-        started = [int(a.record.t[a.applications[0].start]) for a in result.axles if a.applications]
-        self.start = result.log.start_ns()
-        self.zero = min(started, default=self.start)  # brake start
+        self.start, self.zero = result.log.start_ns(), result.brake_ns()
         points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
         stated = result.settings.get("bands")
@@ -189,7 +187,7 @@ class _Page:
         if record.train_speed is not None:
             speeds.insert(0, ("train", TRAIN, column(record.train_speed, 3.6)))
         yield lines("speed", speeds)
-        brake = [("clamping force K [kN]", CLAMPING, column(record.clamping_force, 1e-3))]
+        brake = [("clamping force K [10 kN]", CLAMPING, column(record.clamping_force, 1e-4))]
         if record.pressure is not None:
             bar = column(record.pressure, 1e-5)
             brake.insert(0, ("brake cylinder pressure [bar]", PRESSURE, bar))
@@ -301,7 +299,7 @@ class _Page:
         force = span_of([reference.lower, reference.upper], list(estimates.values()))
         rows = [
             chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
-            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [kN]"),
+            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
             chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
         ]
         shares = [3.0, 3.0, 6.0]
@@ -330,7 +328,7 @@ class _Page:
         N = axle.record.axle
         rows: list[rrb.View] = [
             chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
-            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [kN]"),
+            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
         ]
         shares = [3.0, 3.0]
         if axle.slope is not None:
