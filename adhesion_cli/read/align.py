@@ -303,10 +303,7 @@ def _by_axle(log: Log, meaning: Meaning) -> dict[int | None, Channel]:
 
 
 def _as_read(log: Log, findings: list[Finding]) -> Log:
-    """The log with speeds that repeat their readings as these were: repeats are no measurements.
-
-    A wheel speed without them, a train speed on straight lines between its own samples.
-    """
+    """The log with the speeds as they were measured: what a table repeats is no measurement."""
     channels = []
     for c in log.channels:
         every = 0.0
@@ -314,11 +311,8 @@ def _as_read(log: Log, findings: list[Finding]) -> Log:
             every = held.interval(c)
         if every:
             own = held.readings(c, every)
-            repeats, used = len(c.data.t) - len(own.data.t), "one of each is used"
-            if c.meaning == "train_speed":
-                own = replace(held.straightened(c, every), rate_hz=own.rate_hz)
-                used = "straight lines between them are used"
-            text = f"each reading is repeated for {every:.3g} s: {used}"
+            text = f"each reading is repeated for {every:.3g} s: one of each is used"
+            repeats = len(c.data.t) - len(own.data.t)
             findings.append(Finding("speed-held", "info", text, c.title, repeats))
             c = own
         channels.append(c)
