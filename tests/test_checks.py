@@ -536,6 +536,30 @@ def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_
     assert outside(result) < 0.1
 
 
+@pytest.mark.parametrize("share", [0.5, 0.9])
+@pytest.mark.parametrize("axles", [(1,), (1, 2, 3, 4)])
+@pytest.mark.parametrize("name", ["service-brake", "four-axles"])
+def test_what_follows_of_a_saturated_pressure_is_not_told_beside_it(
+    name: str, axles: tuple[int, ...], share: float, tmp_path: Path
+) -> None:
+    whole = clean(name, 1, "as it is")
+    ends = simulated.saturated(whole, share)
+    log = [bad if r.axle in (None, *axles) else r for r, bad in zip(whole, ends, strict=True)]
+    assert {f.code for f in found(log, tmp_path)} == {"pressure-saturated"}
+
+
+@pytest.mark.parametrize("times", [3.0, 5.0, 8.0, 10.0, 20.0])
+def test_time_stamps_too_fast_are_told_by_as_much_with_a_train_speed_too(
+    times: float, tmp_path: Path
+) -> None:
+    log = simulated.slower(clean("four-axles", 1, "as it is"), 1.0 / times)
+    (told,) = found(log, tmp_path)
+    assert told.code == ("unit-suspect" if times > 6.0 else "vehicle-suspect")
+    assert told.severity == "warning"
+    factor = float(told.message.split("slows ")[1].split()[0])
+    assert factor == pytest.approx(times, rel=0.03)
+
+
 def test_milliseconds_taken_for_seconds_are_told_as_that(tmp_path: Path) -> None:
     told = found(simulated.slower(clean("service-brake", 1, "as it is"), 1e3), tmp_path)
     assert [(f.code, f.severity) for f in told] == [("unit-suspect", "warning")]

@@ -13,7 +13,7 @@ from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
 from . import braking
 from .excursions import HIGHEST
-from .grid import FREE, LEAST, Scene, far, largest, lasting
+from .grid import FREE, LEAST, Scene, far, largest, lasting, slowed
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
@@ -288,14 +288,21 @@ class _Fit(NamedTuple):
 
 
 def _fit(s: Scene) -> _Fit | None:
-    """None where the log has too little of a brake application that says how the train slows."""
-    g, made = s.grid, s.made
+    """None where the log has too little of a brake application that says how the train slows.
+
+    A wheel's inertia is beside the deceleration, as that of a train that rolls with it: it is
+    measured as that is, and one too high to be true would leave a brake's force nothing.
+    """
+    g = s.grid
     K = g.mean(np.mean(g.clamping, axis=0))
-    used = np.isfinite(g.braking) & np.isfinite(made)
+    made, slowing = s.by_rolling * K, g.braking
+    if g.train is not None:
+        slowing = s.wheels[0].rolling * (slowing + slowed(g, s.wheels))
+    used = np.isfinite(slowing) & np.isfinite(s.made)
     used &= ~far(FREE * np.nanmax(K, initial=0.0) > K, round(_BESIDE / g.step))
     if used.sum() < LEAST or not (K[used] > 0.0).any():
         return None
-    x, y = made[used], g.braking[used]
+    x, y = made[used], slowing[used]
     low, high = np.percentile(x, [5.0, 95.0])
     level = 0.0  # braked all the time: no telling a gradient from the brake
     slope = float(x @ y / (x @ x))

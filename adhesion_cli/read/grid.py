@@ -43,7 +43,10 @@ class Axle(NamedTuple):
 
 @dataclass(frozen=True)
 class Grid:
-    """All axles on one even time axis; NaN where a channel has no sample nearby."""
+    """All axles on one even time axis; NaN where a channel has no sample nearby, or a wrong one.
+
+    Wrong is a pressure, and its K, where its sensor's range ends.
+    """
 
     first: int  # its first time [ns]
     step: float  # [s]
@@ -164,14 +167,18 @@ class Scene(NamedTuple):
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     @property
+    def wheels(self) -> list[Wheelset]:
+        """Constants of each axle's wheels."""
+        return [wheelset(self.vehicle, a.record.axle) for a in self.axles]
+
+    @property
     def made(self) -> Floats:
         """Deceleration that the adhesion of all wheels makes, (n,) [m/s²]; NaN where not known.
 
         Without a train speed only of wheels that roll, by K alone: others say nothing of the train.
         """
         if self.grid.train is not None:
-            axles = (a.record.axle for a in self.axles)
-            return adhesion(self.grid, [wheelset(self.vehicle, axle) for axle in axles])
+            return adhesion(self.grid, self.wheels)
         K = self.grid.mean(np.mean(self.grid.clamping, axis=0))
         return np.where(self.grid.rolling.all(axis=0), self.by_rolling * K, np.nan)
 
@@ -220,10 +227,13 @@ def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid
         r = a.record
         own = (r.t - first) / 1e9
         radius = vehicle.radius(r.axle).value
+        ends = False if r.saturated is None else r.saturated  # the true one is higher there
         rim[i] = radius * _even(own, r.wheel_speed, r.segments, t, step)
-        clamping[i] = _even(own, r.clamping_force_smooth, r.segments, t, step)
+        K = np.where(ends, np.nan, r.clamping_force_smooth)
+        clamping[i] = _even(own, K, r.segments, t, step)
         if r.pressure is not None:
-            pressure[i] = _even(own, r.pressure, r.segments, t, step)
+            p = np.where(ends, np.nan, r.pressure)
+            pressure[i] = _even(own, p, r.segments, t, step)
         if train is None and r.train_speed is not None:
             train = _even(own, r.train_speed, r.segments, t, step)
     return Grid(first, step, rim, clamping, pressure, train)
@@ -252,9 +262,17 @@ def adhesion(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
 
     NaN where one may stand: it has less than φK. Source: (1).
     """
-    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
-    made = [(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each]
-    return np.where((g.rim > CRAWL).all(axis=0), np.mean(made, axis=0), np.nan)
+    by_brake = np.mean(
+        [w.phi / w.mass * K for w, K in zip(wheels, g.mean(g.clamping), strict=True)], axis=0
+    )
+    return np.where((g.rim > CRAWL).all(axis=0), by_brake - slowed(g, wheels), np.nan)
+
+
+def slowed(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
+    """Mean −I ω̇/(R m) of all wheels, what of their brakes goes into them, (n,) [m/s²]."""
+    each = zip(wheels, g.slope(g.rim), strict=True)
+    lost: Floats = -np.mean([w.inertia / w.radius**2 / w.mass * rim for w, rim in each], axis=0)
+    return lost
 
 
 def largest(x: Floats) -> Floats:
