@@ -33,7 +33,8 @@ the peak, at the slides' middle speed, if there are points beyond it. The slip m
 both sides. μ needs none before it: friction that falls with sliding leads back to the peak's height
 where the flank is not seen, and then the slip is told to be less than so much; but nothing leads
 back where the rail is likelier not (3). Where no curve goes through the points, because the rail
-changed under the slides, there is no fit.
+changed under the slides, there is no fit. A curve that may bend and go with the speed passes
+between two rails: nor is there one where a step of all μ, at some time, is clearly left beside it.
 
 Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over time of
 μ in the slides over that of the largest μ at the same speeds: the share that was used of what could
@@ -67,6 +68,8 @@ _TOLD = 3.0  # widest interval of a constant that is told, high over low
 _USUAL = Condition(k_a=0.5, k_s=0.2, f0=0.1, A=0.4, B=0.3)
 _WIDE = 1.3, 1.3, 1.5, 1.3, 1.3
 _LEFT = 0.15  # largest rms beside the curve, over the largest μ
+_STEPPED = 0.1, 5.0  # least step of ln μ that is another rail, and the sigma that it is clear by
+_PIECE = 0.1  # share of the points at least on each side of it: fewer move no curve by much
 _EVALUATIONS = 50
 _INSIDE = -12.0, 3.0  # unknowns beyond are no rail, and exponentials overflow
 _CLOSE = 1e-4  # relative change at which a search ends
@@ -297,6 +300,8 @@ def fit(
     for j in range(_DRAWS):
         draws[j] = weak.draw(sigma, best.x, random)
     curves = _bent(search, sigma, draws, best.x, random)
+    if curves is None:
+        return None
     for drawn in (draws, curves):
         drawn[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
     rails = [_rail(x) for x in draws]
@@ -367,6 +372,8 @@ class _Found(NamedTuple):
     x: Floats  # the unknowns, shape (unknowns,)
     left: Floats  # errors beside it, in sigma, shape (n,)
     likely: float  # logarithm of how likely the points are on such curves, but for a constant
+    errors: Floats  # those as weighed and, behind, of what is known; shape (n + unknowns,)
+    slopes: Floats  # of these with the unknowns, shape (n + unknowns, unknowns)
 
     @property
     def rms(self) -> float:
@@ -423,7 +430,8 @@ class _Search(NamedTuple):
         volume = float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
         wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(noise).sum())
         likely = -float(found.cost) - 0.5 * volume - wide
-        return _Found(np.clip(found.x, *_INSIDE), beside(found.x), likely)
+        at = np.clip(found.x, *_INSIDE)
+        return _Found(at, beside(found.x), likely, found.fun, found.jac)
 
     def draw(self, sigma: float, start: Floats, random: np.random.Generator) -> Floats:
         """The unknowns of the best curve for other errors, as likely as those that are left."""
@@ -441,8 +449,10 @@ def _bend(p: Points, low: float, high: float) -> Bend:
 
 def _bent(
     straight: _Search, sigma: float, draws: Floats, best: Floats, random: np.random.Generator
-) -> Floats:
+) -> Floats | None:
     """Draws of the curve that the rail may have, be it (3) or not, shape (draws, unknowns).
+
+    None where the points are of two rails.
 
     Args:
         straight: search among curves (3).
@@ -461,6 +471,8 @@ def _bent(
     weight = 1.0 / math.sqrt(_alike(straight.p.t, searches[-1].run(sigma, start).left))
     searches = [of._replace(weight=weight) for of in searches]
     found = [of.run(sigma, start[: len(of.known)]) for of in searches]
+    if _stepped(straight.p.t, found[-1], weight):
+        return None
     share = np.exp([f.likely - max(f.likely for f in found) for f in found])
     count = len(draws)
     which = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(count) + 0.5) / count)
@@ -468,6 +480,31 @@ def _bent(
     for j in np.flatnonzero(which).tolist():
         curves[j] = searches[which[j]].draw(sigma, found[which[j]].x, random)
     return curves
+
+
+def _stepped(t: Floats, f: _Found, weight: float) -> bool:
+    """All μ is another one from some time on, whatever else the unknowns may explain.
+
+    The errors that a step has to outdo are those that it leaves: beside one curve for two rails
+    they are the step's own.
+
+    Args:
+        t: of the points [s].
+        f: the best of the curves that may bend.
+        weight: of a point's error in it.
+    """
+    n, (least, sigma) = len(t), _STEPPED
+    first = np.arange(math.ceil(_PIECE * n), math.floor((1.0 - _PIECE) * n))
+    own = np.linalg.qr(f.slopes)[0]
+    steps = np.zeros((len(f.slopes), len(first)))
+    steps[:n] = f.slopes[:n, [_K_A, _F0]].sum(axis=1)[:, None]  # kA, and kS with it, and f0
+    steps[:n] *= np.arange(n)[:, None] >= first
+    steps -= own @ (own.T @ steps)
+    told, seen = np.sum(steps**2, axis=0), f.errors @ steps
+    k = int(np.argmax(seen**2 / told))
+    step = float(seen[k] / told[k])
+    others = _alike(t, f.left - step / weight * steps[:n, k])
+    return abs(step) > least and step**2 * float(told[k]) > sigma**2 * weight**2 * others
 
 
 def _alike(t: Floats, left: Floats) -> float:

@@ -91,6 +91,21 @@ def test_the_intervals_hold(rails: int) -> None:
     assert len(held["f0"]) > 0.8 * rails
 
 
+@pytest.mark.parametrize(("seed", "step", "at"), [(0, 0.8, 0.3), (3, 1.25, 0.7)])
+def test_two_rails_have_no_curve(seed: int, step: float, at: float) -> None:
+    """A curve that goes with the speed too would pass between them."""
+    _, points, radius, scale = drawn(seed)
+    mu = np.where(points.t > at * points.t[-1], step, 1.0) * points.mu
+    assert railfit.fit(points, Vehicle(), radius, scale) is not None
+    assert railfit.fit(points._replace(mu=mu), Vehicle(), radius, scale) is None
+
+
+def test_a_rail_that_is_nowhere_quite_the_same_has_one() -> None:
+    _, points, radius, scale = drawn(1)
+    mu = points.mu * (1.0 + 0.03 * np.sin(0.7 * points.t))
+    assert railfit.fit(points._replace(mu=mu), Vehicle(), radius, scale) is not None
+
+
 def magic(random: np.random.Generator) -> Callable[[Floats], Floats]:
     """Pacejka's magic formula, flat to sharp."""
     C, E = random.uniform(1.15, 1.9), random.uniform(-2.0, 0.8)
