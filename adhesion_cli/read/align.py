@@ -313,7 +313,8 @@ def _as_read(log: Log, findings: list[Finding]) -> Log:
             own = held.readings(c, every)
             text = f"each reading is repeated for {every:.3g} s: one of each is used"
             repeats = len(c.data.t) - len(own.data.t)
-            findings.append(Finding("speed-held", "info", text, c.title, repeats))
+            first = (int(c.data.t[0]) - log.start_ns()) / 1e9
+            findings.append(Finding("speed-held", "info", text, c.title, repeats, first))
             c = own
         channels.append(c)
     return replace(log, channels=tuple(channels))
