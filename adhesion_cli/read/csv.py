@@ -51,6 +51,7 @@ _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of word
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _MANY = 20_000_000  # cells, from which loading the compiled parser pays
 _TRIES = 8  # blocks that are not plain, in excess of those that are, before no more are tried
+_PIECE = 1 << 16  # bytes looked at together: a copy of them stays in the cache
 _T, _GROUP = -1, -2  # what a scan gives beside its columns
 _HALF_DAY = 43_200 * 1_000_000_000
 _SKIPPED = {
@@ -566,14 +567,15 @@ class _Scan:
         The parser asks about each of them, which takes as long as a hundred sound ones. Those that
         may be blank, comments or holes are left to it; None where the block is as it was.
         """
-        text = np.frombuffer(block.data, np.uint8, block.size)
-        marks = text == ord(block.delimiter)
-        if block.quotes or np.count_nonzero(marks) == block.lines * (self.dialect.width - 1):
+        text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
+        pieces = (text[i : i + _PIECE] for i in range(0, len(text), _PIECE))
+        marks = sum(np.count_nonzero(piece == mark) for piece in pieces)
+        if block.quotes or marks == block.lines * (self.dialect.width - 1):
             return block, [], None
         feeds = np.flatnonzero(text == 10)
         starts = np.append(0, feeds[:-1] + 1)
         starts, ends = starts[feeds > starts], feeds[feeds > starts]
-        before = np.searchsorted(np.flatnonzero(marks), [starts, ends])
+        before = np.searchsorted(np.flatnonzero(text == mark), [starts, ends])
         cells = before[1] - before[0] + 1
         bare = (text[starts] < 128) & ~np.isin(
             text[starts], list(b"\0 \t\r\f\v\x1c\x1d\x1e\x1f#%/")
