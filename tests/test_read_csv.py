@@ -275,9 +275,42 @@ def test_rows_left_out_are_counted_by_class_and_located(log):
         "time missing": 1, "comment": 1, "blank": 1,
     }  # fmt: skip
     (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
-    assert skipped.count == 5
+    assert (skipped.count, skipped.first_s) == (5, 0.0)
     for place in ("line 3: '1;2;3'", "line 4: '2'", "line 5: 'abc;4'", "line 6: ';5'"):
         assert place in skipped.message
+
+
+@pytest.mark.parametrize(
+    ("lines", "first_s"),
+    [
+        ([";7", "10;1", "12;1", "15;1"], 0.0),  # none before it: the one behind it
+        (["10;1", "12;1", "x", "15;1", "abc;2"], 2.0),
+        (["10;1", "12;1", "abc;3", "y", "15;1"], 2.0),
+        (["10;1", "12;1", "15;1", ";4"], 5.0),
+        ([*(f"{10 + k};1" for k in range(200_000)), "x", "300000;1"], 199_999.0),  # blocks later
+    ],
+)
+def test_rows_left_out_say_when(log, lines, first_s):
+    source, _ = read(log, "t [s];p\n" + "\n".join(lines) + "\n")
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert skipped.first_s == first_s
+
+
+@pytest.mark.parametrize("stamp", ["2024-10-27 02:59:{}", "02:59:{}", "02:59:{} +0100"])
+@pytest.mark.parametrize(("rate", "digits"), [(100, 3), (30, 6)])
+def test_fractions_without_leading_zeros_are_refused(log, stamp, rate, digits):
+    seconds = [divmod(k * 10**digits // rate, 10**digits) for k in range(300)]
+
+    def text(form):
+        rows = (f"{stamp.format(f'{5 + s:02}.{form(f)}')};{s}" for s, f in seconds)
+        return "Time;p\n" + "\n".join(rows) + "\n"
+
+    with pytest.raises(UserError, match="lack their leading zeros") as refused:
+        read(log, text(str))
+    assert f"all {digits} decimals" in refused.value.hint
+    for sound in (lambda f: f"{f:0{digits}}", lambda f: f"{f:0{digits}}".rstrip("0") or "0"):
+        _, columns = read(log, text(sound))
+        assert len(columns["p"].t) == 300
 
 
 def test_many_rows_of_another_width_are_counted_and_cost_little(log):

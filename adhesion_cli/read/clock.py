@@ -377,7 +377,10 @@ def _clock_of(
     dated = unit in ("iso", "dmy", "mdy") or (unit is None and is_date_name(dialect.names[i]))
     if numeric and not (dated and _share(cells, r"[12][0-9]{7}") == 1):
         return _number_clock(dialect, i, unit, rows, path, why)
-    return _stamp_clock(dialect, i, unit, path, why)
+    clock = _stamp_clock(dialect, i, unit, path, why)
+    if clock:
+        _refuse_unpadded(dialect, clock, path)
+    return clock
 
 
 def _number_clock(
@@ -591,6 +594,35 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         return None
     reason = f"{why}; time of day in {names}, without a date"
     return Clock((i,), "", pattern, dialect.decimal, False, reason, (pa.string(),))
+
+
+def _refuse_unpadded(dialect: Dialect, clock: Clock, path: Any) -> None:
+    """Refuses stamps whose fraction is a whole number of ms, us or ns without leading zeros.
+
+    "5.7" is 5.007 s then. Read as decimals such stamps fall once a second, as a number never.
+    """
+    rows = zip(*(dialect.column(k) for k in clock.columns), strict=False)
+    found = [m for row in rows if (m := re.fullmatch(clock.pattern, " ".join(row)))]
+    digits = {len(m["f"]) for m in found if m["f"]} if "(?P<f>" in clock.pattern else set()
+    if len(digits) < 2 or (most := max(digits)) > 9:
+        return
+    width = -(-most // 3) * 3
+    padded = [
+        m.string[: m.start("f")] + m["f"].zfill(width) + m.string[m.end("f") :]
+        if m["f"] else m.string for m in found
+    ]  # fmt: skip
+    (t, _), (as_number, _) = (
+        _stamps(pa.array(x), clock.pattern) for x in ([m.string for m in found], padded)
+    )
+    falls = np.flatnonzero(np.diff(t) < 0)
+    if len(falls) and not (np.diff(as_number) < 0).any():
+        k = int(falls[0])
+        raise UserError(
+            f"{path}: the fractions of a second in {dialect.names[clock.columns[-1]]!r} lack their "
+            f"leading zeros: {found[k][0]!r} stands before {found[k + 1][0]!r}, as if it were "
+            f"{padded[k]!r}",
+            f"export the time with all {width} decimals; nothing is repaired here",
+        )
 
 
 def _unnamed(pattern: str) -> str:

@@ -189,8 +189,9 @@ class CsvSource:
         self.rows = scan.lines["used"] + scan.lines["other group"]
         self.rejects = scan.rejects or ()
         self._refuse_time(t)
-        self._report_rows(scan)
-        self._report_cells(scan, earliest(t))
+        start = earliest(t)
+        self._report_rows(scan, start)
+        self._report_cells(scan, start)
         of_day = self._clock.pattern and not self.absolute
         if of_day and (back := int((np.diff(unwrapped(t)[0]) < -_HALF_DAY).sum())):
             self._report(
@@ -260,13 +261,14 @@ class CsvSource:
         found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
         return len(found) > len(cells) / 2
 
-    def _report_rows(self, scan: "_Scan") -> None:
+    def _report_rows(self, scan: "_Scan", start: int) -> None:
         skipped = {c: scan.lines[c] for c in _SKIPPED if scan.lines[c]}
         if skipped:
+            assert scan.skipped_at is not None
             parts = [f"{n} {_SKIPPED[c]} ({scan.where(c)})" for c, n in skipped.items()]
             self._report(
                 "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
-                sum(skipped.values()),
+                sum(skipped.values()), (scan.skipped_at - start) / 1e9,
             )  # fmt: skip
         if scan.again:
             text = f"{scan.again} rows are the header again ({scan.where('again')}): nothing lost"
@@ -382,6 +384,7 @@ class _Scan:
     tries: int = 0  # at taking a block as plain numbers
     ended: bool = False  # by a header of other columns
     again: int = 0  # rows that are the header once more
+    skipped_at: int | None = None  # time before the first row left out, else behind it [ns]
 
     def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
         """Times, group codes and values of the rows that have a time and a wanted group."""
@@ -410,6 +413,8 @@ class _Scan:
             self._count_groups(part, keep)
             for i, state in part.states.items():
                 self._count_cells(part, i, state, keep)
+            if self.skipped_at is None:
+                self.skipped_at = self._beside_skipped(part, keep)
             self._close_up(part, keep)
         self.lines["used"] = self.used
         self.damage, self.open_end = source.damage, source.open_end
@@ -424,7 +429,23 @@ class _Scan:
                 'state the time, as time = {channel = "…", unit = "s"} under [channels]',
             )
         final = {i: column[: self.used] for i, column in self.columns.items()}
+        if self.skipped_at is None:  # what ends the file
+            self.skipped_at = int(final[_T][-1])
         return final[_T], final.get(_GROUP, np.empty(0, np.int64)), final
+
+    def _beside_skipped(self, part: _Part, keep: Bools) -> int | None:
+        """Time of the row before the first one left out, else behind it; None for none yet."""
+        left_out = [c for c in _SKIPPED if self.lines[c]]
+        rows = np.flatnonzero(keep)
+        if not left_out or not (self.used or len(rows)):
+            return None
+        t = self.columns[_T][part.rows][rows]
+        lines = part.places(part.numbers(rows))[:, 2]
+        first = min(self.first[c][0] if c in self.first else 0 for c in left_out)
+        before = int(np.searchsorted(lines, first))
+        if before == 0 and self.used:
+            return int(self.columns[_T][self.used - 1])
+        return int(t[max(before - 1, 0)])
 
     def where(self, kind: str) -> str:
         """Where lines of a kind that is skipped begin, and how the first one reads."""
