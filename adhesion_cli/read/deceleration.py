@@ -13,7 +13,7 @@ from ..model import Z95, Bools, Finding, Floats, Severity
 from ..physics import GRADIENT, LOCKING, G, clamping_force
 from . import braking
 from .excursions import HIGHEST
-from .grid import FREE, LEAST, Scene, far, largest, lasting, slowed
+from .grid import FREE, LEAST, Scene, far, largest, lasting
 from .units import listed, others
 
 _FASTEST = 500.0 / 3.6  # no train is faster [m/s]
@@ -159,12 +159,11 @@ def _late(s: Scene, severity: Severity, doubt: str = "") -> Finding:
 def another_factor(s: Scene) -> Iterator[Finding]:
     """The train slows as many times as hard as the pressure explains, all along."""
     fit = _fit(s)
-    if fit is None:
+    if fit is None or not _clear(fit):
         return
+    if s.grid.train is not None and (rolling := _fit(s, rolls=True)) and _clear(rolling):
+        fit = rolling if fit.slope <= 0.0 or not _as_stated(s, fit.slope) else fit
     factor = fit.slope
-    absurd = not 1.0 / _ABSURD < factor < _ABSURD
-    if fit.explained < (0.5 if absurd else _CLEAR if fit.varied else _CLEARER):
-        return
     gradient = _CHANGES if fit.varied else GRADIENT
     if factor <= 0.0 or abs(factor - 1.0) * fit.top < gradient:
         return
@@ -287,22 +286,22 @@ class _Fit(NamedTuple):
     slows: bool  # by much of its speed, as no rig does
 
 
-def _fit(s: Scene) -> _Fit | None:
+def _fit(s: Scene, rolls: bool = False) -> _Fit | None:
     """None where the log has too little of a brake application that says how the train slows.
 
-    A wheel's inertia is beside the deceleration, as that of a train that rolls with it: it is
-    measured as that is, and one too high to be true would leave a brake's force nothing.
+    Args:
+        s: the log.
+        rolls: only where all wheels do, by K alone. Else their inertia is measured: wheels that
+            slow harder than is true are left no adhesion by it.
     """
     g = s.grid
     K = g.mean(np.mean(g.clamping, axis=0))
-    made, slowing = s.by_rolling * K, g.braking
-    if g.train is not None:
-        slowing = s.wheels[0].rolling * (slowing + slowed(g, s.wheels))
-    used = np.isfinite(slowing) & np.isfinite(s.made)
+    made = np.where(g.rolling.all(axis=0), s.by_rolling * K, np.nan) if rolls else s.made
+    used = np.isfinite(g.braking) & np.isfinite(made)
     used &= ~far(FREE * np.nanmax(K, initial=0.0) > K, round(_BESIDE / g.step))
     if used.sum() < LEAST or not (K[used] > 0.0).any():
         return None
-    x, y = made[used], slowing[used]
+    x, y = made[used], g.braking[used]
     low, high = np.percentile(x, [5.0, 95.0])
     level = 0.0  # braked all the time: no telling a gradient from the brake
     slope = float(x @ y / (x @ x))
@@ -315,6 +314,12 @@ def _fit(s: Scene) -> _Fit | None:
     speed = g.fastest[used]
     slows = bool(np.nanmin(speed) < _STOPS * np.nanmax(speed))
     return _Fit(slope, 1.0 - left / whole if whole else 0.0, float(x.max()), varied, slows)
+
+
+def _clear(fit: _Fit) -> bool:
+    """Whether the line explains how the train slows."""
+    absurd = not 1.0 / _ABSURD < fit.slope < _ABSURD
+    return fit.explained >= (0.5 if absurd else _CLEAR if fit.varied else _CLEARER)
 
 
 def _alike(x: Floats, y: Floats) -> bool:

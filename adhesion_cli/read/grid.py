@@ -167,18 +167,14 @@ class Scene(NamedTuple):
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     @property
-    def wheels(self) -> list[Wheelset]:
-        """Constants of each axle's wheels."""
-        return [wheelset(self.vehicle, a.record.axle) for a in self.axles]
-
-    @property
     def made(self) -> Floats:
         """Deceleration that the adhesion of all wheels makes, (n,) [m/s²]; NaN where not known.
 
         Without a train speed only of wheels that roll, by K alone: others say nothing of the train.
         """
         if self.grid.train is not None:
-            return adhesion(self.grid, self.wheels)
+            axles = (a.record.axle for a in self.axles)
+            return adhesion(self.grid, [wheelset(self.vehicle, axle) for axle in axles])
         K = self.grid.mean(np.mean(self.grid.clamping, axis=0))
         return np.where(self.grid.rolling.all(axis=0), self.by_rolling * K, np.nan)
 
@@ -262,17 +258,9 @@ def adhesion(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
 
     NaN where one may stand: it has less than φK. Source: (1).
     """
-    by_brake = np.mean(
-        [w.phi / w.mass * K for w, K in zip(wheels, g.mean(g.clamping), strict=True)], axis=0
-    )
-    return np.where((g.rim > CRAWL).all(axis=0), by_brake - slowed(g, wheels), np.nan)
-
-
-def slowed(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
-    """Mean −I ω̇/(R m) of all wheels, what of their brakes goes into them, (n,) [m/s²]."""
-    each = zip(wheels, g.slope(g.rim), strict=True)
-    lost: Floats = -np.mean([w.inertia / w.radius**2 / w.mass * rim for w, rim in each], axis=0)
-    return lost
+    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
+    made = [(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each]
+    return np.where((g.rim > CRAWL).all(axis=0), np.mean(made, axis=0), np.nan)
 
 
 def largest(x: Floats) -> Floats:
