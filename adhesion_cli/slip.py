@@ -366,10 +366,13 @@ def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
 
 
 def _creeps(record: AxleRecord, s: Floats) -> list[slice]:
-    """Where slip is none of a rolling wheel's, and lasts; in the order of time."""
-    clear, found = _clear(record, s), []
+    """Where slip is none of a rolling wheel's, and lasts; in the order of time.
+
+    Of a braked wheel: one without a brake rolls, and what slip it shows is its radius's error.
+    """
+    creeps, found = (_clear(record, s) > CAUGHT) & (record.clamping_force > 0.0), []
     for part in record.segments:
-        for first, past in signals.true_runs(clear[part] > CAUGHT):
+        for first, past in signals.true_runs(creeps[part]):
             run = slice(part.start + first, part.start + past)
             if record.t[run.stop - 1] - record.t[run.start] >= _CREEPS * 1e9:
                 found.append(run)
