@@ -20,6 +20,7 @@ _KIND: dict[Meaning | None, str] = {
 }  # fmt: skip
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
+_MAY_BE = 0.5  # the same of the gaps between them, with their digits' rounding
 _WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")  # what it can do without
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -426,7 +427,8 @@ def _tick(speed: Floats, step: float) -> float:
     periods = np.unique(1.0 / head[head > max(0.5 * float(head.max(initial=0.0)), 1e-9)])
     if len(periods) < 12 or periods[-1] < 1.2 * periods[0]:
         return 0.0
-    usual = float(np.quantile(np.diff(periods), 0.1))  # a tick, or some where speed falls fast
+    gaps = np.diff(periods)
+    usual = float(np.quantile(gaps, 0.1))  # a tick, or some where speed falls fast
     if usual < max(_FINEST * periods[0], 2.0 * step * periods[0] ** 2):
         return 0.0
 
@@ -437,6 +439,8 @@ def _tick(speed: Floats, step: float) -> float:
     some = periods[:: max(1, len(periods) // 200)]
     close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
     for parts in (1, 2, 3):
+        if agree(np.array([usual / parts]), gaps[gaps < 10.0 * usual])[0] < _MAY_BE:
+            continue  # so much is seen at once
         ticks = usual / parts * close
         best = ticks[[np.argmax(agree(ticks, some))]]
         if agree(best, periods)[0] > _ON_GRID:
