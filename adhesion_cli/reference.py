@@ -228,7 +228,7 @@ def _half_late(
     known = smoother.likelihood(first, regimes, noise)
     if smoother.likelihood(some, regimes, noise) < known - _CLEARLY:
         return 0.0, noise
-    noise, _ = _fit(means, regimes, prior, _SURE, noise)
+    noise, _ = _fit(some, regimes, prior, _SURE, noise)
     gain = smoother.likelihood(some, regimes, noise) - known
     return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
 
@@ -404,12 +404,13 @@ def _fit_either(
 
     A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
     """
+    some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
-    only, likely = _fit(runs, one, prior, slack)
+    only, likely = _fit(some, one, prior, slack)
     if interval > _SLOWEST:
         return only, one
     three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
-    both, likelier = _fit(runs, three, prior, slack)
+    both, likelier = _fit(some, three, prior, slack)
     return (both, three) if likelier - likely > _CLEARLY else (only, one)
 
 
@@ -420,7 +421,7 @@ def _fit(
     """Noise levels of these regimes, of the prior's first ones, and their log posterior."""
     M = len(regimes.start)
     guess = prior._replace(rough=prior.rough[:M])
-    return smoother.fit(_sample(runs), regimes, _FLOOR, guess, _DECADES[: 2 + M], slack, near)
+    return smoother.fit(runs, regimes, _FLOOR, guess, _DECADES[: 2 + M], slack, near)
 
 
 def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
