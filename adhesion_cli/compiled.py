@@ -35,7 +35,7 @@ from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,6 +183,7 @@ def _compiled(
     """
     from numba import njit
 
+    _load()
     code = [x for _, x in (*reached, *stand_ins)]
     folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
@@ -202,6 +203,26 @@ def _compiled(
     spec.loader.exec_module(module)
     call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
     return call
+
+
+@cache
+def _load() -> None:
+    """Loads numba's array functions without scipy.linalg, whose loading is a fifth of a short run.
+
+    numba looks for it there and then, and again where something that needs it is compiled.
+    """
+    from numba.np import linalg
+
+    look: Any = getattr(linalg, "ensure_blas", None)
+    linalg.ensure_blas = _absent
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+def _absent() -> NoReturn:
+    raise ImportError
 
 
 def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:

@@ -3,7 +3,8 @@
     python benchmarks/startup.py
 
 Median of whole processes, caches warm. The rival of `analyze` is a process that only loads what it
-must: numpy, pyarrow.csv, rerun, numba and its cached loops, each called on three samples.
+must: numpy, pyarrow.csv, rerun, numba and its cached loops, each called on three samples. Its numba
+loads as numba does by itself, scipy.linalg with it.
 """
 
 import os
@@ -21,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SAMPLE = ROOT / "sample_logs" / "service-brake.csv"
 RUNS = 7
 LOADING = """
-import numpy as np, pyarrow.csv, rerun
+import numpy as np, pyarrow.csv, rerun, numba.np.arraymath
 from adhesion_cli import compiled, estimator, physics, reference
 from adhesion_cli.model import AxleRecord, Vehicle
 t, x = np.arange(3) * 10**7, np.array([9.0, 8.9, 8.8])

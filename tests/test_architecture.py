@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import adhesion_cli
+from adhesion_cli.bundled import SAMPLE, folder
 from adhesion_cli.cli.app import app
 
 PACKAGE = Path(adhesion_cli.__file__).parent
@@ -95,3 +96,14 @@ def test_help_imports_nothing_heavy(command: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert f"Example: adhesion {command}" in done.stdout
+
+
+def test_the_main_job_does_not_wait_for_what_it_does_not_use(tmp_path: Path) -> None:
+    arguments = ["analyze", str(folder("sample_logs") / SAMPLE), "-o", str(tmp_path)]
+    code = (
+        "import sys\nfrom adhesion_cli.cli.app import app\n"
+        f"app({arguments}, standalone_mode=False)\n"
+        "print({'scipy.linalg', 'scipy.signal', 'scipy.optimize'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
