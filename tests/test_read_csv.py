@@ -83,6 +83,8 @@ SAME = {
     "lines of blanks": PLAIN.replace("\n", "\n  \n"),
     "units row": PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"),
     "units row in brackets": PLAIN.replace("t [s],p,v\n", "t,p,v\n[s],[bar],[km/h]\n"),
+    "blanks in aligned names": "t in s   p of 1  v of 1\n0.00      1.5     20\n"
+    "0.01      2.5     19\n0.02      3.5     18\n",
     "ms": "time_ms,p,v\n0,1.5,20\n10,2.5,19\n20,3.5,18\n",
     "us": "timestamp_us,p,v\n0,1.5,20\n10000,2.5,19\n20000,3.5,18\n",
     "ns": "t [ns],p,v\n0,1.5,20\n10000000,2.5,19\n20000000,3.5,18\n",
@@ -165,10 +167,12 @@ STAMPS = {
 }
 
 
+@pytest.mark.parametrize("delimiter", ["\t", ";"])
 @pytest.mark.parametrize("name", STAMPS)
-def test_reads_every_form_of_absolute_time(log, name):
+def test_reads_every_form_of_absolute_time(log, name, delimiter):
     header, first, second = STAMPS[name]
-    source, columns = read(log, f"{header};p\n{first};1\n{second};2\n")
+    text = f"{header};p\n{first};1\n{second};2\n"
+    source, columns = read(log, text.replace(";", delimiter))
     t = columns["p"].t
     tolerance = 50_000 if "Excel" in name or "serial" in name else 0
     assert abs(t - [EPOCH, EPOCH + S // 4]).max() <= tolerance
@@ -406,6 +410,24 @@ def test_column_of_the_other_decimal_mark_is_left_out_and_told(log):
     source, columns = read(log, text)
     assert list(columns) == ["p"]
     assert codes(source) == {"csv-mixed-decimals"}
+
+
+@pytest.mark.parametrize(
+    "head", ["s,bar,km/h\nt,p,v\n", "t,p,v\ns,bar,km/h\nof the logger,cylinder,wheel\n"]
+)
+def test_units_stand_above_the_names_or_above_remarks(log, head):
+    source, columns = read(log, PLAIN.replace("t [s],p,v\n", head))
+    assert [f.unit for f in source.fields] == ["bar", "km/h"]
+    assert columns[source.fields[0].channel].t.tolist() == T
+    assert source.lines["units"] == 1
+
+
+def test_a_remark_behind_the_first_row_hides_no_header(log):
+    text = "t [s],p,Remark\n0,1,go\n" + "".join(f"{k},{k}\n" for k in range(1, 30))
+    source, columns = read(log, text, rejects=True)
+    assert columns["p"].value.tolist() == list(range(1, 30))
+    assert left_out(source) == (1, "rows left out: 1 have too many cells (first in line 2: "
+                                   "'0,1,go')")  # fmt: skip
 
 
 def test_names_that_are_numbers_are_a_header_beside_a_time(log):
@@ -795,11 +817,22 @@ REFUSED = {
     "xlsx": (b"PK\x03\x04" + bytes(100), "Excel", "export"),
     "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
     "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),
+    "HTML behind a remark": (b"<!-- saved --><html><body>\n<table>\n", "HTML", "download"),
+    "Git LFS pointer": (
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n",
+        "Git LFS",
+        "git lfs pull",
+    ),
     "JSON": (b'[{"t": 0, "p": 1}, {"t": 1, "p": 2}]', "JSON", "export"),
     "MCAP": (b"\x89MCAP0\r\n" + bytes(100), "MCAP", "suffix"),
     "unterminated quote": (
         b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500,
         "quote opened in line 3",
+        "quote",
+    ),
+    "unterminated quote in the header": (
+        b't [s],"p [bar],v [km/h]\n' + b"2,3,4\n" * 500,
+        "quote opened in line 1 does not close",
         "quote",
     ),
     "no header": (

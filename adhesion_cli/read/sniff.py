@@ -19,6 +19,7 @@ HEAD_BYTES = 1 << 20
 MAX_COLUMNS = 10_000
 DELIMITERS = (";", "\t", ",", "|", " ")
 _HEAD_LINES = 600
+_TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
 
 NULLS = (
     "", "NaN", "nan", "NAN", "-nan", "NULL", "null", "Null", "None", "none", "N/A", "n/a", "NA",
@@ -58,6 +59,7 @@ _MAGIC = (
     (b"\xfd7zXZ", "xz-compressed", "decompress it first"),
     (b"\xff\xd8\xff", "a JPEG image", "give a log"),
     (b"\x89PNG", "a PNG image", "give a log"),
+    (b"version https://git-lfs", "a Git LFS pointer", "fetch the file it stands for: git lfs pull"),
 )  # fmt: skip
 
 
@@ -165,33 +167,34 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
             "give a log with data rows; if its numbers use a decimal comma, state decimal = \",\" "
             "under [csv]",
         )  # fmt: skip
-    heads, unit_cells, top = _headers(table, start, width, decimal)
+    heads, of_units, top = _headers(table, start, width, decimal)
     if options.header is True and not heads:
-        heads, unit_cells, top, start = [table[start][1]], [], start, start + 1
+        heads, of_units, top, start = [table[start][1]], None, start, start + 1
         if start >= len(table):
             raise UserError(f"{path}: header only, no data rows", "give a log with data rows")
     if options.header is False:
-        heads, unit_cells, top = [], [], start
+        heads, of_units, top = [], None, start
     first_line = table[start][0]
     if not heads and options.header is None:
         heads = _commented_header(lines, first_line, delimiter, width)
+    if not heads and options.header is None and delimiter == " " and start > 0:
+        heads = _aligned_header(dict(body)[table[start - 1][0]], width)
+        top = start - len(heads)
     cells_per_row = width
     data = [c for _, c in table[start:] if len(c) == width]
     width = _without_trailing(heads, data, width)
     named = [(n, cells) for n, cells in table[top:start] if cells in heads]
     if not heads and options.header is None:
         named = [(n, cells) for n, cells in table[max(0, top - 2) : top] if _names_time(cells)]
-    _refuse_width(named, data, width, delimiter, path)
+    texts = dict(body)
+    _refuse_width(named, texts, data, width, delimiter, path)
     names, duplicates = _names(heads, width)
     _refuse_grouped(data, names, decimal, options, path)
-    texts = {n for n, _ in body}
     rows_above = _rows_above(
         [(n, n + more, s) for n, s, more in lines if n in texts and n < table[top][0]]
     )
     before = Counter(
-        _class_before(n, s, table, top, start, bool(unit_cells))
-        for n, s, _ in lines
-        if n < first_line
+        _class_before(n, s, table, top, start, of_units) for n, s, _ in lines if n < first_line
     )
     if rows_above:
         before["preamble"] -= len(rows_above)
@@ -201,10 +204,12 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
             before["inside quotes"] += more
     preamble = [cells for n, cells in table[:top]]
     comment = next((m[1] for _, s, _ in lines if (m := _COMMENT.match(s))), "")
-    lines_above = [n for n, _ in table[top:start]][: len(heads)]
+    lines_above = [n for n, cells in table[top:start] if cells in heads]
     why["header"] = _why_header(bool(heads), lines_above, options)
-    if unit_cells:
-        why["units row"] = f"line {table[start - 1][0]} (every cell is a unit)"
+    unit_cells: list[str] = []
+    if of_units is not None:
+        n, unit_cells = table[of_units]
+        why["units row"] = f"line {n} (every cell is a unit)"
     elif found := _labelled_units(labelled):
         n, unit_cells = found
         why["units row"] = f"line {n} (its first cell is {unit_cells[0]!r})"
@@ -297,7 +302,7 @@ def _refuse_other_formats(head: bytes, path: Path) -> None:
 
 def _refuse_text_formats(text: str, path: Path) -> None:
     start = text[:2000].lstrip().casefold()
-    if re.match(r"<(!doctype|html|head|body|table|\?xml)", start):
+    if re.match(r"<(!--|!doctype|html|head|body|table|\?xml)", start):
         raise UserError(f"{path}: is HTML or XML, not CSV", "download the log itself, not the page")
     if re.match(r"[{\[]\s*[\[{\"]", start) and "}" in start:
         raise UserError(f"{path}: is JSON, not CSV", "export the log as CSV or MCAP")
@@ -411,6 +416,7 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
     """Delimiter, number of columns, and why."""
     sample = lines[len(lines) // 3 :][:300]
     best: tuple[float, int, str] | None = None
+    found = 0.0
     for delimiter in [stated] if stated else DELIMITERS:
         rows = [split(s, delimiter) for s in sample]
         weight: Counter[int] = Counter()
@@ -428,17 +434,20 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
             )
         fits = [cells for cells in rows if len(cells) == width]
         worth = sum(_worth(c, delimiter) for cells in fits for c in cells)
-        score = worth / sum(len(c) for c in fits) * len(fits) / len(rows)
+        share = len(fits) / len(rows)
+        score = worth / sum(len(c) for c in fits) * share
+        if delimiter == " " and best and best[2] == "\t" and best[0] > _TABS:
+            continue  # blanks stand inside the cells, as between date and time
         if best is None or (round(score, 2), width) > (round(best[0], 2), best[1]):
-            best = score, width, delimiter
+            best, found = (score, width, delimiter), share
     if best is None:
         raise UserError(
             f"{path}: no delimiter splits the rows into columns",
             'a log needs a time column and one more; state delimiter = ";" under [csv] if it has',
         )
-    score, width, delimiter = best
+    _, width, delimiter = best
     shown = "whitespace" if delimiter == " " else repr(delimiter)
-    reason = "stated" if stated else f"{width} columns in {score:.0%} of the head's rows"
+    reason = "stated" if stated else f"{width} columns in {found:.0%} of the head's rows"
     return delimiter, width, f"{shown} ({reason})"
 
 
@@ -500,7 +509,7 @@ def _refuse_grouped(
                    if either and mark != decimal else ""),
             )  # fmt: skip
         dotted = [c for c in cells if "." in c and number.fullmatch(c)]
-        whole = [c for c in cells if c.isdigit()]
+        whole = [c for c in cells if c.isascii() and c.isdigit()]
         if (
             not sure
             and len(dotted) > 1
@@ -543,7 +552,8 @@ def _first_data(table: list[tuple[int, list[str]]], width: int, decimal: str) ->
             numeric.append(i)
 
     def like(cells: list[str]) -> bool:
-        if len(cells) != width:
+        remark = len(cells) == width + 1 and not is_null(cells[-1]) and not typed(cells[-1])
+        if len(cells) != width and not remark:
             return False
         said = [cells[i] for i in numeric if not is_null(cells[i])]
         words = [c for c in said if not typed(c)]
@@ -586,8 +596,8 @@ def _labelled_units(labelled: list[tuple[int, list[str]]]) -> tuple[int, list[st
 
 def _headers(
     table: list[tuple[int, list[str]]], start: int, width: int, decimal: str
-) -> tuple[list[list[str]], list[str], int]:
-    """Header rows above the data (top first), the units row, and the index of the topmost."""
+) -> tuple[list[list[str]], int | None, int]:
+    """Header rows above the data (top first); index of the units row, and of the topmost row."""
     number = number_grammar(decimal)
 
     def texts(cells: list[str]) -> bool:
@@ -598,12 +608,19 @@ def _headers(
             return True
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
-    top, units = start, []
+    def of_units(k: int) -> bool:
+        """Whether row k is a row of units below one of names."""
+        if k < 1 or not (texts(table[k][1]) and is_units_row(table[k][1])):
+            return False
+        above = table[k - 1][1]
+        return texts(above) and sum(bool(c) for c in above) >= len(above) / 2
+
+    top, units = start, None
     heads: list[list[str]] = []
-    if start >= 2 and texts(table[start - 1][1]) and is_units_row(table[start - 1][1]):
-        above = table[start - 2][1]
-        if texts(above) and sum(bool(c) for c in above) >= len(above) / 2:
-            units, top = table[start - 1][1], start - 1
+    if of_units(start - 1):
+        top = units = start - 1
+    elif of_units(start - 2) and texts(table[start - 1][1]):  # remarks stand below the units
+        top = units = start - 2
     while top > 0 and len(heads) < 4:
         cells = table[top - 1][1]
         said = sum(bool(c) for c in cells)
@@ -614,6 +631,9 @@ def _headers(
         if not heads:
             if said < len(cells) / 2 or (pairs > said / 2 and said < len(cells)):
                 break
+        elif units is None and len(cells) == width and is_units_row(cells):
+            top = units = top - 1  # above the names
+            break
         else:
             repeated = len(set(heads[0])) < len(heads[0])
             spanning = repeated and said >= 2 and len(cells) == width
@@ -665,6 +685,12 @@ def _commented_header(
     return []
 
 
+def _aligned_header(line: str, width: int) -> list[list[str]]:
+    """Names that have blanks in them, above columns that blanks align: two stand between names."""
+    cells = re.split(r"\s{2,}|\t", line.strip())
+    return [cells] if len(cells) == width and _names_time(cells) else []
+
+
 def _without_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> int:
     """Width without the empty column that a delimiter at the end of each row makes."""
     empty = all(not row[-1] for row in data)
@@ -675,12 +701,13 @@ def _without_trailing(heads: list[list[str]], data: list[list[str]], width: int)
 
 def _refuse_width(
     heads: list[tuple[int, list[str]]],
+    texts: dict[int, str],
     data: list[list[str]],
     width: int,
     delimiter: str,
     path: Path,
 ) -> None:
-    """Refuses a header of another width than the rows.
+    """Refuses a header of another width than the rows; `texts` are the lines by their numbers.
 
     Raises:
         UserError: names both, and where the comma is decimal mark as well, that.
@@ -689,6 +716,11 @@ def _refuse_width(
         extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
         if len(cells) >= width and not extra:
             continue
+        if _OPEN_QUOTE.search(texts[n]):
+            raise UserError(
+                f"{path}: the quote opened in line {n} does not close",
+                "mend the quotes in that line",
+            )
         text = f"{path}: the header (line {n}) names {len(cells)} columns, the rows have {width}"
         said = [c for row in data for c in row if c]
         whole = delimiter == "," and all(re.fullmatch(r"[+-]?[0-9]+", c) for c in said)
@@ -740,7 +772,12 @@ def _names(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[s
 
 
 def _class_before(
-    line: int, text: str, table: list[tuple[int, list[str]]], top: int, start: int, units: bool
+    line: int,
+    text: str,
+    table: list[tuple[int, list[str]]],
+    top: int,
+    start: int,
+    units: int | None,
 ) -> str:
     if not text.strip():
         return "blank"
@@ -749,7 +786,7 @@ def _class_before(
     if is_comment(text):
         return "comment"
     if top < start and line >= table[top][0]:
-        return "units" if units and line == table[start - 1][0] else "header"
+        return "units" if units is not None and line == table[units][0] else "header"
     return "preamble"
 
 
