@@ -300,7 +300,7 @@ def test_rows_left_out_say_when(log, lines, first_s):
     assert skipped.first_s == first_s
 
 
-@pytest.mark.parametrize("stamp", ["2024-10-27 02:59:{}", "02:59:{}", "02:59:{} +0100"])
+@pytest.mark.parametrize("stamp", ["2024-10-27 02:59:{}", "02:59:{}", "02:59:{} +0100", "{}"])
 @pytest.mark.parametrize(("rate", "digits"), [(100, 3), (30, 6)])
 def test_fractions_without_leading_zeros_are_refused(log, stamp, rate, digits):
     seconds = [divmod(k * 10**digits // rate, 10**digits) for k in range(300)]
@@ -315,6 +315,35 @@ def test_fractions_without_leading_zeros_are_refused(log, stamp, rate, digits):
     for sound in (lambda f: f"{f:0{digits}}", lambda f: f"{f:0{digits}}".rstrip("0") or "0"):
         _, columns = read(log, text(sound))
         assert len(columns["p"].t) == 300
+
+
+@pytest.mark.parametrize("stamp", ["2024-10-27T02:59:{}Z", "{}"])
+def test_fractions_without_leading_zeros_are_refused_behind_the_head_too(log, stamp):
+    seconds = [divmod(k, 10_000) for k in range(11_000, 32_000)]  # 1100 to 1999 and on
+    rows = (f"{stamp.format(f'{5 + s:02}.{f}')};1" for s, f in seconds)
+    with pytest.raises(UserError, match="lack their leading zeros"):
+        read(log, "Time;p\n" + "\n".join(rows) + "\n")
+
+
+def test_row_that_ends_inside_a_number_is_left_out(log):
+    whole = "t [s];p\n" + "".join(f"{k};{k},25\n" for k in range(30))
+    for end, left in (("30;30,2", 1), ("30;30,", 1), ("30;3", 1), ("30;30,25", 0)):
+        source, columns = read(log, whole + end, rejects=True)
+        assert len(columns["p"].t) == 31 - left
+        assert source.lines["cut off"] == left
+        assert [(r.line, r.text) for r in source.rejects] == [(32, end)] * left
+    many = "t [s];p\n" + "".join(f"{k};{k / 7!r}\n" for k in range(30))
+    assert len(read(log, many.replace(".", ",") + "30;4,2")[1]["p"].t) == 31  # as they come
+
+
+def test_column_with_a_unit_and_no_numbers_is_told(log):
+    rows = "".join(f"{k},{k}.5D+00,{k},x\n" for k in range(9))
+    source, columns = read(log, "t [s],p [bar],v [km/h],state\n" + rows)
+    assert list(columns) == ["v [km/h]"]
+    (told,) = source.findings
+    assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p [bar]", 9)
+    with pytest.raises(UserError, match="its cells are no numbers"):
+        open_csv(log, ReadOptions(strict=True))
 
 
 def test_many_rows_of_another_width_are_counted_and_cost_little(log):
@@ -773,7 +802,47 @@ def test_unknown_group_value_names_the_known_ones(log):
 def test_time_guessed_from_a_rising_column_is_told(log):
     source, columns = read(log, "idx,a,p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n4,1.5,6\n5,4.5,5\n")
     assert columns["p"].t.tolist() == [0, S // 2, S, 3 * S // 2, 9 * S // 2]
-    assert "time-guessed" in {f.code for f in source.findings}
+    assert codes(source) == {"time-guessed"}
+    source, _ = read(log, "idx,x [s],p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
+    assert not codes(source)  # the unit says it
+
+
+@pytest.mark.parametrize("name", ["", "k", "Scan", "Distance [m]", "angle [°]"])
+def test_what_rises_but_counts_rows_or_is_measured_is_no_time(log, name):
+    log.write_text(f"{name},p,v\n" + "".join(f"{k},1.5,{9 - k}\n" for k in range(9)))
+    with pytest.raises(UserError, match="no column is a time") as error:
+        open_csv(log, ReadOptions())
+    assert "time = {channel" in error.value.hint
+    assert open_csv(log, ReadOptions(time_channel="column 1", time_unit="s")).fields
+
+
+def test_no_count_of_rows_stands_in_for_stamps_that_cannot_be_read(log):
+    log.write_text("x,Timestamp,p\n" + "".join(f"{k}.5,day {k},1.5\n" for k in range(9)))
+    with pytest.raises(UserError, match="'Timestamp' holds no times, as 'day 0'"):
+        open_csv(log, ReadOptions())
+
+
+@pytest.mark.parametrize("start", [0, 43_200])
+@pytest.mark.parametrize("rate", [1, 10])
+def test_clock_times_written_as_one_number_are_refused(log, start, rate):
+    def text(form):
+        times = (divmod(k, rate) for k in range(200 * rate))
+        rows = (f"{form((start + s) % 86_400)}.{f};1" for s, f in times)
+        return "UTC time;p\n" + "\n".join(rows) + "\n"
+
+    with pytest.raises(UserError, match="hours, minutes and seconds as one number") as refused:
+        read(log, text(lambda s: f"{s // 3600:02}{s // 60 % 60:02}{s % 60:02}"))
+    assert "12:34:56.7" in refused.value.hint
+    source, _ = read(log, text(lambda s: f"{s:06}"))
+    assert source.rows == 200 * rate
+
+
+def test_stamps_of_which_some_have_a_zone_are_told(log):
+    text = "".join(f"2026-11-21T13:05:0{k}{'Z' * (k % 3 > 0)},1\n" for k in range(9))
+    source, columns = read(log, "time,p\n" + text)
+    assert np.diff(columns["p"].t).tolist() == [S] * 8
+    (told,) = (f for f in source.findings if f.code == "time-naive")
+    assert told.message.startswith("some stamps in 'time' name no time zone")
 
 
 def test_log_order_is_kept(log):

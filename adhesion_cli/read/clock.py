@@ -50,6 +50,7 @@ _CLOCK = (
     r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2})(?::(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]+)|:(?P<l>[0-9]{3}))?)?"
     r"(?:\s*(?P<p>[AaPp])[Mm])?"
 )
+_SECONDS = r"[+-]?[0-9]+[.,](?P<f>[0-9]+)"
 _SHORT_CLOCK = r"(?P<M>[0-9]{1,2}):(?P<S>[0-9]{2})[.,](?P<f>[0-9]+)"
 _DURATIONS = (
     r"(?P<S>[0-9]{1,9})(?:[.,](?P<f>[0-9]+))?\s*s(?:ec)?",  # MATLAB
@@ -131,6 +132,54 @@ class Clock:
             return (ZONED if kind.tz else NAIVE) if pa.types.is_timestamp(kind) else None
         return {"s": 9, "ms": 6, "us": 3, "ns": 0}.get(self.unit)
 
+    def refuse_unpadded(self, rows: Sequence[Sequence[str]], name: str, path: Any) -> None:
+        """Refuses times whose fraction is a whole number of ms, us or ns without leading zeros.
+
+        "5.7" is 5.007 s then. Read as decimals such times fall once a second, as numbers never.
+
+        Args:
+            rows: the cells of the clock's columns, of rows in turn.
+            name: the column, for the message.
+            path: for the message.
+        """
+        pattern = self.pattern or (_SECONDS if self.unit == "s" else "")
+        if "(?P<f>" not in pattern:
+            return
+        found = [m for row in rows if (m := re.fullmatch(pattern, " ".join(row)))]
+        digits = {len(m["f"]) for m in found if m["f"]}
+        if len(digits) < 2 or (most := max(digits)) > 9:
+            return
+        width = -(-most // 3) * 3
+        padded = [
+            m.string[: m.start("f")] + m["f"].zfill(width) + m.string[m.end("f") :]
+            if m["f"] else m.string for m in found
+        ]  # fmt: skip
+        (t, _), (as_number, _) = (
+            _stamps(pa.array(x), pattern) if self.pattern
+            else _decimals(pa.array(x), 9, self.decimal)
+            for x in ([m.string for m in found], padded)
+        )  # fmt: skip
+        falls = np.flatnonzero(np.diff(t) < 0)
+        if len(falls) and not (np.diff(as_number) < 0).any():
+            k = int(falls[0])
+            raise UserError(
+                f"{path}: the fractions of a second in {name!r} lack their leading zeros: "
+                f"{found[k][0]!r} stands before {found[k + 1][0]!r}, as if it were {padded[k]!r}",
+                f"export the time with all {width} decimals; nothing is repaired here",
+            )
+
+    def is_packed(self, t: Times, cells: Sequence[str]) -> bool:
+        """Whether the times [ns] of a log are no seconds but hhmmss.ss, as of a receiver's UTC.
+
+        No such number ends in 60 to 99, and one in 59 is followed by one in 00.
+        """
+        padded = any(re.match(r"0[0-9]{5}(?:[.,]|$)", c) for c in cells)
+        if self.unit != "s" or self.absolute or not (padded or t.max() >= 10_000 * _S):
+            return False
+        rest = t % (100 * _S)
+        turns = (np.diff(t // (100 * _S)) == 1) & (rest[:-1] >= 59 * _S) & (rest[1:] < _S)
+        return bool(turns.any() and (rest < 60 * _S).all())
+
     def is_exact(self, array: Any) -> bool:
         """Whether a block of the clock's column, read as float64, keeps nanoseconds."""
         if self.unit in _SERIALS:
@@ -178,6 +227,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
             return replace(clock, findings=(*clock.findings, *told))
     if doubt:
         raise doubt
+    unread = [i for _, _, i in sorted(named) if dialect.column(i)]
     if dialect.headed:
         for i, name in enumerate(dialect.names):
             stamps = _date_form(dialect.column(i), unit) or _share(dialect.column(i), _CLOCK) > 0.8
@@ -187,14 +237,17 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
                 _others(dialect, clock, rows, path)
                 return _guessed(clock, name)
         for i, name in enumerate(dialect.names):
+            if any(not _numeric(dialect, k) for k in unread):
+                break  # the time is there, in a form that is not known
             if is_counter_name(name) or _measured(dialect, i) or not _rises(dialect, i):
+                continue
+            if unit is None and _counts(dialect, i):
                 continue
             if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
                 _others(dialect, clock, rows, path)
                 return _guessed(clock, name)
-    for _, _, i in sorted(named):
-        if dialect.column(i):
-            raise _unreadable(dialect, i, path)
+    if unread:
+        raise _unreadable(dialect, unread[0], path)
     raise UserError(
         f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
         'state it, as time = {channel = "…", unit = "s"} under [channels]',
@@ -254,10 +307,25 @@ def _unreadable(dialect: Dialect, i: int, path: Any) -> UserError:
 
 
 def _measured(dialect: Dialect, i: int) -> bool:
-    """Whether a column's unit is one that no time has."""
+    """Whether a column's unit is one that no time has, or none that is known."""
     in_row = dialect.units[i] if dialect.units else ""
-    unit = units.unit(in_row or units.in_name(dialect.names[i])[1])
-    return unit is not None and unit.dimension != "time"
+    text = in_row or units.in_name(dialect.names[i])[1] or units.unknown_in(dialect.names[i])
+    unit = units.unit(text)
+    return bool(text) and (unit is None or unit.dimension != "time") and not time_unit(text)
+
+
+def _counts(dialect: Dialect, i: int) -> bool:
+    """Whether a column numbers the rows, and does not say that it is a time."""
+    cells = dialect.column(i)
+    whole = all(c.isascii() and c.isdigit() for c in cells)
+    in_row, in_name = dialect.units[i] if dialect.units else "", units.in_name(dialect.names[i])[1]
+    said = time_unit(in_row) or time_unit(in_name) or speaks_of_time(dialect.names[i])
+    return not said and whole and all(int(b) - int(a) == 1 for a, b in pairwise(cells))
+
+
+def _numeric(dialect: Dialect, i: int) -> bool:
+    cells = dialect.column(i)
+    return sum(bool(dialect.number().fullmatch(c)) for c in cells) >= _READABLE * len(cells)
 
 
 def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
@@ -268,8 +336,10 @@ def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
 
 
 def _guessed(clock: Clock, name: str) -> Clock:
+    """The clock, told as a guess: what rises is a time by its stamps or its unit, else perhaps."""
+    open_unit = any(f.code == "time-unit-guessed" for f in clock.findings)
     note = Finding(
-        "time-guessed", "info",
+        "time-guessed", "warning" if open_unit else "info",
         f"time taken from column {name!r} ({clock.reason}); state time = {{channel = …}} if wrong",
         name,
     )  # fmt: skip
@@ -372,14 +442,14 @@ def _clock_of(
     cells = dialect.column(i)
     if not cells:
         return None
-    number = dialect.number()
-    numeric = sum(bool(number.fullmatch(c)) for c in cells) >= _READABLE * len(cells)
     dated = unit in ("iso", "dmy", "mdy") or (unit is None and is_date_name(dialect.names[i]))
-    if numeric and not (dated and _share(cells, r"[12][0-9]{7}") == 1):
-        return _number_clock(dialect, i, unit, rows, path, why)
-    clock = _stamp_clock(dialect, i, unit, path, why)
+    if _numeric(dialect, i) and not (dated and _share(cells, r"[12][0-9]{7}") == 1):
+        clock = _number_clock(dialect, i, unit, rows, path, why)
+    else:
+        clock = _stamp_clock(dialect, i, unit, path, why)
     if clock:
-        _refuse_unpadded(dialect, clock, path)
+        name = dialect.names[clock.columns[-1]]
+        clock.refuse_unpadded([[row[k] for k in clock.columns] for row in dialect.rows], name, path)
     return clock
 
 
@@ -558,14 +628,10 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         pattern = f"{_DATES[form]}{_GAP}{_CLOCK}{_ZONE}"
         whole = [" ".join(p) for p in zip(*(dialect.column(k) for k in columns), strict=False)]
         zones = [m["z"] for c in whole if (m := re.fullmatch(pattern, c))]
-        naive = sum(not z for z in zones)
-        if naive > len(zones) / 2:
-            notes.append(
-                Finding(
-                    "time-naive", "info",
-                    f"stamps in {names} name no time zone; they count as UTC", dialect.names[i],
-                )
-            )  # fmt: skip
+        if not all(zones):
+            some = "some stamps" if any(zones) else "stamps"
+            text = f"{some} in {names} name no time zone; they count as UTC"
+            notes.append(Finding("time-naive", "info", text, dialect.names[i]))
         reason = (
             f"{why}; {'date and time in' if len(columns) == 2 else 'stamps in'} {names} ({form})"
         )
@@ -594,35 +660,6 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         return None
     reason = f"{why}; time of day in {names}, without a date"
     return Clock((i,), "", pattern, dialect.decimal, False, reason, (pa.string(),))
-
-
-def _refuse_unpadded(dialect: Dialect, clock: Clock, path: Any) -> None:
-    """Refuses stamps whose fraction is a whole number of ms, us or ns without leading zeros.
-
-    "5.7" is 5.007 s then. Read as decimals such stamps fall once a second, as a number never.
-    """
-    rows = zip(*(dialect.column(k) for k in clock.columns), strict=False)
-    found = [m for row in rows if (m := re.fullmatch(clock.pattern, " ".join(row)))]
-    digits = {len(m["f"]) for m in found if m["f"]} if "(?P<f>" in clock.pattern else set()
-    if len(digits) < 2 or (most := max(digits)) > 9:
-        return
-    width = -(-most // 3) * 3
-    padded = [
-        m.string[: m.start("f")] + m["f"].zfill(width) + m.string[m.end("f") :]
-        if m["f"] else m.string for m in found
-    ]  # fmt: skip
-    (t, _), (as_number, _) = (
-        _stamps(pa.array(x), clock.pattern) for x in ([m.string for m in found], padded)
-    )
-    falls = np.flatnonzero(np.diff(t) < 0)
-    if len(falls) and not (np.diff(as_number) < 0).any():
-        k = int(falls[0])
-        raise UserError(
-            f"{path}: the fractions of a second in {dialect.names[clock.columns[-1]]!r} lack their "
-            f"leading zeros: {found[k][0]!r} stands before {found[k + 1][0]!r}, as if it were "
-            f"{padded[k]!r}",
-            f"export the time with all {width} decimals; nothing is repaired here",
-        )
 
 
 def _unnamed(pattern: str) -> str:

@@ -45,6 +45,7 @@ from .sniff import (
 )
 from .source import Field, ReadOptions
 from .timeaxis import earliest, unwrapped
+from .units import in_name
 from .units import unit as known_unit
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -52,6 +53,7 @@ _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _MANY = 20_000_000  # cells, from which loading the compiled parser pays
 _TRIES = 8  # blocks that are not plain, in excess of those that are, before no more are tried
 _PIECE = 1 << 16  # bytes looked at together: a copy of them stays in the cache
+_FALLS, _AROUND = 3, 20  # falls of the time in a block that are looked at, rows on each side
 _T, _GROUP = -1, -2  # what a scan gives beside its columns
 _HALF_DAY = 43_200 * 1_000_000_000
 _SKIPPED = {
@@ -61,7 +63,7 @@ _SKIPPED = {
     "time unreadable": "have a time stamp that cannot be read",
     "group missing": "do not say which device or axle they belong to",
     "NUL bytes": "hold NUL bytes, as of space that was reserved and never written",
-    "cut off": "are cut off where the compressed data end",
+    "cut off": "are cut off where the data end",
     "another table": "stand above the header that was taken and are of another table: split the "
     "log there",
     "another header": "stand below a header of other columns or units: split the log there",
@@ -154,11 +156,19 @@ class CsvSource:
         if text:
             self.stated["not numeric"] = ", ".join(text)
         for name in text:
-            if self._other_decimal(names.index(name)):
+            i = names.index(name)
+            cells = dialect.column(i)
+            if self._other_decimal(i):
                 self._report(
                     "csv-mixed-decimals", "warning",
                     f"left out: its decimal mark is not {dialect.decimal!r} as elsewhere; export "
                     "all columns with one", name, 1,
+                )  # fmt: skip
+            elif cells and (known_unit(dialect.units[i]) or len(in_name(name)[1]) > 1):
+                self._report(
+                    "csv-no-numbers", "warning",
+                    f"left out: it has a unit, but its cells are no numbers, as {cells[0]!r}; "
+                    "export them as 1.5 or 1.5e3", name, len(cells),
                 )  # fmt: skip
         if self._keys.columns:
             keys = " and ".join(repr(names[i]) for i in self._keys.columns)
@@ -216,9 +226,15 @@ class CsvSource:
         return out
 
     def _refuse_time(self, t: Times) -> None:
-        """Refuses times that never change, or fall all the time."""
+        """Refuses times that never change, or fall all the time, or are hours and minutes, too."""
         i = self._clock.columns[-1]
         name, cells = self._dialect.names[i], self._dialect.column(i)
+        if self._clock.is_packed(t, cells):
+            raise UserError(
+                f"{self.path}: time column {name!r} writes hours, minutes and seconds as one "
+                f"number, as {cells[0]!r}",
+                "export it in seconds, or as 12:34:56.7",
+            )
         falls = np.count_nonzero(t[1:] < t[:-1])
         if not falls and t[0] == t[-1]:
             what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
@@ -320,6 +336,24 @@ class CsvSource:
 
 
 @dataclass(slots=True)
+class _Wrong:
+    """Rows of a block that have another number of cells, by class."""
+
+    rows: dict[str, list[NDArray[np.int64]]] = field(default_factory=dict)  # each part rises
+    first: dict[str, tuple[int, str]] = field(default_factory=dict)  # row and text
+
+    def add(self, kind: str, rows: NDArray[np.int64], text: str) -> None:
+        """Adds rows of the block, the first of which says `text`."""
+        self.rows.setdefault(kind, []).append(rows)
+        self.first[kind] = min(self.first.get(kind, (rows[0], text)), (rows[0], text))
+
+    def of(self, *kinds: str) -> NDArray[np.int64]:
+        """Rows of some classes, in order; of all if none is named."""
+        parts = [rows for kind in kinds or self.rows for rows in self.rows.get(kind, [])]
+        return np.sort(np.concatenate(parts)) if parts else np.empty(0, np.int64)
+
+
+@dataclass(slots=True)
 class _Part:
     """What one block gave; arrays of its n rows of the right width."""
 
@@ -328,14 +362,14 @@ class _Part:
     arrays: dict[int, Any]  # Arrow arrays of the columns that are looked at again
     timed: Bools
     states: dict[int, NDArray[np.int8]]
-    wrong: list[tuple[int, str, str]]  # row of the block, class and text of others
+    wrong: "_Wrong"
     blank: int
     inside: int  # line ends inside quotes
     _spans: NDArray[np.int64] | None = None
 
     def numbers(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows of the arrays as rows of the block, wrong ones included; both from 0."""
-        wrong = np.array([number for number, _, _ in self.wrong], np.int64)
+        wrong = self.wrong.of()
         # wrong rows stand between: row k of the arrays is row k + (wrong ones before it)
         gaps = wrong - np.arange(len(wrong))
         return rows + np.searchsorted(gaps, rows, side="right")
@@ -502,14 +536,14 @@ class _Scan:
         if block.quotes:
             feeds, ends = block.ends()
             inside = len(feeds) - len(ends)
-        fit, unfit_rows, kept = self._sieved(block)
+        fit, wrong, kept = self._sieved(block)
         while True:
             types = {i: self.types[i][0] for i in (*self.clock.columns, *self.indices)}
             for i in self.keys:
                 types.setdefault(i, pa.string())
-            wrong: list[tuple[int, str, str]] = []
+            asked: list[tuple[int, str, str]] = []  # row, class and text
             try:
-                table = self._table(fit, types, inside > 0, wrong)
+                table = self._table(fit, types, inside > 0, asked)
             except pa.ArrowInvalid as error:
                 self._demote(block, str(error), types)
                 continue
@@ -527,13 +561,16 @@ class _Scan:
                 break
             for i in unfit:
                 self.types[i] = tuple(k for k in self.types[i] if not pa.types.is_floating(k))
-        if kept is not None:
-            wrong = sorted([*unfit_rows, *((int(kept[k]), kind, s) for k, kind, s in wrong)])
-        if block.lines != table.num_rows + len(wrong):
+        for kind in {kind for _, kind, _ in asked}:
+            told = [(row, text) for row, of, text in asked if of == kind]
+            numbers = np.array([row for row, _ in told])
+            wrong.add(kind, numbers if kept is None else kept[numbers], told[0][1])
+        left_out = len(wrong.of())
+        if block.lines != table.num_rows + left_out:
             feeds, ends = block.ends()
             blank = int((np.diff(ends, prepend=-1) == 1).sum())
             inside = len(feeds) - len(ends)
-            if block.lines != table.num_rows + len(wrong) + blank + inside:
+            if block.lines != table.num_rows + left_out + blank + inside:
                 raise UserError(
                     f"{self.path}: the quotes after line {block.first_line} cannot be followed",
                     "mend the quotes in the log",
@@ -578,11 +615,9 @@ class _Scan:
             self.columns[i][rows] = value
             if state.any():
                 states[i] = state
-        return _Part(block, rows, {}, np.ones(block.lines, np.bool_), states, [], 0, 0)
+        return _Part(block, rows, {}, np.ones(block.lines, np.bool_), states, _Wrong(), 0, 0)
 
-    def _sieved(
-        self, block: Block
-    ) -> tuple[Block, list[tuple[int, str, str]], NDArray[np.int64] | None]:
+    def _sieved(self, block: Block) -> tuple[Block, _Wrong, NDArray[np.int64] | None]:
         """The block without rows of another width, those, and which rows of the block are left.
 
         The parser asks about each of them, which takes as long as a hundred sound ones. Those that
@@ -591,8 +626,9 @@ class _Scan:
         text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
         pieces = (text[i : i + _PIECE] for i in range(0, len(text), _PIECE))
         marks = sum(np.count_nonzero(piece == mark) for piece in pieces)
+        found = _Wrong()
         if block.quotes or marks == block.lines * (self.dialect.width - 1):
-            return block, [], None
+            return block, found, None
         feeds = np.flatnonzero(text == 10)
         starts = np.append(0, feeds[:-1] + 1)
         starts, ends = starts[feeds > starts], feeds[feeds > starts]
@@ -603,22 +639,20 @@ class _Scan:
         )
         wrong = bare & (cells != self.dialect.width)
         if not wrong.any():
-            return block, [], None
+            return block, found, None
         wrong[-1] &= not wrong.all()  # the parser takes no block without a row
-        told: list[tuple[int, str, str]] = []
         few = cells < self.dialect.width
         for kind, which in (("too few cells", wrong & few), ("too many cells", wrong & ~few)):
             rows = np.flatnonzero(which)
-            told += [(k, kind, "") for k in rows.tolist()]
-            if len(rows):  # only the first is shown
+            if len(rows):
                 a, b = int(starts[rows[0]]), int(ends[rows[0]])
                 shown = block.data[a : min(b, a + 400)].decode("utf-8", "replace")[:100]
-                told[-len(rows)] = (int(rows[0]), kind, shown)
+                found.add(kind, rows, shown)
         away = np.zeros(block.size + 1, np.int8)
         np.add.at(away, starts[wrong], 1)
         np.add.at(away, ends[wrong] + 1, -1)
         data = text[np.cumsum(away[:-1], dtype=np.int8) == 0].tobytes()
-        return replace(block, data=data, size=len(data)), told, np.flatnonzero(~wrong)
+        return replace(block, data=data, size=len(data)), found, np.flatnonzero(~wrong)
 
     def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
         """Whether float64 says what the cells of a column said; no `checked` for the time's.
@@ -679,15 +713,13 @@ class _Scan:
 
     def _count_lines(self, part: _Part) -> None:
         self.lines.update({"blank": part.blank, "inside quotes": part.inside})
-        wrong: dict[str, list[int]] = {}
-        for number, kind, text in part.wrong:
+        for kind, (row, text) in part.wrong.first.items():
             if kind not in self.first:
-                self.first[kind] = int(part.places(np.array([number]))[0, 2]), text
-            wrong.setdefault(kind, []).append(number)
-        for kind, numbers in wrong.items():
+                self.first[kind] = int(part.places(np.array([row]))[0, 2]), text
+            numbers = part.wrong.of(kind)
             self.lines[kind] += len(numbers)
             if kind in _SKIPPED:
-                self._reject(part, np.array(numbers), kind)
+                self._reject(part, numbers, kind)
 
     def _reject(
         self, part: _Part, numbers: NDArray[np.int64], reason: str, column: int = -1
@@ -700,12 +732,29 @@ class _Scan:
         ok = part.timed.copy()
         if not ok.all():
             self._count_untimed(part, ok)
+        if not self.keys:
+            self._refuse_unpadded(part, ok)
         end = 0 if self.ended else self._end(part, np.flatnonzero(~part.timed))
         if end is not None:
             below = ok & (part.numbers(np.arange(len(ok))) >= end)
             self._drop(part, below, "another header")
             ok &= ~below
         return ok
+
+    def _refuse_unpadded(self, part: _Part, ok: Bools) -> None:
+        """Refuses times that fall as those do that lack leading zeros, which the head may not show.
+
+        They fall once a second: a few falls of each block are looked at.
+        """
+        t = self.columns[_T][part.rows]
+        falls = np.flatnonzero((t[1:] < t[:-1]) & ok[1:] & ok[:-1])
+        for k in falls[:_FALLS].tolist():
+            near = range(max(k - _AROUND, 0), min(k + _AROUND, len(t)))
+            rows = [split(part.line(row)[1], part.block.delimiter) for row in near if ok[row]]
+            self.clock.refuse_unpadded(
+                [[cells[i] for i in self.clock.columns] for cells in rows],
+                self.dialect.names[self.clock.columns[-1]], self.path,
+            )  # fmt: skip
 
     def _count_untimed(self, part: _Part, ok: Bools) -> None:
         """Counts the rows that have no time by class."""
@@ -743,15 +792,15 @@ class _Scan:
         """Row of the block that is a header of other columns or units, where this table ends."""
         commented = self.dialect.headed and not self.dialect.before.get("header")
         kinds = {*_SKIPPED, "comment"} if commented else {*_SKIPPED}
-        wrong = [number for number, kind, _ in part.wrong if kind in kinds]
-        rows = np.sort(np.append(part.numbers(untimed), np.array(wrong, np.int64)))
+        rows = np.sort(np.append(part.numbers(untimed), part.wrong.of(*kinds)))
         if not len(rows):
             return None
         spans = part.places(rows)
         first = np.frombuffer(part.block.data, np.uint8)[spans[:, 0]]
-        named = ~np.isin(first, list(b"+-.0123456789"))
+        two_cells = spans[:, 1] - spans[:, 0] > 2
         seen = set()  # a row need not be judged twice
-        for row, (start, end) in zip(rows[named].tolist(), spans[named, :2].tolist(), strict=True):
+        for k in np.flatnonzero(two_cells & ~np.isin(first, list(b"+-.0123456789"))):
+            row, (start, end) = int(rows[k]), spans[k, :2]
             if (raw := part.block.data[start:end]) in seen:
                 continue
             seen.add(raw)
@@ -763,7 +812,7 @@ class _Scan:
             if self.dialect.contradicted(cells):
                 self.first["another header"] = place
                 self.ended = True
-                return int(row)
+                return row
         return None
 
     def _count_groups(self, part: _Part, keep: Bools) -> None:

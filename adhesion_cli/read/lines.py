@@ -27,6 +27,8 @@ _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
 _MAX_QUOTED = 1 << 20  # bytes and lines of one quoted cell; beyond, the quote is taken to be stray
 _MAX_QUOTED_LINES = 100
+_LAST = 2_000  # bytes before the last row, by which it is known to be whole
+_FEW = 5  # of them, at least
 _MAX_TEXT = 2_000  # bytes of a row that are told
 
 
@@ -69,9 +71,10 @@ class Lines:
     path: Path
     dialect: Dialect
     max_inflated: int
-    cut_off: tuple[int, str] | None = None  # line and text of a row that damaged gzip ended in
+    cut_off: tuple[int, str] | None = None  # line and text of a row that the data end in
     damage: str = ""  # what is wrong with the compression
     open_end: bool = False  # the last line has no line end
+    _last: bytes = b""  # of the rows given last
     _source: BinaryIO | None = None  # where the last chunk stands as it is, ending here
 
     def blocks(self) -> Iterator[Block]:
@@ -119,6 +122,7 @@ class Lines:
                 elif quotes:  # the parser knows a quote only right behind the delimiter
                     data = data[:cut].replace(delimiter.encode() + b' "', delimiter.encode() + b'"')
                     cut = len(data)
+                self._last = data[max(0, cut - _LAST) : cut]
                 yield Block(data, cut, line, lines, delimiter, quotes)
                 line += lines
 
@@ -157,13 +161,28 @@ class Lines:
 
     def _close(self, data: bytes, line: int) -> bytes:
         """The file's end, with the line end that it lacks or without what damage cut."""
+        at = data.rfind(b"\n") + 1
         if not self.damage:
             text = data.rstrip(b"\x1a")  # the end of a file as DOS marked it
             self.open_end = bool(text) and not text.endswith(b"\n")
-            return text + b"\n" * self.open_end
-        at = data.rfind(b"\n") + 1
+            if not (self.open_end and self._is_cut(data[:at], text[at:])):
+                return text + b"\n" * self.open_end
+            self.open_end = False
         self.cut_off = line + data.count(b"\n"), data[at:].decode("utf-8", "replace")
         return data[:at]
+
+    def _is_cut(self, before: bytes, last: bytes) -> bool:
+        """Whether the last row ends inside a number: all before it have more decimals there."""
+        mark = self.dialect.decimal
+        number = re.compile(rf"[+-]?[0-9]+(?:{re.escape(mark)}[0-9]*)?")
+
+        def decimals(row: bytes) -> int:
+            cells = split(row.decode("utf-8", "replace"), self.dialect.delimiter)
+            plain = len(cells) == self.dialect.width and number.fullmatch(cells[-1])
+            return len(cells[-1].partition(mark)[2]) if plain else -1
+
+        others = [decimals(row) for row in (self._last + before)[-_LAST:].split(b"\n")[1:-1]]
+        return len(others) >= _FEW and 0 <= decimals(last) < min(others) == max(others)
 
     def _cut(self, data: bytes, line: int, done: bool, quotes: bool) -> int:
         """Where the last whole row of `data` ends."""

@@ -179,7 +179,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         heads = _commented_header(lines, first_line, delimiter, width)
     if not heads and options.header is None and delimiter == " " and start > 0:
         heads = _aligned_header(dict(body)[table[start - 1][0]], width)
-        top = start - len(heads)
+        top -= len(heads)
     cells_per_row = width
     data = [c for _, c in table[start:] if len(c) == width]
     width = _without_trailing(heads, data, width)

@@ -37,7 +37,7 @@ _TIME = (
     "temps tempo tijd tijdstempel tijdstip tiempo horodatage "
     "采样时间 测量时间 记录时间 采集时间 相对时间 系统时间 运行时间 时刻 gpstime utcgpstime gpsutc "
     "gpstimestamp timeaxis zeitachse millis micros milliseconds microseconds seconds sekunden "
-    "t excel exceltime exceldate matlabtime datenum serialdate"
+    "timestamps xvalue t excel exceltime exceldate matlabtime datenum serialdate"
 ).split()
 _DATE = (
     "date datum fecha 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
