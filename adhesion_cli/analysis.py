@@ -215,8 +215,12 @@ def _told(
         "no reference there"
     )
     tell("traction", "info", text, driven)
+    short = turning & ~driven & ~np.isfinite(ref.force)
+    lost = any(short[s].any() and turning[s].all() for s in record.segments)
     text = "segments too short for the reference: no value there"
-    tell("no-reference", "warning", text, turning & ~driven & ~np.isfinite(ref.force))
+    if not lost:
+        text = "the wheel turns for too few samples between two stands: no reference there"
+    tell("no-reference", "warning" if lost else "info", text, short)
     if ref.runout:
         text = (
             f"the speed errs by up to {100.0 * ref.runout:.2g} % once per turn, as by a tone ring "

@@ -43,8 +43,9 @@ class Slide(NamedTuple):
 
 
 def slides(
-    segment: slice, t: Times, v: Floats, s: Floats, clear: Floats, F: Floats, at_least: bool
-) -> Iterator[Slide]:
+    segment: slice, t: Times, v: Floats, s: Floats, clear: Floats, F: Floats, at_least: bool,
+    noise: Floats | None = None,
+) -> Iterator[Slide]:  # fmt: skip
     """Slides in a segment, in the order of time.
 
     Args:
@@ -55,11 +56,12 @@ def slides(
         clear: slip less what may be its error.
         F: adhesion force [N].
         at_least: as in `Slide`.
+        noise: of slip, that a slide is deeper than (n,); none if None.
     """
     for first, past in true_runs(clear[segment] > CAUGHT):
         where = slice(segment.start + first, segment.start + past)
         seconds = (t[where] - t[where.start]) * 1e-9
-        deep: Bools = clear[where] > SLIDE
+        deep: Bools = clear[where] > SLIDE + (0.0 if noise is None else noise[where])
         if float(np.diff(seconds, prepend=seconds[0])[deep].sum()) < _SHORT:
             continue
         heat = F[where] * s[where] * v[where]  # v − ωR = s v

@@ -350,6 +350,7 @@ class AxleResult:
     scores: tuple[Score, ...]
     applications: tuple[slice, ...]  # brake applications found in the record
     slip: Floats | None = None  # s, NaN below the speed limit
+    slip_noise: Floats | None = None  # 1 sigma of its noise, NaN below the speed limit
     slope: Floats | None = None  # dμ/ds, NaN where not observable
     slope_confidence: Floats | None = None  # 0 not observable, 1 certain
     region: Regions | None = None  # index into `slope.REGIONS`

@@ -33,6 +33,7 @@ _DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown w
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
 _CLEARLY = 15.0  # nats by which they must be likelier
 _NATS = 3.0  # of a likelihood that knows no error alike from sample to sample count as one
+_OFTEN = 0.75  # of the speed's samples: a pressure is measured as often
 _NEVER, _LIKELY = 1e-3, 0.8  # less likely, it is not; and more so, it is taken for it
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
@@ -176,7 +177,9 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     averaged = 0.0
     if not together and not runs[0].pressure_late.value:
         means = [_averaged(run) for run in wheel]
-        averaged, noise_of = _half_late(telling, means, fitted, regimes, prior)
+        averaged, noise_of = 0.5, fitted
+        if not _sparse(runs):
+            averaged, noise_of = _half_late(telling, means, fitted, regimes, prior)
         if averaged > _NEVER:
             late = [_rate(*both, regimes, noise_of) for both in zip(wheel, means, strict=True)]
             rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
@@ -196,6 +199,21 @@ def _rate(
     missed = _missed(whole.t, run.t, x.rate)
     rate: Floats = whole.u + np.interp(whole.t, run.t, x.rate)
     return rate, np.hypot(np.interp(whole.t, run.t, x.rate_sigma), missed)
+
+
+def _sparse(runs: list[AxleRecord]) -> bool:
+    """Whether K is measured less often than the speed.
+
+    What straight lines between its samples miss where valves turn looks like half an interval of
+    the speed, earlier or later: nothing tells then which it is.
+    """
+    measured, between = (
+        sum(int(np.count_nonzero(np.diff(column))) for column in columns)
+        for columns in zip(
+            *((r.clamping_force, r.clamping_force_smooth) for r in runs), strict=True
+        )
+    )
+    return measured < _OFTEN * between
 
 
 def _averaged(run: smoother.Run) -> smoother.Run:

@@ -292,10 +292,10 @@ def observed(
     slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
     mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        slip_noise = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
+        of_speeds = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
         lasting = _speed_error(record)
         # Of an error that moves as −v̇/v does, the slope's filter leaves the change within 1/δ.
-        slip_noise = np.hypot(slip_noise, lasting * slowing(record) / record.train_speed / p.delta)
+        slip_noise = np.hypot(of_speeds, lasting * slowing(record) / record.train_speed / p.delta)
     mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
     n = len(record)
     slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
@@ -303,7 +303,9 @@ def observed(
     for s in record.segments:
         noise = slip_noise[s], mu_noise[s]
         march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], sure[s], code[s])
-    done = replace(axle, slip=slip, slope=slope, slope_confidence=sure, region=code)
+    done = replace(
+        axle, slip=slip, slip_noise=of_speeds, slope=slope, slope_confidence=sure, region=code
+    )
     if record.train_speed_late is None and any(
         np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip)
     ):
@@ -326,8 +328,9 @@ def observed(
 def slides(axle: AxleResult) -> list[Slide]:
     """Slides of an axle, in the order of time; none reaches across segments.
 
-    What a train speed's error may make of slip, as the train all but stands, is no slide; of a
-    receiver that nothing times they are what is left of slip at least.
+    What a train speed's error or noise may make of slip, as the train all but stands, is no slide,
+    nor is that of a wheel that no brake slows; of a receiver that nothing times they are what is
+    left of slip at least.
     """
     if axle.slip is None:
         return []
@@ -342,8 +345,19 @@ def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Sl
         return []
     columns = record.t, record.train_speed, s, s if clear is None else clear
     at_least = record.train_speed_made or _slow(record)
-    F = axle.reference.force
-    return [x for part in record.segments for x in events.slides(part, *columns, F, at_least)]
+    F, noise = axle.reference.force, axle.slip_noise
+    depth = None if noise is None else _CLEARLY * noise
+    found = [
+        x for part in record.segments for x in events.slides(part, *columns, F, at_least, depth)
+    ]
+    return [x for x in found if _braked(record, x.where)]
+
+
+def _braked(record: AxleRecord, where: slice) -> bool:
+    """Whether the brake is on there, or was a second before."""
+    t = record.t
+    first = int(np.searchsorted(t[: where.start], t[where.start] - 1_000_000_000))
+    return bool((record.clamping_force[first : where.stop] > 0.0).any())
 
 
 def _clear(record: AxleRecord, s: Floats) -> Floats:

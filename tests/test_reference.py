@@ -738,6 +738,17 @@ def test_a_speed_that_is_the_mean_since_the_last_one_is_known_by_its_lateness(
     assert np.mean(np.abs(error) < 1.96 * found.sigma[used]) > 0.93
 
 
+def test_a_pressure_slower_than_the_speed_does_not_tell_means() -> None:
+    """Lines between its samples bend where valves turn, by more than half an interval of speeds."""
+    now, _ = logged("low-adhesion", 50.0, pressure_rate=20.0)
+    for record in (now, averaged(now, "low-adhesion")):
+        found = reference.compute(record, VEHICLE)
+        assert found.averaged == 0.5
+        used = np.isfinite(found.force)
+        held = np.abs(found.force - now.truth)[used] < 1.96 * found.sigma[used]
+        assert np.mean(held) > 0.99
+
+
 def test_where_nothing_tells_whether_a_speed_is_a_mean_sigma_holds_either() -> None:
     name = "four-axles"
     now, _ = logged(name, 20.0)

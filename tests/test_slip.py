@@ -17,7 +17,7 @@ from simulated import changed, late, recordings, simulation, write
 from adhesion_cli import analysis, rail, railfit, settings, slip, slope
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.slip import table
-from adhesion_cli.model import AxleRecord, AxleResult, Reference, Result, Vehicle
+from adhesion_cli.model import AxleRecord, AxleResult, Parameter, Reference, Result, Vehicle
 from adhesion_cli.physics import G
 from adhesion_cli.read.log import open_source
 from adhesion_cli.read.source import ReadOptions
@@ -476,6 +476,37 @@ def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: f
     for x in found.slides:
         assert x.at_least
         assert x.max_slip < np.nanmax(axle.record.true_slip[x.where]) + 0.01
+
+
+def seen(t: np.ndarray, v: np.ndarray, rim: np.ndarray, K: np.ndarray) -> AxleResult:
+    """What is observed of a wheel beside a train speed that is on time."""
+    record = AxleRecord(
+        1, np.round(t * 1e9).astype(np.int64), K, K, rim / 0.42, (slice(0, len(t)),),
+        train_speed=v, train_speed_late=Parameter(0.0, 0.0),
+    )  # fmt: skip
+    ref = Reference("none", "none", np.full(len(t), 1e3), np.full(len(t), 5.0), np.zeros(len(t)))
+    axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
+    return slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())[0]
+
+
+def test_a_wheel_that_no_brake_slows_does_not_slide() -> None:
+    t = np.arange(0.0, 40.0, 0.05)
+    v = 0.4 * t
+    rim = np.interp(t - 0.3, t, v)  # a sensor that averages
+    assert slip.slides(seen(t, v, rim, np.full(len(t), 1e4)))
+    assert not slip.slides(seen(t, v, rim, np.where(t < 1.0, 1e4, 0.0)))
+
+
+def test_what_the_noise_of_a_speed_makes_of_slip_is_no_slide() -> None:
+    t = np.arange(0.0, 60.0, 0.05)
+    v = np.interp(t, [0.0, 40.0, 60.0], [20.0, 1.1, 1.1])
+    random = np.random.default_rng(3)
+    slow = np.convolve(
+        random.normal(0.0, 0.05, len(t) + 19), np.ones(20) / math.sqrt(20.0), "valid"
+    )
+    rim = v * np.where((t > 10.0) & (t < 11.0), 0.8, 1.0)
+    found = slip.slides(seen(t, v + slow, rim, np.full(len(t), 1e4)))
+    assert [round(x.start * 1e-9) for x in found] == [10]
 
 
 def test_a_spike_does_not_become_the_train() -> None:
