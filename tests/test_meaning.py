@@ -300,6 +300,15 @@ def test_a_topic_and_field_in_one_column_header() -> None:
     ]  # fmt: skip
 
 
+def test_a_number_beside_the_train_is_no_axle() -> None:
+    assert seen("Ch3 train speed [m/s]", "Ch7 wheel speed axle 2 [km/h]") == [
+        (TRAIN, None, "m/s"), (WHEEL, 2, "km/h"),
+    ]  # fmt: skip
+    meant, findings = understood([Field(f"Train speed {k} [km/h]") for k in (1, 2)], ())
+    assert [(m.meaning, m.axle) for m in meant] == [(TRAIN, None), (None, None)]
+    assert [f.code for f in findings] == ["channel-ambiguous"]
+
+
 def test_a_pressure_that_the_name_calls_absolute() -> None:
     assert seen("brake cylinder pressure abs [kPa]") == [(PRESSURE, None, "kPa abs")]
 

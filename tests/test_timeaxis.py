@@ -182,6 +182,13 @@ def test_a_wrapped_millisecond_counter_goes_on() -> None:
     assert np.all(np.diff(axis.data.t) == 10 * MS)
 
 
+def test_a_counter_that_wraps_between_two_rare_samples_goes_on() -> None:
+    t = [(60_000 + 100 * i) % 2**16 for i in range(200)]
+    axis = timeaxis.clean("x", column([float(x) for x in t]), 0)
+    assert codes(axis) == {"time-wrapped": 1}
+    assert np.all(np.diff(axis.data.t) == 100 * MS)
+
+
 def test_numbers_that_are_none_are_counted() -> None:
     data = column([0, 10, 20, 30], [1.0, np.nan, 2.0, 3.0])
     axis = timeaxis.clean("x", Column(data.t, data.value, np.ones(4, dtype=np.bool_)), 0)

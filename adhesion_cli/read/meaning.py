@@ -185,7 +185,10 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
 
     def meant(meaning: Meaning, *seen: str) -> tuple[Meaning | None, int | None, str, str]:
         names = " and ".join(repr(s) for s in dict.fromkeys(seen) if s)
-        return meaning, axle, text, f"name has {names}; {why}" if names else why
+        # a number beside the train is a channel's, unless an axle is named
+        numbered = meaning != "train_speed" or field.group or _has("wheel", words)
+        of = axle if numbered else None
+        return meaning, of, text, f"name has {names}; {why}" if names else why
 
     if _has("never", primary):
         return None, axle, text, "not a quantity we use"

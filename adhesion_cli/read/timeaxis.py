@@ -286,9 +286,12 @@ def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
     found: dict[str, Bools] = {}
     if not (t[1:] < t[:-1]).any():
         return t, found
+    steps = np.diff(t)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     for width, wrap_ns in WRAPS_NS.items():
         fall = np.diff(t, prepend=t[:1])
-        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < wrap_ns // 1000)
+        near = max(wrap_ns // 1000, min(2.0 * usual, wrap_ns // 100))
+        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < near)
         if wrapped.any():
             found[width] = wrapped
             t = t + wrap_ns * np.cumsum(wrapped)
