@@ -24,6 +24,12 @@ class _Terminated(BaseException):
     """The system asks the run to end."""
 
 
+_ENDS: dict[type[BaseException], tuple[signal.Signals, str]] = {
+    KeyboardInterrupt: (signal.SIGINT, "interrupted"),
+    _Terminated: (signal.SIGTERM, "terminated"),
+}
+
+
 def main() -> NoReturn:
     """Runs the command line and exits: 0 done, 1 failed, 2 wrong arguments, 3 data lost.
 
@@ -39,17 +45,24 @@ def main() -> NoReturn:
 
         code = run()
         sys.stdout.flush()
-    except KeyboardInterrupt:
-        code = _failed("interrupted", _HINT, 128 + signal.SIGINT)
-    except _Terminated:
-        code = _failed("terminated", _HINT, 128 + signal.SIGTERM)
-    except BrokenPipeError:  # whoever read our output is gone
-        _drop_output()
-        code = 1
-    except Exception as error:
-        told = as_told(error)
-        code = _failed(told.text, told.hint, told.code)
+    except (Exception, KeyboardInterrupt, _Terminated) as error:
+        code = _told(error)
     sys.exit(code)
+
+
+def _told(error: BaseException) -> int:
+    """Says what ended the run; returns the exit code."""
+    behind: BaseException | None = error
+    while behind:  # what a signal raises, Python may put into an error of its own
+        if type(behind) in _ENDS:
+            number, text = _ENDS[type(behind)]
+            return _failed(text, _HINT, 128 + number)
+        behind = behind.__cause__ or behind.__context__
+    if isinstance(error, BrokenPipeError):  # whoever read our output is gone
+        _drop_output()
+        return 1
+    told = as_told(error)
+    return _failed(told.text, told.hint, told.code)
 
 
 def _prepare_streams() -> None:
@@ -74,12 +87,10 @@ def _terminated(number: int, frame: FrameType | None) -> NoReturn:
 
 def _not_lost(raised: "UnraisableHookArgs") -> None:
     """An interrupt in a callback of the compiler, which drops what is raised there, comes again."""
-    numbers = {KeyboardInterrupt: signal.SIGINT, _Terminated: signal.SIGTERM}
-    number = numbers.get(raised.exc_type)
-    if number is None:
+    if raised.exc_type not in _ENDS:
         sys.__unraisablehook__(raised)
         return
-    again = threading.Timer(_SOON, signal.raise_signal, [number])
+    again = threading.Timer(_SOON, signal.raise_signal, [_ENDS[raised.exc_type][0]])
     again.daemon = True
     again.start()
 

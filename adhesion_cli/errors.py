@@ -24,7 +24,7 @@ def unknown(kind: str, name: str, known: list[str]) -> UserError:
     return UserError(f"unknown {kind} {name!r}", f"{hint}known: {', '.join(known)}", code=2)
 
 
-def as_told(error: Exception) -> UserError:
+def as_told(error: BaseException) -> UserError:
     """What the user is told of any error: their own as it is, the system's, or a fault of ours."""
     if isinstance(error, UserError):
         return error

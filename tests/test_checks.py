@@ -779,6 +779,10 @@ def finding_codes() -> set[str]:
                     texts.append(c)
                 case ast.Assign(targets=[ast.Name(id="code")], value=ast.Constant(c)):
                     texts.append(c)
+                case ast.Dict(keys=keys, values=[ast.Constant("info" | "warning" | "error"), *_]):
+                    texts += [
+                        k.value for k in keys if isinstance(k, ast.Constant) and "-" in k.value
+                    ]
     return {str(t) for t in texts if isinstance(t, str) and kebab.fullmatch(t)} - {"utf-8"}
 
 
@@ -802,6 +806,8 @@ def test_every_finding_is_documented() -> None:
     listed = set(re.findall(r"`([a-z0-9-]+)`", page))
     assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-frozen"} <= finding_codes()
     assert sorted(finding_codes() - listed) == []
+    rows = "\n".join(line.split("|")[1] for line in page.splitlines() if line.startswith("| `"))
+    assert sorted(set(re.findall(r"`([a-z0-9-]+)`", rows)) - finding_codes()) == ["info"]
 
 
 def losses(log: Recordings) -> dict[str, Recordings]:

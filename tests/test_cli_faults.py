@@ -37,15 +37,17 @@ pressure = 9e5
 COMMANDS = {
     "convert": "convert log.csv out.mcap",
     "recover": "recover damaged.mcap -o out.mcap",
-    "analyze": "analyze log.csv -a td",
-    "slip": "slip log.csv",
+    "table": "convert damaged.mcap out.csv",
+    "analyze": "analyze log.csv other.csv -a td --rejects out.csv",
+    "slip": "slip log.csv --figure out.svg",
     "antiskid": "antiskid short.toml",
 }
 MOST = 60  # strikes of a fault: of 60 calls every one, of more as many, spread
 PAGE = 4096  # bytes of a disk that are given out at once
 OLD = b"of an earlier run"
 # strace knows a file by its name, and ours have none until they are whole: see data/strike.c.
-WRITES = ("ENOSPC", "EIO")
+WRITES = ("ENOSPC", "EIO", "CHANGED")
+CHANGED = "the result does not read back as written"
 STRUCK = [(c, f) for c in COMMANDS for f in FAULTS if not f.startswith("write:error")]
 pytestmark = pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
 
@@ -67,6 +69,7 @@ def prepared(folder: Path, command: str, *under: str) -> dict[str, bytes]:
     """Puts the inputs there and runs the command once, as `ran`: its outputs, by name."""
     lines = (ROOT / "sample_logs" / "service-brake.csv").read_text().splitlines(keepends=True)
     (folder / "log.csv").write_text("".join(lines[:400]))
+    (folder / "other.csv").write_text("".join([*lines[:300], "1,2,3\n"]))
     whole = (ROOT / "sample_logs" / "low-adhesion.mcap").read_bytes()
     (folder / "damaged.mcap").write_bytes(whole[: len(whole) // 2])
     (folder / "short.toml").write_text(SCENARIO)
@@ -102,7 +105,7 @@ def holds(folder: Path, command: str, made: dict[str, bytes], fault: str, nth: i
     if earlier == {True} or len(found) < len(old):
         assert done.returncode not in (0, 3), (fault, nth)
     for name, content in found.items():
-        if earlier == {False} and name.endswith(".mcap"):
+        if earlier == {False} and not name.endswith(".rrd"):
             assert content == made[name], (fault, nth, name)
         elif earlier == {False}:
             with warnings.catch_warnings():
@@ -135,11 +138,14 @@ def striker() -> Path:
 def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
     """Lets `most` of the writes of a run into its folder fail, each in a run of its own.
 
+    The error CHANGED is none: the write succeeds, and a bit is another one.
+
     All is then as it was before, which is as a run left it that did not fail.
     """
     folder, log = tmp_path / "out", tmp_path / "writes"
     folder.mkdir()
-    number = getattr(errno, error)
+    number = getattr(errno, error, 0)
+    text = f"cannot write the results ({os.strerror(number)})" if number else CHANGED
     under = ("env", f"LD_PRELOAD={striker()}", f"STRIKE_IN={folder}", f"STRIKE_LOG={log}",
              f"STRIKE_ERROR={number}")  # fmt: skip
     made = prepared(folder, command, *under, "STRIKE_NTH=0")
@@ -155,13 +161,18 @@ def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
             continue
         struck += 1
         assert done.returncode == 1, (error, nth)
-        assert f"cannot write the results ({os.strerror(number)})" in done.stderr, (error, nth)
+        assert text in done.stderr, (error, nth)
         assert {p.name: p.read_bytes() for p in folder.iterdir()} == before, (error, nth)
     assert struck
 
 
 def test_a_failing_write_leaves_the_old_results(tmp_path: Path) -> None:
     failing_writes(tmp_path, "analyze", "EIO", 2)
+
+
+@pytest.mark.parametrize("command", ["table", "slip"])
+def test_a_write_that_changes_a_byte_leaves_the_old_results(tmp_path: Path, command: str) -> None:
+    failing_writes(tmp_path, command, "CHANGED", 3)
 
 
 @pytest.mark.slow

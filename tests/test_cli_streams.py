@@ -54,6 +54,22 @@ def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_that_python_tells_as_another_error(number: int, code: int) -> None:
+    """While modules are imported, too, as where a class is made."""
+    program = (
+        "import signal; from adhesion_cli import __main__, reproduce\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
+        "class Comes:\n"
+        f"    def __set_name__(self, *_): signal.raise_signal({number})\n"
+        "def fails(**_): type('Made', (), {'it': Comes()})\n"
+        "reproduce.reproduce = fails; __main__.sys.argv[1:] = ['reproduce']; __main__.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == code
+    assert "internal" not in done.stderr
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(number: int, code: int) -> None:
     """What Python raises in a callback, C drops, as when the compiler asks for its cache."""
     program = (

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adhesion_cli.model import Channel, Column, Log
+from adhesion_cli.model import Channel, Column, Log, Reject
 from adhesion_cli.write import csv
 
 
@@ -83,6 +83,26 @@ def test_missing_and_masked_values_are_empty(tmp_path: Path) -> None:
     p.data.valid[2] = False
     csv.write_log(tmp_path / "a.csv", log(p))
     assert [row[1] for row in table(tmp_path / "a.csv")] == ["p [bar]", "1", "", ""]
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        ("a;=2+2", "a;'=2+2"), ("1,@SUM(A1)|-x", "1,'@SUM(A1)|'-x"), ('"=1', "\"'=1"),
+        ("＝1+1", "'＝1+1"), ("-5", "'-5"), ("0.1;-3.5e-2,+7", "0.1;-3.5e-2,+7"), ("a=b", "a=b"),
+    ],
+)  # fmt: skip
+def test_no_program_finds_a_formula_behind_its_own_separator(
+    tmp_path: Path, text: str, cell: str
+) -> None:
+    rejected = [Reject(3, 9, "no number", "p", text)]
+    csv.write_rejects(tmp_path / "a.csv", [replace(log(), rejects=rejected)])
+    assert table(tmp_path / "a.csv")[1][-1] == cell
+
+
+def test_units_are_hostile_too(tmp_path: Path) -> None:
+    csv.write_log(tmp_path / "a.csv", log(channel("x", [0], [1.0], "\x1b[2J\u202e")))
+    assert table(tmp_path / "a.csv")[0] == ["time [s]", "x [\\x1b[2J\\u202e]"]
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,31 @@ def test_of_several_sets_all_appear_or_none(
     assert names(folder) == (set() if nth < 6 else whole)  # the 7th is the folder's own
 
 
+@pytest.mark.parametrize("nth", range(6))
+def test_a_name_that_the_disk_refuses_leaves_none(
+    folder: Path, nth: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, refused = iter(range(100)), "link" if hasattr(os, "O_TMPFILE") else "replace"
+    real = getattr(os, refused)
+
+    def failing(*given: object, **named: object) -> None:
+        if next(calls) == nth:
+            raise OSError(28, "No space left on device")
+        real(*given, **named)
+
+    monkeypatch.setattr(os, refused, failing)
+    pairs = [pair(folder), [folder / "b.adhesion.mcap", folder / "b.adhesion.rrd"]]
+
+    def run() -> None:
+        with files.sets(pairs, False) as places:
+            for place in (place for of in places for place in of):
+                place.write_text("new")
+
+    with pytest.raises(UserError, match="No space left"):
+        run()
+    assert names(folder) == set()
+
+
 def test_existing_results_need_force(folder: Path) -> None:
     write(pair(folder)[:1], "old")
     with pytest.raises(UserError) as caught:
@@ -233,6 +258,28 @@ def test_dangling_link_counts_as_existing(tmp_path: Path) -> None:
         files.check([tmp_path / "a.csv"], False)
 
 
+def test_a_pipe_is_no_output(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.csv")
+    with pytest.raises(UserError, match="a pipe or a device"):
+        files.check([tmp_path / "a.csv"], True)
+
+
+def test_the_longest_name_is_replaced(folder: Path) -> None:
+    target = folder / ("é" * 125 + "a.csv")  # 255 bytes
+    write([target], "old")
+    write([target], "new", force=True)
+    assert names(folder) == {target.name}
+    assert target.read_text() == "new"
+
+
+def test_names_that_sha256sum_escapes(tmp_path: Path) -> None:
+    paths = [tmp_path / f"a\nb\\{kind}" for kind in ("mcap", "rrd")]
+    write(paths, "new")
+    told = subprocess.run(["sha256sum", "-c", "--strict", "a\nb\\mcap.sha256"], cwd=tmp_path)
+    assert told.returncode == 0
+    assert files.belong_together(paths)
+
+
 def test_missing_folder_folder_as_output_and_double_name(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="no such folder"):
         files.check([tmp_path / "no" / "a.csv"], False)
@@ -274,14 +321,21 @@ except UserError as error:
     sys.exit(error.code)
 """
 DIE = """
-die, step = int(sys.argv[4]), 0
+die, step, number = int(sys.argv[4]), 0, signal.SIGKILL
 def hook(event, arguments):
     global step
     if event in ("os.link", "os.rename", "os.remove"):
         step += 1
         if step == die:
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getpid(), number)
 sys.addaudithook(hook)
+"""
+INTERRUPTED = DIE + "number = signal.SIGINT\n"
+SETS = """
+sets = [paths, [folder / "b.adhesion.mcap", folder / "b.adhesion.rrd"]]
+with files.sets(sets, force) as places:
+    for path in (path for of in places for path in of):
+        path.write_text(text)
 """
 
 
@@ -323,6 +377,42 @@ def test_kill_before_every_step_of_publishing(tmp_path: Path, before: bool) -> N
         write(pair(folder), "new" * 9, force=True)  # the next run cleans up
         assert names(folder) == {"a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"}
     assert die > 2  # it was killed at least at each link
+
+
+def test_of_several_sets_killed_at_any_step_none_is_new_beside_old(tmp_path: Path) -> None:
+    """Every step but the last leaves no manifest either."""
+    for die in range(1, 30):
+        old, new = "old" * 9, "new" * 9
+        assert child(SETS, tmp_path, old, "force").wait(20) == 0
+        code = child(DIE + SETS, tmp_path, new, "force", str(die)).wait(20)
+        found = {p.name: p.read_bytes() for p in tmp_path.iterdir() if p.suffix != ".part"}
+        told = {name for name in found if name.endswith(".sha256")}
+        assert {found[name].decode() for name in set(found) - told} in ({old}, {new})
+        assert not told or len(found) > 4
+        if code == 0:
+            break
+        assert code == -signal.SIGKILL
+    assert len(found) == 6
+    assert die > 6
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["fresh", "replacing"])
+def test_an_interrupt_waits_while_names_are_given(tmp_path: Path, before: bool) -> None:
+    for die in range(1, 20):
+        if before:
+            write(pair(tmp_path), "old" * 9, force=True)
+        process = child(INTERRUPTED + WRITE, tmp_path, "new" * 9, "force", str(die))
+        process.communicate(timeout=20)
+        assert {p.read_text() for p in pair(tmp_path)} == {"new" * 9}
+        assert manifest_holds(tmp_path)
+        assert len(names(tmp_path)) == 3
+        if process.returncode == 0:
+            break
+        assert process.returncode == -signal.SIGINT
+        if not before:
+            for path in tmp_path.iterdir():
+                path.unlink()
+    assert die > 3
 
 
 def killed_at_random(tmp_path: Path, times: int) -> None:

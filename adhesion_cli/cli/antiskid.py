@@ -14,6 +14,7 @@ from .options import (
     completes,
     draw,
     estimators,
+    inputs,
     loader,
     pictures,
     scenarios,
@@ -109,6 +110,7 @@ def command(
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
+    read = inputs(shared, Path(scenario))
     case, tell = load(scenario).with_train_speed(train_speed), show.progress(shared.quiet)
     made_with = parameters(registry(), algo, settings)
     if stated.vehicle != Vehicle():
@@ -119,7 +121,7 @@ def command(
         from ..figures import of_sweep
         from ..sweep import RAILS, sweep
 
-        files.check(targets(shared), shared.force, inputs=[Path(scenario)])
+        files.check(targets(shared), shared.force, inputs=read)
         seeds = seeds or 10
         count = len(RAILS) * len(registry()) * seeds
         show.message(f"{count} stops to simulate, on all cores", shared.quiet)
@@ -127,7 +129,7 @@ def command(
         document = sweep_document(case.name, seeds, algo, made_with, rows)
         title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
         for picture in pictures(shared):
-            with files.outputs([picture], shared.force, inputs=[Path(scenario)]) as (place,):
+            with files.outputs([picture], shared.force, inputs=read) as (place,):
                 draw(place, title, of_sweep(rows))
         text = "\n".join([_rails(rows), *map(show.wrote, pictures(shared))])
         document["outputs"] = results.named(pictures(shared))
@@ -135,7 +137,7 @@ def command(
         return 0
 
     paths = _paths(shared, case.name)
-    files.check(targets(shared, paths), shared.force, inputs=[Path(scenario)])
+    files.check(targets(shared, paths), shared.force, inputs=read)
     dry, stops = antiskid.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     kept = [(law, *x) for law, (_, v) in stops.items() for x in antiskid.against(case.limit, v)]
@@ -244,7 +246,7 @@ def _write(
     weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
     drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
     every = [*paths, *pictures(shared)]
-    with files.outputs(every, shared.force, inputs=[source]) as (recording, *places):
+    with files.outputs(every, shared.force, inputs=inputs(shared, source)) as (recording, *places):
         for record, (stop, carried) in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             mcap.write_stop(

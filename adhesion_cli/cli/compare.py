@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import EVERY, Shared, rejects, shared
+from .options import EVERY, Shared, places, shared
 
 
 @shared(*EVERY)
@@ -26,7 +26,7 @@ def command(
     from ..estimator import registry
     from ..metrics import overall
     from ..text import printable
-    from ..write import files, mcap
+    from ..write import mcap
     from . import show
 
     if not logs:
@@ -37,10 +37,7 @@ def command(
 
     from ..write import rrd  # slow to import: only after the checks
 
-    with (
-        rejects(shared, (r.log for r in analysed), logs),
-        files.outputs(pair, shared.force, inputs=logs) as (record, picture),
-    ):
+    with places(shared, [pair], (r.log for r in analysed), logs) as ((record, picture),):
         mcap.write_comparison(record, analysed, results.embedded(analysed))
         rrd.write_comparison(picture, analysed, list(registry()))
     if shared.json:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, loader, rejects, shared, targets
+from .options import Shared, inputs, loader, places, shared, targets
 
 
 @shared("config", "set_", "json", "force", "strict", "rejects")
@@ -25,12 +25,9 @@ def command(
 
     write = writer(target)
     settings = loader(shared)()
-    files.check(targets(shared, [target]), shared.force, inputs=[log])
+    files.check(targets(shared, [target]), shared.force, inputs=inputs(shared, log))
     result = unchanged(open_source(log, settings.read), settings.mappings)
-    with (
-        rejects(shared, [result], [log]),
-        files.outputs([target], shared.force, inputs=[log]) as (temporary,),
-    ):
+    with places(shared, [[target]], [result], [log]) as ((temporary,),):
         write(temporary, result)
     if shared.json:
         from ..document import dumps, findings_document, tagged

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .options import Logs, Shared, loader, rejects, shared, targets
+from .options import Logs, Shared, inputs, loader, places, shared, targets
 
 if TYPE_CHECKING:
     from ..model import Log
@@ -22,7 +22,7 @@ def command(logs: Logs, shared: Shared) -> int:
     from ..inspection import inspect
     from ..write import files
 
-    files.check(targets(shared), shared.force, inputs=logs)
+    files.check(targets(shared), shared.force, inputs=inputs(shared, *logs))
     read: list[Log] = []
     seen = [
         inspect(
@@ -30,7 +30,7 @@ def command(logs: Logs, shared: Shared) -> int:
         )
         for log in logs
     ]
-    with rejects(shared, read, logs):
+    with places(shared, [[]], read, logs):
         pass
     if shared.json:
         print(dumps(tagged("inspect", logs=[doc for doc, _ in seen])))

@@ -170,25 +170,38 @@ def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
     return [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
 
 
+def inputs(shared: Shared, *logs: Path) -> list[Path]:
+    """Everything a run reads, which must survive it."""
+    return [*logs, *([shared.config] if shared.config else [])]
+
+
 @contextmanager
-def rejects(shared: Shared, logs: "Iterable[Log]", inputs: Sequence[Path]) -> Iterator[None]:
-    """Writes what was left out of the logs, if asked for; it appears after what is written within.
+def places(
+    shared: Shared, sets: Sequence[Sequence[Path]], logs: "Iterable[Log]", read: Sequence[Path]
+) -> Iterator[list[list[Path]]]:
+    """Where to write each set of outputs; what was left out of the logs appears with them.
+
+    Args:
+        shared: where to that goes, and whether older results are replaced.
+        sets: the names of each set.
+        logs: whose rows were left out.
+        read: the files of the logs.
 
     Raises:
-        UserError: where it cannot be written.
+        UserError: where they cannot be written.
     """
-    if shared.rejects is None:
-        yield
-        return
     from ..write import files
     from ..write.csv import write_rejects
     from . import show
 
-    stated = [shared.config] if shared.config else []
-    with files.outputs([shared.rejects], shared.force, inputs=[*inputs, *stated]) as (place,):
-        count = write_rejects(place, logs)
-        yield
-    show.message(f"wrote {shared.rejects}: {count} rows and cells left out", shared.quiet)
+    left_out = [shared.rejects] if shared.rejects else []
+    first, *others = sets
+    of, kept = [[*first, *left_out], *others], inputs(shared, *read)
+    with files.sets(of, shared.force, inputs=kept) as found:
+        count = write_rejects(found[0].pop(), logs) if left_out else 0
+        yield found
+    for path in left_out:
+        show.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
 
 
 def pictures(shared: Shared) -> list[Path]:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ..errors import UserError
-from .options import Shared, loader, shared
+from .options import Shared, inputs, loader, shared
 
 
 @shared("config", "set_", "json", "force", "strict")
@@ -28,10 +28,10 @@ def command(
     options = loader(shared)().read
     if out.suffix.lower() != ".mcap":
         raise UserError(f"{out}: what is recovered is an MCAP", "-o FILE.mcap", code=2)
-    files.check([out], shared.force, inputs=[log])
+    files.check([out], shared.force, inputs=inputs(shared, log))
     source = McapSource(log, options)
     found = source.findings
-    with files.outputs([out], shared.force, inputs=[log]) as (temporary,):
+    with files.outputs([out], shared.force, inputs=inputs(shared, log)) as (temporary,):
         container.copy(temporary, source.walk)
     if shared.json:
         from ..document import dumps, findings_document, tagged

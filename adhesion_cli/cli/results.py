@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import Shared, checked, pictures, rejects, targets
+from .options import Shared, checked, inputs, pictures, places, targets
 
 if TYPE_CHECKING:
     from ..model import Finding, Result
@@ -49,7 +49,7 @@ def analysed(
     from . import show
 
     load = checked(shared, logs)
-    files.check(targets(shared, [*paths]), shared.force, inputs=logs)
+    files.check(targets(shared, [*paths]), shared.force, inputs=inputs(shared, *logs))
     window, tell = (shared.from_, shared.to), show.progress(shared.quiet)
     return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]
 
@@ -69,15 +69,12 @@ def write(
         draw: of the one log there is with `--figure`, to the place given.
     """
     from .. import estimator
-    from ..write import files, mcap, rrd
+    from ..write import mcap, rrd
 
-    inputs = [Path(result.log.path) for result in results]
+    read = [Path(result.log.path) for result in results]
     sets = [[*of, *pictures(shared)] for of in pairs]
-    with (
-        rejects(shared, (r.log for r in results), inputs),
-        files.sets(sets, shared.force, inputs=inputs) as places,
-    ):
-        for i, (result, of) in enumerate(zip(results, places, strict=True)):
+    with places(shared, sets, (r.log for r in results), read) as found:
+        for i, (result, of) in enumerate(zip(results, found, strict=True)):
             record, recording, *drawn = of
             slip, notes = slips[i] if slips else (None, ())
             mcap.write_result(record, result, embedded([result]), slip)

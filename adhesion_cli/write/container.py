@@ -34,8 +34,8 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from ..errors import UserError
 from ..model import RECOVERED
+from .verified import crc, damaged
 
 _MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 _DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
@@ -245,29 +245,14 @@ def verify(path: Path) -> None:
         try:
             opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
         except struct.error:
-            raise _damaged("it is too short") from None
+            raise damaged("it is too short") from None
         if (opcode, magic) != (Opcode.FOOTER, _MAGIC):
-            raise _damaged("it has no end")
+            raise damaged("it has no end")
         data = summary_start - _DATA_END.size  # bytes of the data section before its last record
         if not 0 <= data <= size:
-            raise _damaged("its footer points nowhere")
-        file.seek(0)
-        crc = _crc(file, data)
-        if file.read(_DATA_END.size) != _DATA_END.pack(Opcode.DATA_END, 4, crc):
-            raise _damaged("CRC of the data")
-        if _crc(file, size - summary_start - 12) != summary_crc:
-            raise _damaged("CRC of the summary")
-
-
-def _crc(file: BinaryIO, length: int) -> int:
-    crc = 0
-    while length > 0 and (block := file.read(min(length, 1 << 20))):
-        crc = zlib.crc32(block, crc)
-        length -= len(block)
-    return crc
-
-
-def _damaged(what: str) -> UserError:
-    return UserError(
-        f"the result does not read back as written ({what})", "check the disk, then run again"
-    )
+            raise damaged("its footer points nowhere")
+        told = _DATA_END.pack(Opcode.DATA_END, 4, crc(file, 0, data))
+        if file.read(_DATA_END.size) != told:
+            raise damaged("CRC of the data")
+        if crc(file, summary_start, size - summary_start - 12) != summary_crc:
+            raise damaged("CRC of the summary")

@@ -4,6 +4,8 @@ Rows that reading left out, too.
 """
 
 import csv
+import io
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +18,7 @@ from pyarrow.csv import CSVWriter
 from ..model import Log, Reject, Times
 from ..text import printable
 from . import names
+from .verified import verified
 
 _ROWS = 1 << 16  # written at once
 
@@ -34,6 +37,7 @@ def write_log(path: Path, log: Log) -> None:
 
     Raises:
         OSError: the file cannot be written.
+        UserError: it does not read back.
     """
     axes = {id(c.data.t): _Axis.of(c.data.t) for c in log.channels}
     headers = ["time" if log.absolute else "time [s]"]
@@ -42,7 +46,7 @@ def write_log(path: Path, log: Log) -> None:
                              else f"{name} [{unit}]"))  # fmt: skip
     types = [pa.timestamp("ns", "UTC") if log.absolute else pa.float64()]
     schema = pa.schema(list(zip(headers, types + [pa.float64()] * len(log.channels), strict=True)))
-    with path.open("wb") as file, CSVWriter(file, schema) as writer:
+    with verified(path) as file, CSVWriter(file, schema) as writer:
         for parts in _parts(axes):
             t, rows = _rows(axes, parts)
             columns = [pa.array(t, types[0]) if log.absolute else pa.array(t / 1e9)]
@@ -64,11 +68,11 @@ def write_rejects(path: Path, logs: Iterable[Log]) -> int:
 
     Raises:
         OSError: the file cannot be written.
-        UserError: a log cannot be read any more.
+        UserError: a log cannot be read any more, or the file does not read back.
     """
     count = 0
-    with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
+    with verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+        table = csv.writer(text, lineterminator="\n")
         table.writerow(("file", *Reject._fields))
         for log in logs:
             for reject in log.rejects:
@@ -134,6 +138,13 @@ def _keys(axis: _Axis, part: slice) -> NDArray[np.int64]:
     return np.stack([np.searchsorted(axis.edges, number, side="right"), t, repeated])
 
 
+# Where a formula may begin: at the start of a cell, and, as programs differ in what parts cells,
+# behind any separator, but for a number with its sign.
+_FORMULA = re.compile(
+    r"""^(?=[=+\-@＝＋－＠])|(?<=[;,\t|"])(?=[=@＝＠]|[-+－＋](?![\d.eE+-]+([;,\t|"]|$)))"""
+)
+
+
 def _cell(text: str) -> str:
-    """A cell that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
+    """A cell that no spreadsheet takes for a formula, or for several cells with one."""
+    return _FORMULA.sub("'", text)

@@ -1,31 +1,35 @@
-"""A set of output files appears complete under its names, or not at all.
+"""The output files of a run appear complete under their names, or not at all.
 
 What is written has no name until everything is written, checked and on the disk: on Linux the files
 are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere they are hidden files
 beside the target, removed at the end of the run unless it was killed.
 
-A file of a set may lie in another folder; the manifest stands in the record's and names it from
-there.
+A run may write several sets, one for each log, and a file of a set may lie in another folder; the
+manifest stands in that of the set's first file and names the others from there.
 
-Several files cannot get their names in one stroke. The first of a set is the record, the others are
-made from it. When a set replaces an older one, the old manifest and the old others go first, then
-the record is replaced in one stroke, then the new others appear, the manifest last:
+Several files cannot get their names in one stroke. The first of all is the record. When older
+files are replaced, their manifests and all of them but the record go first, then the record is
+replaced in one stroke, then the others appear, the manifests last:
 
     old record, old others, manifest → old record → new record → new record, new others, manifest
 
 A run killed in between leaves one of these states: never new beside old, never a part of a file,
-and no manifest (`<stem>.sha256`, which `sha256sum -c` reads) unless the set is whole.
+and no manifest (`<stem>.sha256`, which `sha256sum -c` reads) unless all of the run is whole. A
+signal that ends a run waits meanwhile; where the disk refuses a name, those just given go again.
 """
 
 import hashlib
 import os
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from ..errors import UserError
 from ..text import printable
+from .verified import verified
 
 _OURS = "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
 
@@ -58,8 +62,9 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
                 f"{_shown(path.parent)}: the folder cannot be written to",
                 "write to another folder",
             )
-        if path.is_dir():
-            raise UserError(f"{_shown(path)}: is a folder", "write elsewhere")
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "a pipe or a device, not a file"
+            raise UserError(f"{_shown(path)}: is {kind}", "write elsewhere")
         for source in inputs:
             if path.exists() and source.exists() and path.samefile(source):
                 raise UserError(f"{_shown(path)}: is the input itself", "write to another folder")
@@ -146,20 +151,22 @@ def sets(
 
             written = [[unnamed(path.parent) for path in paths] for paths in of]
             yield [[file.path for file in files] for files in written]
-            targets = [list(paths) for paths in of]
-            for names, files in zip(targets, written, strict=True):
-                if len(names) + len(kept) > 1:
-                    text = _manifest([*kept, *names], [*kept, *(f.path for f in files)])
-                    names.append(manifest(names[0]))
-                    files.append(unnamed(names[0].parent))
-                    files[-1].path.write_text(text, "utf-8", "surrogateescape")
-                for file in files:
-                    os.fsync(file.descriptor)
-            with _locked(folders):
-                if not force:
-                    _refuse_existing(every)  # another run was faster
-                for names, files in zip(targets, written, strict=True):
-                    _publish(names, files, force)
+            results = [file for files in written for file in files]
+            manifests = {}
+            for paths, files in zip(of, written, strict=True):
+                if paths and len(paths) + len(kept) > 1:
+                    file = manifests[manifest(paths[0])] = unnamed(paths[0].parent)
+                    with verified(file.path) as told:
+                        told.write(_manifest([*kept, *paths], [*kept, *(f.path for f in files)]))
+            for file in (*results, *manifests.values()):
+                os.fsync(file.descriptor)
+            with _locked(folders) as locked, _uninterrupted():
+                stale = [m for paths in of if paths and _ours(m := manifest(paths[0]))]
+                if not force:  # another run was faster, or somebody else's manifest
+                    _refuse_existing([*every, *(m for m in manifests if m not in stale)])
+                _publish([*every, *manifests], [*results, *manifests.values()], stale)
+                for folder in locked:
+                    os.fsync(folder)
     except OSError as error:
         places = ", ".join(map(_shown, folders))
         raise UserError(
@@ -168,15 +175,46 @@ def sets(
         ) from error
 
 
-def _publish(targets: Sequence[Path], files: "Sequence[_Unnamed]", force: bool) -> None:
-    """Give a set its names, in the order in which a run that is killed leaves no mixture."""
-    _remove_manifest(targets[0])
-    if not force:
-        _refuse_existing(targets)  # somebody else's manifest
-    for path in targets[:0:-1]:
-        path.unlink(missing_ok=True)
-    for path, file in zip(targets, files, strict=True):
-        file.publish(path)
+def _publish(targets: list[Path], files: "list[_Unnamed]", stale: list[Path]) -> None:
+    """Give files their names, in the order in which a run that is killed leaves no mixture.
+
+    Args:
+        targets: the names, that of the record first.
+        files: as many.
+        stale: manifests that are about to be untrue.
+    """
+    old = [path for path in targets if os.path.lexists(path) and path not in stale]
+    replaces = old[:1] == targets[:1]
+    for path in reversed([*old[replaces:], *stale]):
+        path.unlink()
+    given: list[Path] = []
+    try:
+        for path, file in zip(targets, files, strict=True):
+            file.publish(path)
+            given.append(path)
+    except BaseException:
+        for path in reversed(given[replaces:]):
+            path.unlink()
+        raise
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Signals that end a run come when this is done."""
+    came: list[int] = []
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: handler for number, handler in before.items() if callable(handler)}
+    try:
+        for number in before:
+            signal.signal(number, lambda number, _: came.append(number))
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if came:
+        signal.raise_signal(came[0])
 
 
 class _Unnamed:
@@ -198,30 +236,33 @@ class _Unnamed:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.descriptor >= 0:
-            os.close(self.descriptor)
-        if self.named:
-            self.named.unlink(missing_ok=True)
+        try:
+            self._close()
+        finally:
+            if self.named:
+                self.named.unlink(missing_ok=True)
 
     def publish(self, target: Path) -> None:
         """Give the file its name in one stroke, whatever has that name now."""
-        if self.named:
-            self.named.chmod(0o666 & ~_umask())
-            os.close(self.descriptor)  # Windows renames no open file
-            self.descriptor = -1
-            self.named.replace(target)
-            self.named = None
-        elif os.path.lexists(target):  # a link cannot replace: take a name beside it first
-            beside = target.with_name(f".{target.name}.part")
+        if self.named is None and os.path.lexists(target):
+            # A link cannot replace: it takes a name beside it first, of the 255 bytes there may be.
+            name = os.fsdecode(os.fsencode(target.name)[:240])
+            beside = target.with_name(f".{name}.part")
             beside.unlink(missing_ok=True)  # of a run killed right here
             self._link(beside)
-            try:
-                beside.replace(target)
-            except BaseException:
-                beside.unlink()
-                raise
+            self.named = beside
+        if self.named:
+            self.named.chmod(0o666 & ~_umask())
+            self._close()  # Windows renames no open file
+            self.named.replace(target)
+            self.named = None
         else:
             self._link(target)
+
+    def _close(self) -> None:
+        descriptor, self.descriptor = self.descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
 
     def _link(self, target: Path) -> None:
         # A directory descriptor makes Python follow the link that /proc shows.
@@ -229,30 +270,28 @@ class _Unnamed:
 
 
 @contextmanager
-def _locked(folders: Sequence[Path]) -> Iterator[None]:
-    """Keep other runs from publishing into the folders meanwhile; then bring the names to disk.
+def _locked(folders: Sequence[Path]) -> Iterator[list[int]]:
+    """Keep other runs from publishing into the folders meanwhile; yields their descriptors.
 
     Every run locks them in the same order, each once: none waits for one that waits for it.
     """
     if fcntl is None:
-        yield
+        yield []
         return
     with ExitStack() as stack:
-        descriptors = []
+        descriptors: list[int] = []
         for folder in sorted({x.resolve() for x in folders}):
             descriptors.append(os.open(folder, os.O_RDONLY | os.O_CLOEXEC))
             stack.callback(os.close, descriptors[-1])
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(descriptors[-1], fcntl.LOCK_EX)
-        yield
-        for descriptor in descriptors:
-            os.fsync(descriptor)
+        yield descriptors
 
 
 def belong_together(paths: Sequence[Path]) -> bool:
     """Whether a manifest of ours lists these files of one set with the content they have now."""
     try:
-        told = manifest(paths[0]).read_text("utf-8", "surrogateescape")
+        told = os.fsdecode(manifest(paths[0]).read_bytes())
         listed = set(told.removeprefix(_OURS).splitlines(keepends=True))
         return told.startswith(_OURS) and all(_line(p.name, p) in listed for p in paths)
     except FileNotFoundError:
@@ -264,23 +303,25 @@ def manifest(path: Path) -> Path:
     return path.with_suffix(".sha256")
 
 
-def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> str:
+def _manifest(paths: Sequence[Path], written: Sequence[Path]) -> bytes:
     here = paths[0].parent.resolve()
     names = (os.path.relpath(p.parent.resolve() / p.name, here) for p in paths)
-    return _OURS + "".join(map(_line, names, written))
+    return os.fsencode(_OURS + "".join(map(_line, names, written)))
 
 
 def _line(name: str, place: Path) -> str:
+    told = name.replace("\\", r"\\").replace("\n", r"\n").replace("\r", r"\r")
     with place.open("rb") as content:
-        return f"{hashlib.file_digest(content, 'sha256').hexdigest()}  {name}\n"
+        digest = hashlib.file_digest(content, "sha256").hexdigest()
+    return ("\\" if told != name else "") + f"{digest}  {told}\n"  # as sha256sum marks such a name
 
 
-def _remove_manifest(path: Path) -> None:
-    """Remove the manifest that a result is listed in, if it is ours: it is about to be untrue."""
-    told = manifest(path)
-    with suppress(FileNotFoundError):
-        if told.read_text("utf-8", "surrogateescape").startswith(_OURS):
-            told.unlink()
+def _ours(path: Path) -> bool:
+    """Whether this is a manifest that we wrote."""
+    try:
+        return path.read_bytes().startswith(os.fsencode(_OURS))
+    except OSError:  # none, as a rule
+        return False
 
 
 def _umask() -> int:

@@ -22,13 +22,13 @@ SI: dict[Meaning, str] = {
 
 
 def channels(log: Log) -> list[tuple[str, str]]:
-    """Name and unit of each channel's values, in order; names printable and distinct.
+    """Name and unit of each channel's values, in order; both printable, names distinct.
 
     A channel with a meaning holds SI; one without still has the unit the log states.
     """
     units = [SI[c.meaning] + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels]
     names = [_name(c, unit) for c, unit in zip(log.channels, units, strict=True)]
-    return list(zip(distinct(names), units, strict=True))
+    return list(zip(distinct(names), map(printable, units), strict=True))
 
 
 def logs(results: Sequence[Result]) -> list[str]:

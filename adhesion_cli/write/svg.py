@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from ..model import Floats
+from .verified import verified
 
 COLOURS = ("#2f6fb3", "#d9822b", "#c23b3b", "#7d57b5", "#238a80", "#a08a00", "#c75b86", "#7a5636")
 BLACK, GREY = "#222222", "#999999"
@@ -65,6 +66,7 @@ def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> 
 
     Raises:
         OSError: the file cannot be written.
+        UserError: it does not read back.
     """
     legend = max(-(-len(_keys(p)) // _ABREAST) for p in panels) * _LEGEND
     wide, high = _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM + legend
@@ -79,7 +81,8 @@ def write(path: Path, title: str, panels: Sequence[Panel], columns: int = 2) -> 
     for i, panel in enumerate(panels):
         x, y = i % columns * wide + _LEFT, _HEAD + i // columns * high + _TOP
         parts += [f'<g transform="translate({x},{y})">', *_panel(panel), "</g>"]
-    path.write_text("\n".join([*parts, "</svg>", ""]), encoding="utf-8")
+    with verified(path) as file:
+        file.write("\n".join([*parts, "</svg>", ""]).encode())
 
 
 def _panel(panel: Panel) -> Iterator[str]:

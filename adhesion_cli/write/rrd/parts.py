@@ -19,6 +19,7 @@ from rerun.error_utils import RerunWarning
 
 from ...model import Floats, Times
 from ...slope import REGIONS, Bands
+from ..verified import verified
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
@@ -53,7 +54,8 @@ def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
         pages: a tab for each.
 
     Raises:
-        OSError: the file cannot be written or does not read back.
+        OSError: the file cannot be written, or is not what was sent.
+        UserError: it does not read back.
     """
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(made_from.encode()).hexdigest()
@@ -81,7 +83,7 @@ def _copy(source: int, path: Path) -> None:
     """From a pipe to a file; whatever becomes of the file, the pipe is read to its end."""
     with open(source, "rb", buffering=0) as pipe:
         try:
-            with path.open("wb") as file:
+            with verified(path) as file:
                 shutil.copyfileobj(pipe, file, _PIPED)
         finally:
             while pipe.read(_PIPED):
