@@ -116,7 +116,7 @@ def test_a_scaled_pressure_before_slides_is_no_delay(
 
 
 def test_what_one_edge_cannot_tell_apart_is_said(tmp_path: Path) -> None:
-    stated = settings.load(None, ["vehicle.spring_force=528"])  # as a pressure of 0.7 bar less
+    stated = settings.load(None, ["vehicle.spring_force=133"])  # as a pressure of 1 bar less
     log = clean("low-adhesion", 1, "as it is")
     told = [f for f in found(log, tmp_path, stated) if "cannot tell" in f.message]
     assert {f.code for f in told} == {"vehicle-suspect", "pressure-clock-offset"}

@@ -2,15 +2,15 @@
 
 While every wheel rolls, (1) and (15) give the speed from the pressure,
 
-    v(t) = α + βt − s c ∫ max(K(t + τ) − o, 0) dt − q v s c max(K(t + τ) − o, 0),
+    v(t) = α + βt + γt² − s c ∫ max(K(t + τ) − o, 0) dt − q v s c max(K(t + τ) − o, 0),
 
-with τ by which the pressure is late, s and o by which the force line is another one, α and β for
-speed and gradient of each piece of the log, q for creep: a braked wheel turns more slowly than the
-train by a share that goes with the force. A clock shifts both ends of every build-up and release,
-a factor changes what lies between them, an offset moves their ends towards or from each other;
-creep makes a wheel early by q v, the earlier the faster it is. Each is known only beside the
-others. Every piece has an error of its own size: what follows another law (a slide) tells little,
-and so do errors that are alike from sample to sample.
+with τ by which the pressure is late, s and o by which the force line is another one, α, β, γ for
+speed, gradient and its change in each piece of the log, q for creep: a braked wheel turns more
+slowly than the train by a share that goes with the force. A clock shifts both ends of every
+build-up and release, a factor changes what lies between them, an offset moves their ends towards or
+from each other; creep makes a wheel early by q v, the earlier the faster it is. Each is known only
+beside the others. Every piece has an error of its own size: what follows another law (a slide)
+tells little, and so do errors that are alike from sample to sample.
 """
 
 import math
@@ -51,6 +51,7 @@ _MOST = 0.9  # the largest offset looked for, of the highest K
 _STEEPEST = 30.0  # and the largest factor
 _PARTS = 1.0, 0.5, 0.2, 0.05  # of a step that are tried
 _CONVERGED = 0.05  # a smaller gain of a step ends the search
+_BENT = 20  # samples: with fewer, γ is not told from what happens between two
 _SINGULAR = 1e-9  # of what tells an unknown is left beside the others: rounding
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 
@@ -86,7 +87,7 @@ class _Log(NamedTuple):
     first: NDArray[np.int64]  # place of each piece's first one in `at`
     size: Floats  # how many each has
     time: Floats  # from the piece's middle, (m,) [s]
-    v: Floats  # speed without the piece's straight line, (m,) [m/s]
+    v: Floats  # speed without the piece's parabola, (m,) [m/s]
     speed: Floats  # that itself, smooth (m,) [m/s]
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
@@ -300,15 +301,17 @@ def _spread(log: _Log, x: Floats) -> Floats:
 
 
 def _detrended(log: _Log, x: Floats) -> Floats:
-    """What is left of x without the straight line of its piece, (m,)."""
-    x = x - _spread(log, _sums(log, x) / log.size)
-    slope = _sums(log, x * log.time) / _sums(log, log.time**2)
-    flat: Floats = x - _spread(log, slope) * log.time
-    return flat
+    """What is left of x without the parabola of its piece, (m,): gradients change within it."""
+    bent = log.time**2
+    bent -= _spread(log, _sums(log, bent) / log.size)  # a straight line leaves it: times are even
+    for shape, pieces in ((np.ones_like(x), True), (log.time, True), (bent, log.size >= _BENT)):
+        part = np.where(pieces, _sums(log, x * shape) / _sums(log, shape**2), 0.0)
+        x = x - _spread(log, part) * shape
+    return x
 
 
 def _gained(log: _Log, p: _Point) -> Floats:
-    """What s makes v lose without the straight line of each piece, (m,) [m/s]."""
+    """What s makes v lose without the parabola of each piece, (m,) [m/s]."""
     K = _applied(log, p)
     area = np.concatenate([[0.0], np.cumsum((K[1:] + K[:-1]) / 2.0)]) * (log.t[1] - log.t[0])
     crept = p.creep * log.speed * K[log.at]

@@ -185,6 +185,10 @@ class Scene(NamedTuple):
             return ""
         return ", unless this axle slides, which a train speed or another axle would show"
 
+    def seconds(self, i: int) -> float:
+        """Time of a sample on the grid, after the log's start [s]."""
+        return (self.grid.first - self.start_ns) / 1e9 + i * self.grid.step
+
     def told(
         self, code: str, severity: Severity, text: str, channel: Channel,
         where: Bools | None = None, axle: int = 0,

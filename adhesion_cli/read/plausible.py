@@ -6,7 +6,7 @@ Nothing is changed here: every finding names what to state so that the log is un
 from collections.abc import Callable, Iterator, Sequence
 
 from ..model import Finding, Vehicle
-from . import deceleration, pressures, wheels
+from . import answers, deceleration, pressures, wheels
 from .grid import Axle, Explanation, Grid, Scene
 
 Check = Callable[[Scene], Iterator[Finding]]
@@ -17,9 +17,11 @@ CHECKS: tuple[tuple[Check, ...], ...] = (
         deceleration.impossible,
         deceleration.too_hard,
         pressures.released,
+        answers.unlike,
         deceleration.explained,
         deceleration.unbraked,
         deceleration.another_factor,
+        answers.unstated,
         deceleration.unexplained,
     ),
     (deceleration.late_pressure,),
