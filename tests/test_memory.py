@@ -101,8 +101,8 @@ print(peak() - before - held // 1024)
 
 COMPILED = """
 import numpy as np
-from adhesion_cli.read import csv, plain
-csv._MANY = 0
+from adhesion_cli.read import plain, scan
+scan._MANY = 0
 plain.parse(np.frombuffer(b"1,2\\n", np.uint8), ",", ".", 2, 0, 9, [1], 1)  # all is loaded
 """
 

@@ -237,7 +237,7 @@ def read_by_both(tmp_path_factory, lines, block):
     read = []
     for many in (0, 10**9):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("adhesion_cli.read.csv._MANY", many)
+            patch.setattr("adhesion_cli.read.scan._MANY", many)
             patch.setattr("adhesion_cli.read.lines._BLOCK", block)
             try:
                 source = open_csv(path, ReadOptions())
