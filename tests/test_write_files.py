@@ -1,5 +1,6 @@
 """Outputs appear whole or not at all, whatever ends the run."""
 
+import fcntl
 import hashlib
 import os
 import re
@@ -65,6 +66,32 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def test_hidden_files_of_killed_runs_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there are no unnamed files; those of a run that goes on, or has just begun, stay."""
+    monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    dead, alive, begun = (tmp_path / f".adhesion-{x}.part" for x in ("dead", "alive", "begun"))
+    for path in (dead, alive, begun):
+        path.touch()
+    for path in (dead, alive):
+        os.utime(path, (time.time() - 100,) * 2)
+    with alive.open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        write([tmp_path / "a.csv"], "new")
+    assert names(tmp_path) == {"a.csv", alive.name, begun.name}
+
+
+def test_a_killed_run_without_unnamed_files_is_swept(tmp_path: Path) -> None:
+    named = "del os.O_TMPFILE\n"
+    stops = WRITE.replace("path.write_text(text)", "os.kill(os.getpid(), signal.SIGKILL)")
+    assert child(named + stops, tmp_path, "old", "").wait(20) == -signal.SIGKILL
+    left = list(tmp_path.iterdir())
+    assert len(left) == 2
+    for path in left:
+        os.utime(path, (time.time() - 100,) * 2)
+    assert child(named + WRITE, tmp_path, "new", "").wait(20) == 0
+    assert len(names(tmp_path)) == 3
 
 
 def test_sha256sum_reads_the_manifest(tmp_path: Path) -> None:

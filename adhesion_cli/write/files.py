@@ -1,8 +1,9 @@
 """The output files of a run appear complete under their names, or not at all.
 
 What is written has no name until everything is written, checked and on the disk: on Linux the files
-are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere they are hidden files
-beside the target, removed at the end of the run unless it was killed.
+are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere, as on many network
+shares and sticks, they are hidden files beside the target, removed at the end of the run, or by the
+next one if it was killed.
 
 A run may write several sets, one for each log, and a file of a set may lie in another folder; the
 manifest stands in that of the set's first file and names the others from there.
@@ -23,6 +24,7 @@ import os
 import signal
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -31,6 +33,8 @@ from ..errors import UserError
 from ..text import printable
 from .verified import verified
 
+_HIDDEN = ".adhesion-"
+_NEW = 60.0  # age of a hidden file that its run may not have locked yet [s]
 _OURS = "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
 
 try:
@@ -229,7 +233,9 @@ class _Unnamed:
                 os.close(self.descriptor)
                 raise OSError
         except (AttributeError, OSError):  # not Linux, or a file system that has no such files
-            self.descriptor, name = tempfile.mkstemp(dir=folder, prefix=".", suffix=".part")
+            _sweep(folder)
+            self.descriptor, name = tempfile.mkstemp(".part", _HIDDEN, folder)
+            _lock(self.descriptor)
             self.path = self.named = Path(name)
 
     def __enter__(self) -> "_Unnamed":
@@ -253,7 +259,8 @@ class _Unnamed:
             self.named = beside
         if self.named:
             self.named.chmod(0o666 & ~_umask())
-            self._close()  # Windows renames no open file
+            if fcntl is None:
+                self._close()  # Windows renames no open file
             self.named.replace(target)
             self.named = None
         else:
@@ -267,6 +274,25 @@ class _Unnamed:
     def _link(self, target: Path) -> None:
         # A directory descriptor makes Python follow the link that /proc shows.
         os.link(self.path, target, src_dir_fd=self.descriptor, follow_symlinks=True)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove the hidden files of runs that were killed: nobody holds them, and they are not new."""
+    for path in folder.glob(f"{_HIDDEN}*.part"):
+        with suppress(OSError), path.open("r+b") as file:
+            if time.time() - path.stat().st_mtime > _NEW and _lock(file.fileno()):
+                path.unlink()
+
+
+def _lock(descriptor: int) -> bool:
+    """Whether nobody else held the file; on leaving it is ours until it is closed."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # or a file system without locks
+        return False
+    return True
 
 
 @contextmanager
