@@ -5,7 +5,7 @@ has a calendar (`Log.absolute`), since an unknown start otherwise.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
@@ -22,7 +22,7 @@ Regions = NDArray[np.int8]
 Z95 = 1.959963984540054  # half-width of a normal distribution's 95 % in sigma
 
 MADE = "made"  # what a result's provenance says of a train speed that nobody measured
-RECOVERED = "adhesion.recovered"  # metadata of a copy of what was whole in a damaged file
+RECOVERED = "adhesion.recovered"  # metadata of what is made of a damaged file: how it was
 
 Meaning = Literal[
     "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
@@ -151,6 +151,9 @@ class Log:
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
     rejects: Iterable[Reject] = ()  # read from the file again; of a text log, and where asked for
+    account: Mapping[str, str] = field(
+        default_factory=dict
+    )  # what the MCAP had lost, see RECOVERED
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:
         """An axle's own channel, else the one that is nobody's: a train may have one pressure."""

@@ -7,6 +7,7 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -43,9 +44,11 @@ from mcap_logs import (
 
 from adhesion_cli.errors import UserError
 from adhesion_cli.model import Finding
+from adhesion_cli.read.log import unchanged
 from adhesion_cli.read.mcap import McapSource, open_mcap
 from adhesion_cli.read.source import ReadOptions
 from adhesion_cli.write import container
+from adhesion_cli.write.mcap import write_log
 
 # what a log says, read: by field its times, values and validity, and the metadata
 Said = dict[tuple[str, str], tuple[bytes, bytes, bytes]]
@@ -476,6 +479,22 @@ def fan_out() -> Schema:
     return proto_schema(proto_file([*types, double_message("A40")]), "A0")
 
 
+def types_in_types(depth: int) -> Schema:
+    types = [
+        DescriptorProto(
+            name=f"A{n}",
+            field=[
+                F(
+                    name="f", number=1, type=F.TYPE_MESSAGE, type_name=f".t.A{n + 1}",
+                    label=F.LABEL_OPTIONAL,
+                )
+            ],
+        )
+        for n in range(depth)
+    ]  # fmt: skip
+    return proto_schema(proto_file([*types, double_message(f"A{depth}")]), "A0")
+
+
 def nested(depth: int) -> bytes:
     raw = b""
     for _ in range(depth):
@@ -584,9 +603,39 @@ HOSTILE: dict[str, Callable[[], bytes]] = {
     "protobuf other type": lambda: typed_log(
         Schema(1, D.data, "protobuf", "X"), "protobuf", DOUBLE
     ),
+    "protobuf types in types": lambda: typed_log(types_in_types(500), "protobuf", b""),
+    "ROS comment": lambda: typed_log(ros("uint8 a #" + "[" * 100_000), "cdr", b"\0\1\0\0\1"),
+    "JSON lists": lambda: json_log(b'{"x": 1}', b"[" + b"[]," * 6_000_000 + b"[]]"),
+    "JSON lists in many": lambda: json_log(
+        b'{"x": 1}', *[b'{"y": [' + b"[]," * 1_000_000 + b"[]]}"] * 8
+    ),
     "metadata only": lambda: wrapped(record(Metadata("m", {}))) [:-12],
+    "metadata of one name": lambda: wrapped(ONE, *(
+        raw_record(12, b"\1\0\0\0m" + struct.pack("<II", 16, 8) + b"%08d" % i + bytes(4))
+        for i in range(100_000)
+    )),
+    "large metadata": lambda: wrapped(ONE, raw_record(
+        12, b"\1\0\0\0m" + struct.pack("<III", 8 + 10**8, 0, 10**8) + bytes(10**8)
+    )),
+    "long topic": lambda: wrapped(
+        ONE, chunk([Channel(1, "/p" * 2_000_000, "json", {}, 0), message(1, START, b'{"x": 1}')])[0]
+    ),
+    "large channel": lambda: wrapped(
+        ONE, chunk([Channel(2, "/p", "json", {"x": "y" * 10**7}, 0), message(2, START, b"1")])[0]
+    ),
+    "records without end": lambda: wrapped(ONE, chunk([raw_record(0x90, b"") * 14_000_000])[0]),
+    "definitions without end": lambda: wrapped(
+        ONE, chunk([record(Channel(1, "/c", "json", {}, 0)) * 3_000_000])[0]
+    ),
+    "messages without end": lambda: wrapped(
+        ONE, chunk([record(message(1, START, b"")) * 4_000_000])[0]
+    ),
 }  # fmt: skip
-RIGHT = {"protobuf recursive", "protobuf fan-out", "JSON deep each time"}  # valid, however odd
+# valid, however odd
+RIGHT = {
+    "protobuf recursive", "protobuf fan-out", "JSON deep each time", "ROS comment",
+    "metadata of one name", "large metadata",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -607,6 +656,92 @@ def test_hostile_files_are_told_of(tmp_path: Path, name: str) -> None:
     assert str(path) in text
     # generous: the point is that no size inside the file decides how long it takes
     assert time.process_time() - begin < 10
+
+
+def test_more_records_than_a_file_of_that_size_holds_are_read_where_allowed(tmp_path: Path) -> None:
+    """The limit is told, and the remedy beside it holds."""
+    path = tmp_path / "log.mcap"
+    many = [Channel(1, "/c", "json", {}, 0), record(message(1, START, b"1")) * 20_000]
+    path.write_bytes(wrapped(ONE, chunk(many)[0]))
+    with pytest.raises(UserError, match="more records than a file of this size holds") as told:
+        McapSource(path, ReadOptions(max_inflated=1 << 20, strict=True))
+    limit = int(told.value.hint.partition("mcap.max_inflated=")[2].partition(";")[0])
+    assert McapSource(path, ReadOptions(max_inflated=limit, strict=True)).rows == 20_001
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_a_definition_that_is_contradicted_costs_no_more_than_it_must(
+    tmp_path: Path, chunked: bool
+) -> None:
+    """What stands before is kept; what a channel means behind it, nobody knows."""
+    path = tmp_path / "log.mcap"
+    one, other = Channel(1, "/c", "json", {}, 0), Channel(1, "/d", "json", {}, 0)
+    blocks: list[list[Any]] = [
+        [one, *(message(1, START + n, b'{"x": %d}' % n) for n in range(3))],
+        [other, message(1, START + 3, b'{"x": 3}')],
+        [message(1, START + 4, b'{"x": 4}')],
+        [Channel(2, "/e", "json", {}, 0), message(2, START + 5, b'{"x": 5}')],
+    ]
+    parts = [
+        chunk(b)[0] if chunked else b"".join(map(record, b)) for b in blocks
+    ]  # fmt: skip
+    path.write_bytes(wrapped(*parts))
+    source = open_mcap(path, ReadOptions())
+    values = [c.value.tolist() for c in source.columns(source.fields)]
+    assert values == [[0, 1, 2], [5]]
+    at = len(MAGIC) + len(record(Header("", ""))) + len(parts[0])
+    behind = at + len(parts[1])
+    before = behind - (0 if chunked else len(record(blocks[1][1])))  # its message is in doubt, too
+    assert [(d.at, d.what) for d in source.walk.damage] == [
+        (at, "channel 1 is defined a second time, differently"),
+        *[
+            (place, "a message of channel 1, whose definition was contradicted before")
+            for place in dict.fromkeys([before, behind])
+        ],
+    ]
+
+
+def test_messages_outside_chunks_are_kept_up_to_the_one_that_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    times = [START, START + 1, 1 << 63, START + 2]
+    log = Log([], [Channel(1, "/c", "json", {}, 0)], [message(1, t, b'{"x": 1}') for t in times])
+    path.write_bytes(log.bytes())
+    source = open_mcap(path, ReadOptions())
+    (column,) = source.columns(source.fields)
+    assert column.t.tolist() == [START, START + 1, START + 2]
+    (damage,) = source.walk.damage
+    assert damage.what == "a log time beyond the year 2262"
+    opcode, _, channel, _, time = struct.unpack_from("<BQHIQ", path.read_bytes(), damage.at)
+    assert (opcode, channel, time) == (5, 1, 1 << 63)
+
+
+def test_what_a_damaged_log_lost_is_told_of_all_that_is_made_of_it(tmp_path: Path) -> None:
+    """Fresh CRCs make nothing sound: not by `recover`, not by `convert`."""
+    log = scalar_log(VALUES, crc=False)
+    log.messages.append(message(77, START, b"of no channel"))
+    (tmp_path / "stray.mcap").write_bytes(log.bytes())
+    recovered(tmp_path / "stray.mcap", tmp_path / "copy.mcap")
+    (told,) = (
+        f
+        for f in McapSource(tmp_path / "copy.mcap", ReadOptions()).findings
+        if f.code == "mcap-recovered"
+    )
+    assert "1 messages of channels that it does not define" in told.message
+
+    raw = bytearray(scalar_log(VALUES).bytes())
+    raw[raw.index(b"7.5")] ^= 1  # under the CRC of all messages together
+    (tmp_path / "bad.mcap").write_bytes(raw)
+    for source, target in ("bad", "a"), ("a", "b"):
+        result = unchanged(open_mcap(tmp_path / f"{source}.mcap", ReadOptions()), ())
+        write_log(tmp_path / f"{target}.mcap", result)
+    for name in "a", "b":
+        (told,) = (
+            f
+            for f in McapSource(tmp_path / f"{name}.mcap", ReadOptions()).findings
+            if f.code == "mcap-recovered"
+        )
+        assert (told.severity, told.count) == ("warning", len(VALUES))
+        assert "data section has another CRC than it says" in told.message
 
 
 def test_many_chunks_that_inflate_to_nothing_cost_no_more_than_one(tmp_path: Path) -> None:

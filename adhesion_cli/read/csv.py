@@ -70,6 +70,7 @@ class CsvSource:
         self.rows = 0
         self.findings: list[Finding] = list(clock.findings)
         self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
+        self.account: dict[str, str] = {}
         self.lines: Counter[str] = Counter()
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock

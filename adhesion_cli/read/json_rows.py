@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 from operator import itemgetter
 from typing import Any
 
@@ -20,6 +21,7 @@ from .tree import (
     UndecodableError,
     Wanted,
     at,
+    clipped,
     label_fault,
     length_faults,
     microseconds,
@@ -29,7 +31,9 @@ from .tree import (
 )
 
 _MOST_LATE = 20  # new keys of one object that are told one by one, of each block
+_TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
 _NUMBERS = {int, float, bool}
+_MAY_HOLD = (int, float, dict, list)  # a number
 # Python writes these although JSON has none of them; strings are matched to be left alone.
 _NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
 
@@ -39,7 +43,7 @@ def _loads(raw: bytes, no_number: bytes) -> Tree:
     try:
         return orjson.loads(raw)
     except orjson.JSONDecodeError:
-        if b"NaN" not in raw and b"Infinity" not in raw:
+        if (b"NaN" not in raw and b"Infinity" not in raw) or len(raw) > _TOGETHER:
             raise
         return orjson.loads(_NO_NUMBER.sub(lambda m: m[1] or no_number, raw))
 
@@ -49,12 +53,14 @@ class JsonDecoder:
 
     Args:
         schema: the JSON schema, b"" where there is none.
+        most: bytes of one message: read it takes up to twenty times that.
 
     Raises:
         UndecodableError: where the schema is no JSON object.
     """
 
-    def __init__(self, schema: bytes) -> None:
+    def __init__(self, schema: bytes, most: int) -> None:
+        self._most = most
         try:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
@@ -64,9 +70,17 @@ class JsonDecoder:
     def tree(self, message: bytes) -> Tree:
         """One message as plain values."""
         try:
-            return _loads(message, b"0")  # a number, whichever
+            self._bounded(len(message))
+            return clipped(_loads(message, b"0"))  # a number, whichever
         except orjson.JSONDecodeError as e:
             raise UndecodableError(f"not JSON: {e}") from None
+
+    def _bounded(self, size: int) -> None:
+        if size > self._most:
+            raise UndecodableError(
+                f"a JSON message of {size} bytes, limit {self._most}; if the log is trusted, raise "
+                f"it with --set mcap.max_record={32 * size}"
+            )
 
     def know(self, tree: Tree) -> None:
         """States which keys messages have; others are a fault from then on."""
@@ -91,18 +105,36 @@ class JsonDecoder:
     def columns(
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
-        """Many messages at once, see Decoder."""
+        """Many messages at once, see Decoder: as many as may stand in memory together."""
+        batch = np.cumsum(end - start) // _TOGETHER
+        cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
+        if len(cuts) == 2:
+            return self._together(buffer, start, end, wanted)
+        values, faults = np.empty((len(wanted.leaves), len(start))), list[Fault]()
+        for a, b in pairwise(cuts):
+            values[:, a:b], found = self._together(buffer, start[a:b], end[a:b], wanted)
+            faults += [replace(fault, rows=fault.rows + a) for fault in found]
+        return values, faults
+
+    def _together(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
         raw, loads = buffer.data, orjson.loads
         spans = list(zip(start.tolist(), end.tolist(), strict=True))
         faults: list[Fault] = []
         rows = np.arange(len(spans))
         try:
+            if len(spans) == 1:
+                self._bounded(int(end[0] - start[0]))
             messages = [loads(raw[a:b]) for a, b in spans]
-        except orjson.JSONDecodeError:
+        except (orjson.JSONDecodeError, UndecodableError):
             messages, bad = [], {}
             for i, (a, b) in enumerate(spans):
                 try:
+                    self._bounded(b - a)
                     messages.append(_loads(bytes(raw[a:b]), b'"NaN"'))
+                except UndecodableError as e:
+                    bad[i] = str(e)
                 except orjson.JSONDecodeError as e:
                     bad[i] = f"not JSON: {e.msg}"
             faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
@@ -188,6 +220,8 @@ class _Spread:
         for key, child in known.items():
             place = (*steps, key)
             if not isinstance(child, (dict, list)) and place not in self._places:
+                if child is None:
+                    self._late(nodes, rows, key, place)
                 continue
             try:
                 self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
@@ -196,6 +230,13 @@ class _Spread:
                 below = [node[key] for node in nodes if key in node]
                 if below:
                     self.walk(below, rows[has], child, place)
+
+    def _late(self, nodes: list[Tree], rows: Offsets, key: str, steps: Steps) -> None:
+        """Tells of numbers where messages had none at first."""
+        late = np.array([isinstance(node.get(key), _MAY_HOLD) for node in nodes], np.bool_)
+        if late.any():
+            text = f"{path(steps)} is empty in the channel's first messages and is not read"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
 
     def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         count = np.array(list(map(len, nodes)))

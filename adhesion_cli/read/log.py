@@ -231,6 +231,7 @@ def _log(
     return Log(
         str(source.path), source.format, _sha256(source.path), source.absolute, source.rows,
         tuple(channels), (*source.findings, *findings), source.rejects,
+        source.account,
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from .tree import (
     Tree,
     UndecodableError,
     at,
+    empty,
     leaves,
     number_texts,
     repeated,
@@ -37,7 +38,8 @@ _SECOND = 10**9
 # Late messages and exchanged chunks give about two; a clock set back makes two stretches of the
 # log lie over each other, which to sort would be to mix.
 _MOST_TURNS = 16
-_MOST_FIELDS = 1 << 14  # series of all channels, beyond which no further channel is looked into
+_FEW = 4  # first messages of a channel with a schema that are looked into; further ones ...
+_SPARE = 4096  # ... where an array is empty in all of them, so many in all channels
 _MOST_TOLD = 500  # kinds of faults of one channel that are told one by one
 _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
@@ -105,7 +107,7 @@ class McapSource:
         self.path, self._options = path, options
         self.walk = Walk(path, options)
         self.rows = self.walk.rows
-        self.metadata = self.walk.metadata
+        self.metadata, self.account = self.walk.metadata, self.walk.account()
         self.findings: list[Finding] = []
         self._told: set[Finding] = set()
         self._decoders: dict[int, Decoder] = {}  # by schema id
@@ -147,7 +149,7 @@ class McapSource:
             text = "messages that no checksum guards: a bit that changed in them would not show"
             self._tell("mcap-unchecked", "info", text, count=walk.unchecked)
         if damage := walk.metadata.get(RECOVERED, {}).get("damage"):
-            text, suspect = f"recovered from a damaged log ({damage[:200]})", walk.suspect
+            text, suspect = f"made of a damaged log ({damage[:200]})", walk.suspect
             if suspect:
                 text += "; of the messages that no checksum guarded any may have changed"
             self._tell("mcap-recovered", "warning" if suspect else "info", text, count=suspect or 1)
@@ -206,11 +208,11 @@ class McapSource:
 
     def _discover(self) -> None:
         """Finds the numbers in each series' first messages."""
-        total, more = 0, list[str]()
+        total, more, spare = 0, list[str](), _SPARE
         for s in self._series:
             if not s.rows:
                 continue
-            if total >= _MOST_FIELDS:
+            if total >= self._options.max_series:
                 more.append(s.topic)
                 continue
             try:
@@ -224,26 +226,32 @@ class McapSource:
                     "mcap-encoding", "info", f"encoding {kind!r} is not read", s.topic, s.rows
                 )
                 continue
+            schema = s.encoding != "json"
             why = "" if s.heads else "first message is too large"
-            trees = []
+            trees: list[Tree] = []
             for head in s.heads:
+                if schema and len(trees) >= _FEW:
+                    if not spare or not all(any(empty(tree)) for tree in trees):
+                        break
+                    spare -= 1
                 try:
                     trees.append(s.decoder.tree(head))
                 except UndecodableError as e:
                     why = why or str(e)
-            if trees:
-                s.tree = typical(trees, schema=s.encoding != "json")
             s.heads = []
-            if s.tree is None:
+            if not trees:
                 text = f"the first messages do not decode, so none is read: {why}"
                 self._tell("mcap-bad-message", "error", text, s.topic, s.rows)
                 continue
+            s.tree = typical(trees)
             s.decoder.know(s.tree)
             found, left_out = leaves(s.tree, s.decoder.unit, s.metadata)
             for leaf in found:
                 if s.leaves.setdefault(leaf.path, leaf) is not leaf:
                     left_out.append(f"a second {leaf.path}")
             total += len(s.leaves)
+            if not found and s.rows > len(trees) and not (schema and not any(empty(s.tree))):
+                left_out.append(f"what follows the first {len(trees)} messages without a number")
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
@@ -251,7 +259,7 @@ class McapSource:
                     s.topic, len(left_out),
                 )  # fmt: skip
             # Where a schema says text, text it is.
-            if s.encoding == "json" and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
+            if not schema and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
                 text = f"numbers in quotation marks are not read: {', '.join(texts[:3])[:200]}"
                 severity: Severity = "info" if s.leaves else "warning"
                 self._tell("mcap-number-text", severity, text, s.topic, len(texts))
@@ -266,7 +274,8 @@ class McapSource:
 
         if more:
             text = (
-                f"not looked into, as the series before are {total}: cut the log to what is needed"
+                f"not looked into, as the series before are {total}; if the log is trusted, raise "
+                f"the limit with --set mcap.max_series={total + len(more)}"
             )
             self._tell("mcap-not-offered", "warning", text, more[0], len(more))
 
@@ -275,7 +284,8 @@ class McapSource:
         if s.encoding == "json":
             from .json_rows import JsonDecoder
 
-            return JsonDecoder(schema.data if schema and schema.encoding == "jsonschema" else b"")
+            text = schema.data if schema and schema.encoding == "jsonschema" else b""
+            return JsonDecoder(text, self._options.max_part)
         if schema is None:
             return None
         kind = s.encoding, schema.encoding

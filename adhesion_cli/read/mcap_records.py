@@ -35,14 +35,20 @@ _INDEXED: dict[int, Opcode] = {
     Opcode.METADATA_INDEX: Opcode.METADATA,
 }
 _FOOTER = struct.Struct("<BQQQI8s")  # and the magic bytes behind it
+_LOG_TIME = struct.Struct("<15xq")  # of a Message record
 MESSAGE = 22  # bytes of a Message record before its data: channel, sequence, two times
 _AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _PIECE = 1 << 20  # bytes read from the file at once
 _CHUNK_LEAST = 60  # more than the fields of a chunk before its records have
 _RUN = 4 << 20  # bytes of unchunked records taken together
-_HEADS = 64 << 20  # bytes of first messages that are kept, all channels together
-_JSON_HEADS = 100  # first messages of a JSON channel that are kept to search them for keys
-_OTHER_HEADS = 4  # of other channels, should the first not decode
+_HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
+_FIRST_BYTES = 64 << 20  # of the very first ones, all channels together
+_HEAD_BYTES = 1 << 18  # of those behind the first, one channel
+_MORE_BYTES = 16 << 20  # of these, all channels together
+_LONGEST = 4096  # bytes of a topic
+_RECORD = 128  # inflated bytes of the limit that stand for one record, beside the file's size
+_OTHER = 4  # messages that a schema or channel costs as much as
+_MOST_CUTS = 16  # times that what stands outside chunks is read on behind a record that is wrong
 _UNUSUAL = 1000  # times a file's size that its chunks may inflate to, beside max_inflated
 _RAISE_LIMIT = (
     "if the log is trusted, raise the limit with --set mcap.{}={}; else `adhesion recover` cuts it"
@@ -111,6 +117,9 @@ class _File:
         self._file.close()
 
     def read(self, at: int, size: int) -> bytes:
+        place = at - self._from
+        if 0 <= place <= len(self._window) - size:
+            return self._window[place : place + size]
         data = os.pread(self._file.fileno(), size, at)
         while len(data) < size:
             more = os.pread(self._file.fileno(), size - len(data), at + len(data))
@@ -158,12 +167,22 @@ class Records:
     others: list[tuple[int, int, int]]  # opcode, offset and length of schemas and channels
     unknown: int  # records of unknown kinds
 
+    @property
+    def besides(self) -> int:
+        """How many messages the records that are none cost as much as."""
+        return _OTHER * len(self.others) + self.unknown
+
     def field(self, offset: int, dtype: str) -> NDArray[Any]:
         """A number that every message record has at an offset."""
         size = np.dtype(dtype).itemsize
         view = np.ndarray((len(self.data) - size + 1,), dtype, self.data, 0, (1,))
         found: NDArray[Any] = view[self.start + offset]
         return found
+
+    def before(self, place: int) -> "Records":
+        """Those that stand before an offset."""
+        others = [one for one in self.others if one[1] < place]
+        return replace(self.some(self.start < place), others=others, unknown=0)
 
     def some(self, mine: Bools | Offsets) -> "Records":
         """Some of the messages, by a mask or by their numbers."""
@@ -212,7 +231,12 @@ class Walk:
         self.metadata: dict[str, dict[str, str]] = {}
         self.metadata_records: list[MetadataIndex] = []
         self.attachments: list[AttachmentIndex] = []  # the whole ones
-        self._head_bytes = 0
+        self._first_bytes = self._more_bytes = 0
+        self._full: set[int] = set()  # channels of which no further first messages are kept
+        self._prints: dict[tuple[int, int], int] = {}  # hashes of the definitions as they stood
+        self._doubted: set[tuple[int, int]] = set()  # defined a second time, differently
+        self._found = 0  # records inside blocks
+        self._cuts = 0
         self._pending: _Block | None = None
         self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
@@ -267,16 +291,20 @@ class Walk:
     def account(self) -> dict[str, str]:
         """What a copy of what is whole has to say of itself: fresh CRCs make nothing sound."""
         past = self.metadata.get(RECOVERED, {})
-        if not (self.damage or self._bare):
+        stray = sum(self.counts.values()) - self.rows
+        if not (self.damage or self._bare or stray):
             return past
         found = [f"byte {one.at}: {one.what}" for one in self.damage[:1]]
         if len(self.damage) > 1:
             found.append(f"{len(self.damage) - 1} more")
+        if stray and not found:
+            found.append(f"{stray} messages of channels that it does not define")
         before = past.get("damage", "")
         unknown = self.lost is None or past.get("lost") == "unknown"
+        lost = (self.lost or 0) + stray + self._before("lost")
         return {
             "damage": "; ".join([*found, *([f"before: {before}"] if before else [])])[:1000],
-            "lost": "unknown" if unknown else str((self.lost or 0) + self._before("lost")),
+            "lost": "unknown" if unknown else str(lost),
             "unchecked": str(self.unchecked),
             "suspect": str(self.suspect),
         }
@@ -453,12 +481,11 @@ class Walk:
         self._flush()
         size = max(min(_RUN, self._file.size - at), HEADER.size + length)
         data = self._padded(at, size)
-        found = _Found()
-        end = found.walk(data.data, 0, size)
+        found = _Found(*self._room())
+        end = found.walk(data.data, 0, size, at)
         if not end:
             raise DamageError(at, _why(data.data, 0, size))
-        self._block(_Block(at, at + end, False), found.records(data))
-        return at + end
+        return self._block(_Block(at, at + end, False), found.records(data))
 
     def _padded(self, at: int, size: int) -> Bytes:
         data = np.zeros(size + PADDING, np.uint8)
@@ -494,13 +521,13 @@ class Walk:
         elif opcode == Opcode.ATTACHMENT and in_data:
             self._attachment(at, length)
         elif opcode == Opcode.METADATA and in_data:
-            content = self._content(at, length)
+            content = self._content(at, min(length, self._options.max_part))
             name = content.text()
-            self.metadata[name] = self.metadata.get(name, {}) | content.pairs()
+            if length <= self._options.max_part:  # what is larger is none of ours, and is copied
+                self.metadata.setdefault(name, {}).update(content.pairs())
             self.metadata_records.append(MetadataIndex(at, end - at, name))
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            content = self._content(at, length)
-            self._define(opcode, content, at, self._defined)
+            self._define(opcode, self._file.read(at + HEADER.size, length), at, self._defined)
         elif opcode == Opcode.STATISTICS:
             self._read_statistics(at, length)
         elif opcode in _INDEXED:
@@ -597,59 +624,121 @@ class Walk:
 
     # ------------------------------------------------------------------ records inside a block
 
-    def _block(self, block: _Block, records: Records | None = None) -> None:
-        """Takes up the definitions in a block and counts its messages."""
+    def _block(self, block: _Block, records: Records | None = None) -> int:
+        """Takes up the definitions in a block and counts its messages.
+
+        A chunk that is wrong somewhere defines nothing and has no messages; records outside
+        chunks are taken up to the one that is wrong.
+
+        Returns:
+            The offset from which to read on.
+        """
         fresh: dict[tuple[int, int], Schema | Channel] = {}
         try:
             records = records or self._records(block)
-            for opcode, at, length in records.others:
-                content = _Content(records.data[at : at + length].tobytes(), block.at)
-                self._define(opcode, content, block.at, fresh)
-            log = records.log_time
-            if len(log) and log.min() < 0:
-                raise DamageError(block.at, "a log time beyond the year 2262")
+            for opcode, place, length in records.others:
+                at = block.at if block.chunk else block.at + place - HEADER.size
+                self._define(opcode, records.data[place : place + length].tobytes(), at, fresh)
+            self._check(block, records, fresh)
         except DamageError as damage:
-            self._note(damage)  # a block that is wrong somewhere defines nothing
-            return
+            self._note(damage)
+            if block.chunk or records is None or self._cuts == _MOST_CUTS:
+                return block.end
+            self._cuts += 1
+            place = damage.at - block.at
+            if place:
+                self._block(_Block(block.at, damage.at, False), records.before(place))
+            return damage.at + HEADER.size + int(_u64(records.data, np.array([place + 1]))[0])
         self._defined |= fresh
         block.rows = len(records.start)
         self.blocks.append(block)
+        self._found += len(records.start) + records.besides
         self.unknown += records.unknown
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
-        if unmet := [channel for channel in met if channel not in self.heads]:
+        if unmet := [channel for channel in met if channel not in self._full]:
             order = np.argsort(records.channel.astype(np.uint16), kind="stable")
-            begin = np.cumsum(counts) - counts
+            behind = np.cumsum(counts).tolist()
             for channel in unmet:
-                mine = order[begin[channel] :][: counts[channel]]
-                self._keep_heads(channel, records, mine)
-        if len(log):
+                end = behind[channel]
+                self._keep_heads(channel, records, order[end - int(counts[channel]) : end])
+        if len(records.start):
+            log = records.log_time
             first, last = int(log.min()), int(log.max())
             self.times = min(self.times[0], first), max(self.times[1], last)
+        return block.end
+
+    def _check(
+        self, block: _Block, records: Records, fresh: dict[tuple[int, int], Schema | Channel]
+    ) -> None:
+        """Refuses a block whose messages have no time, or nobody knows of which channel.
+
+        That is where the channel was defined differently in some block, and not in this one.
+        """
+
+        def at(first: np.intp) -> int:
+            return block.at + (0 if block.chunk else int(records.start[first]))
+
+        if len(records.start) and (log := records.log_time).min() < 0:
+            raise DamageError(at(np.argmax(log < 0)), "a log time beyond the year 2262")
+        if not self._doubted:
+            return
+        stated = {
+            (opcode, int(records.data[place]) | int(records.data[place + 1]) << 8)
+            for opcode, place, length in records.others
+        }
+        for channel in np.unique(records.channel).tolist():
+            key = (int(Opcode.CHANNEL), channel)
+            one = fresh.get(key) or self._defined.get(key)
+            schema = one.schema_id if isinstance(one, Channel) else 0
+            if {key, (int(Opcode.SCHEMA), schema)} & self._doubted - stated:
+                what = f"a message of channel {channel}, whose definition was contradicted before"
+                raise DamageError(at(np.argmax(records.channel == channel)), what)
 
     def _keep_heads(self, channel: int, records: Records, mine: Offsets) -> None:
-        """Keeps the first messages of a channel, all out of its first block."""
-        known = self._defined.get((Opcode.CHANNEL, channel))
-        other = isinstance(known, Channel) and known.message_encoding != "json"
-        most = _OTHER_HEADS if other else _JSON_HEADS
-        first = records.some(mine[:most])
-        heads = []
-        for start, end in zip(first.start, first.end, strict=True):
-            self._head_bytes += int(end - start)
-            if self._head_bytes > _HEADS:
-                break
-            heads.append(records.data[start + HEADER.size + MESSAGE : end].tobytes())
-        self.heads[channel] = int(first.log_time[0]), heads
+        """Keeps the first messages of a channel, of as many blocks as it takes."""
+        data, starts = records.data.data, records.start
+        if channel not in self.heads:
+            self.heads[channel] = _LOG_TIME.unpack_from(data, int(starts[mine[0]]))[0], []
+        heads = self.heads[channel][1]
+        bytes_before = sum(map(len, heads[1:]))
+        for start in starts[mine[: _HEADS - len(heads)]].tolist():
+            size = HEADER.unpack_from(data, start)[1] - MESSAGE
+            if not heads:
+                self._first_bytes += size
+                full = self._first_bytes > _FIRST_BYTES
+            else:
+                bytes_before += size
+                self._more_bytes += size
+                full = bytes_before > _HEAD_BYTES or self._more_bytes > _MORE_BYTES
+            if full:
+                self._full.add(channel)
+                return
+            begin = start + HEADER.size + MESSAGE
+            heads.append(bytes(data[begin : begin + size]))
+        if len(heads) == _HEADS:
+            self._full.add(channel)
 
     def _define(
-        self,
-        opcode: int,
-        content: _Content,
-        at: int,
-        into: dict[tuple[int, int], Schema | Channel],
+        self, opcode: int, raw: bytes, at: int, into: dict[tuple[int, int], Schema | Channel]
     ) -> None:
-        """Takes up a Schema or Channel record; a second one must equal the first."""
+        """Takes up a Schema or Channel record; a second one must equal the first.
+
+        Args:
+            opcode: which of them.
+            raw: its content.
+            at: where to say that it stands.
+            into: what is defined by now, beside `_defined`.
+        """
+        if len(raw) > (limit := self._options.max_part):
+            kind = "schema" if opcode == Opcode.SCHEMA else "channel"
+            hint = _RAISE_LIMIT.format("max_record", 32 * len(raw))
+            raise DamageError(at, f"a {kind} of {len(raw)} bytes, limit {limit}", hint)
+        key, print_ = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
+        if self._prints.get(key) == print_ and (key in into or key in self._defined):
+            return  # as in every chunk of some writers
+        content = _Content(raw, at)
         one: Schema | Channel
         if opcode == Opcode.SCHEMA:
             number, name, encoding = content.number(2), content.text(), content.text()
@@ -660,10 +749,19 @@ class Walk:
             number, schema = content.number(2), content.number(2)
             topic, encoding = content.text(), content.text()
             one = Channel(number, topic, encoding, content.pairs(), schema)
-        key = opcode, number
+            name = topic
+        if len(name) > _LONGEST:
+            raise DamageError(at, f"a name of {len(name)} characters, limit {_LONGEST}")
         if self._defined.get(key, one) != one or into.setdefault(key, one) != one:
+            self._doubted.add(key)
             kind = type(one).__name__.lower()
             raise DamageError(at, f"{kind} {number} is defined a second time, differently")
+        self._prints[key] = print_
+
+    def _room(self) -> tuple[int, int]:
+        """How many records blocks may have, as a few bytes can inflate to millions; and have."""
+        most = self._file.size + self._options.max_inflated // _RECORD
+        return (1 << 62 if self._walked else most), self._found
 
     def _records(self, block: _Block) -> Records:
         """The records of a block, inflated, checked, and its messages found."""
@@ -673,7 +771,7 @@ class Walk:
         else:
             size, hints = block.end - block.at, None
             data = self._padded(block.at, size)
-        return _find(data, size, hints, block)
+        return _find(data, size, hints, block, self._room())
 
     def _inflate(self, block: _Block) -> tuple[Bytes, int]:
         content = self._content(block.at, block.end - block.at - HEADER.size)
@@ -762,38 +860,52 @@ _INFLATE = {"": _inflate_none, "zstd": _inflate_zstd, "lz4": _inflate_lz4}
 
 
 class _Found:
-    """Records found in a buffer so far."""
+    """Records found in a buffer so far.
 
-    def __init__(self) -> None:
+    Args:
+        most: how many there may be, with those before.
+        before: how many were found in other buffers.
+    """
+
+    def __init__(self, most: int, before: int) -> None:
+        self._most, self._before = most, before
         self._starts = array("q")
         self._others: list[tuple[int, int, int]] = []
         self._unknown = 0
 
-    def walk(self, view: memoryview, p: int, stop: int) -> int:
+    def walk(self, view: memoryview, p: int, stop: int, at: int) -> int:
         """Walks records one by one; returns where it ends.
 
         That is `stop`, or the first record that is not whole, or that may not stand among
         messages; `_why` tells which.
+
+        Raises:
+            DamageError: at the offset `at`, where there are more records than there may be.
         """
         unpack, add = HEADER.unpack_from, self._starts.append
         message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
-        last = stop - HEADER.size
-        while p <= last:
-            opcode, length = unpack(view, p)
-            after = p + 9 + length
-            if after > stop:
-                break
-            if opcode == message:
-                if length < MESSAGE:
-                    break
-                add(p)
-            elif opcode in definitions:
-                self._others.append((opcode, p + HEADER.size, length))
-            elif opcode <= Opcode.DATA_END:
-                break
-            else:
-                self._unknown += 1
-            p = after
+        while p <= stop - HEADER.size:
+            last = min(stop - HEADER.size, p + _PIECE)
+            while p <= last:
+                opcode, length = unpack(view, p)
+                after = p + 9 + length
+                if after > stop:
+                    return p
+                if opcode == message:
+                    if length < MESSAGE:
+                        return p
+                    add(p)
+                elif opcode in definitions:
+                    self._others.append((opcode, p + HEADER.size, length))
+                elif opcode <= Opcode.DATA_END:
+                    return p
+                else:
+                    self._unknown += 1
+                p = after
+            found = len(self._starts) + _OTHER * len(self._others) + self._unknown
+            if self._before + found > self._most:
+                hint = _RAISE_LIMIT.format("max_inflated", (self._before + stop) * _RECORD)
+                raise DamageError(at, "more records than a file of this size holds", hint)
         return p
 
     def records(self, data: Bytes, indexed: Offsets | None = None) -> Records:
@@ -817,7 +929,9 @@ def _why(view: memoryview, p: int, stop: int) -> str:
     return f"a record of kind {opcode} where none may be"
 
 
-def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> Records:
+def _find(
+    data: Bytes, size: int, hints: Offsets | None, block: _Block, room: tuple[int, int]
+) -> Records:
     """Finds the records of a block.
 
     Args:
@@ -826,19 +940,20 @@ def _find(data: Bytes, size: int, hints: Offsets | None, block: _Block) -> Recor
         hints: where an index says its messages are; used where they and what stands between
             them fill the block without a gap, which is what walking would find.
         block: for the words of an error.
+        room: how many records there may be, and how many were found before.
     """
     if hints is not None and len(hints):
         start = _tiling(data, size, np.sort(hints))
         if start is not None:
-            found = _Found()
+            found = _Found(*room)
             ends = np.append(0, start + HEADER.size + _u64(data, start + 1))
             stops = np.append(start, size)
             gaps = np.flatnonzero(ends != stops)
             between = zip(ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
-            if all(found.walk(data.data, p, stop) == stop for p, stop in between):
+            if all(found.walk(data.data, p, stop, block.at) == stop for p, stop in between):
                 return found.records(data, start)
-    found = _Found()
-    end = found.walk(data.data, 0, size)
+    found = _Found(*room)
+    end = found.walk(data.data, 0, size, block.at)
     if end < size:
         where = f"chunk, at its inflated byte {end}: " if block.chunk else ""
         raise DamageError(block.at, where + _why(data.data, end, size))

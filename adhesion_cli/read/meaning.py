@@ -5,6 +5,7 @@ A mapping from the user decides; else the names do, and every such guess is told
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -127,27 +128,43 @@ _OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
     ("adhesion.Truth", "slip"): ("true_slip", "-"),
 }
 
+_MOST_TOLD = 20  # channels of one meaning and axle that are told one by one
+
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 
 
 def _words(text: str) -> list[str]:
     """Lower-case words of a name: camelCase, digits and punctuation part them."""
+    return list(_parted(text))
+
+
+@lru_cache(1 << 10)  # of one field many ask
+def _parted(text: str) -> tuple[str, ...]:
     text = unicodedata.normalize("NFKC", text)
     text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
     text = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)", " ", text
     )
-    return re.findall(r"[^\W_]+", text.lower())
+    return tuple(re.findall(r"[^\W_]+", text.lower()))
 
 
 def _has(kind: str, words: Sequence[str]) -> str:
     """The first of these words that speaks of this kind of thing, "" for none."""
-    said = (_speaks(kind, word) for word in words if not word.isdigit())
-    return next((found for found in said if found), "")
+    for word in words:
+        if found := _speaks(word).get(kind):
+            return found
+    return ""
 
 
 @lru_cache(1 << 14)  # logs have many names of few words
-def _speaks(kind: str, word: str) -> str:
+def _speaks(word: str) -> dict[str, str]:
+    """What kinds of things a word speaks of, and by what in it; of none, if it is a number."""
+    if word.isdigit():
+        return {}
+    return {kind: found for kind in _WORDS if (found := _speaks_of(kind, word))}
+
+
+def _speaks_of(kind: str, word: str) -> str:
     known = _WORDS[kind]
     if word in known or any(stem in known and stem in word for stem in _STEMS):
         return word
@@ -155,6 +172,7 @@ def _speaks(kind: str, word: str) -> str:
     return next(of_word, "")
 
 
+@lru_cache(1 << 15)  # `inspect` asks twice
 def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     """Meaning, axle, unit and reason: a message of ours says by its type, others by their names."""
     if ours := _of_ours(field):
@@ -487,6 +505,7 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Two channels that would both be the same thing: the train's first is taken, else refused."""
     findings: list[Finding] = []
     seen: dict[tuple[str | None, int | None], int] = {}
+    told: Counter[tuple[str | None, int | None]] = Counter()
     for i in guesses:
         m = meant[i]
         key = (m.meaning, m.axle)
@@ -500,7 +519,16 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         meant[i] = replace(meant[i], meaning=None, reason=reason)
         severity = "info" if m.meaning == "train_speed" else "warning"
         message = f"{reason}; state which one in [channels]"
-        findings.append(Finding("channel-ambiguous", severity, message, title(m.field)))  # type: ignore[arg-type]
+        told[key] += 1
+        if told[key] <= _MOST_TOLD:
+            findings.append(Finding("channel-ambiguous", severity, message, title(m.field)))  # type: ignore[arg-type]
+    for (meaning, axle), count in told.items():
+        if count > _MOST_TOLD:
+            more = count - _MOST_TOLD
+            first = title(meant[seen[meaning, axle]].field)
+            text = f"{more} further channels than {first} look like the {meaning} of the same axle"
+            severity = "info" if meaning == "train_speed" else "warning"
+            findings.append(Finding("channel-ambiguous", severity, text, first, more))  # type: ignore[arg-type]
     return findings
 
 

@@ -75,7 +75,10 @@ class ProtobufDecoder:
             self._type = pool.FindMessageTypeByName(name)
         except KeyError:
             raise UndecodableError(f"schema does not define {name}") from None
-        self._class = GetMessageClass(self._type)
+        try:
+            self._class = GetMessageClass(self._type)
+        except RecursionError:  # the library goes into each type within a type
+            raise UndecodableError(f"types in {name} nest too deep") from None
         try:
             self._options = GetMessageClass(
                 pool.FindMessageTypeByName("google.protobuf.FieldOptions")
@@ -175,6 +178,16 @@ def _wrong_wire(message: Any) -> int:
     return 0
 
 
+def _numeric(f: Any, seen: set[str]) -> bool:
+    """Whether a field can hold a number that is read."""
+    if f.type not in _MESSAGES:
+        return f.type not in _TEXTS
+    if _is_map(f) or f.message_type.full_name in seen:
+        return False
+    seen.add(f.message_type.full_name)
+    return any(_numeric(below, seen) for below in f.message_type.fields)
+
+
 def _is_map(f: Any) -> bool:
     return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
 
@@ -200,6 +213,8 @@ def _tree(message: Any, above: tuple[Any, ...], left: list[int]) -> Tree:
             tree[f.name] = Opaque("bytes")
         elif f.is_repeated:
             some = value[: LONG_ARRAY + 1]
+            if not some and not _numeric(f, set()):
+                continue
             if f.type in _MESSAGES:
                 tree[f.name] = [_tree(v, (*above, f.message_type), left) for v in some]
             else:
@@ -208,6 +223,9 @@ def _tree(message: Any, above: tuple[Any, ...], left: list[int]) -> Tree:
             tree[f.name] = value
         elif message.HasField(f.name) or (f.message_type not in above and len(above) < DEEPEST):
             tree[f.name] = _tree(value, (*above, f.message_type), left)
+        else:
+            why = "holds itself" if f.message_type in above else "too deep"
+            tree[f.name] = Opaque(f"absent at first, {why}")
     return tree
 
 
@@ -278,6 +296,7 @@ class _LockStep:
         self._resaid = {steps: np.zeros(n, np.bool_) for steps in wanted.said}
         self._terminators: Offsets | None = None
         texts = [(-1, steps) for steps in wanted.said]
+        texts += [(-2, steps) for steps, length in wanted.lengths.items() if not length]
         self._root = self._node(decoder._type, (), [*enumerate(wanted.leaves), *texts])
 
     def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:
@@ -291,9 +310,10 @@ class _LockStep:
             repeated = f.is_repeated
             slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), repeated, steps)
             mine = by_name.get(f.name, [])
+            inner = [one for one in mine if one != (-2, steps)]
             if f.type in _MESSAGES:
                 groups: dict[int, list[tuple[int, Steps]]] = {}
-                for i, leaf in mine:
+                for i, leaf in inner:
                     element = leaf[depth + 1] if repeated else 0
                     assert isinstance(element, int)
                     groups.setdefault(element, []).append((i, leaf))
@@ -301,7 +321,7 @@ class _LockStep:
                     place = (*steps, element) if repeated else steps
                     slot.inside[element] = self._node(f.message_type, place, leaves)
             else:
-                for i, leaf in mine:
+                for i, leaf in inner:
                     element = leaf[-1] if repeated else 0
                     assert isinstance(element, int)
                     if i < 0:

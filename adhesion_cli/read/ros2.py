@@ -40,7 +40,7 @@ _FIELD = re.compile(
 )
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*")
 _VALUE = re.compile(r"[-+]?(\.?\d[-+.\w]*|inf|nan)|true|false|\[[^]]*\]", re.IGNORECASE)
-_UNIT = re.compile(r"#.*\[([^,\]\d][^,\]]*)\]")  # as rosidl reads units: "# ... [bar]"
+_UNIT = re.compile(r"\[([^][,\d][^][,]*)\]")  # as rosidl reads units: "# ... [bar]"
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is walked one by one
 _MOST_MESSAGES = 16384  # inside one message
 _SPARE = 8  # bytes behind a message that no alignment explains
@@ -131,8 +131,9 @@ class Ros2Decoder:
             except UnicodeDecodeError as e:
                 raise UndecodableError(f"a string is not UTF-8: {e}") from e
 
-        def array(steps: Steps, count: _Place) -> None:
-            put(steps, [])
+        def array(steps: Steps, kind: str, count: _Place) -> None:
+            if self._numeric(kind):  # others are put with their elements
+                put(steps, [])
 
         walk = _Walk(
             self._types, buffer, np.zeros(1, np.int64), np.array([len(message)]),
@@ -142,6 +143,10 @@ class Ros2Decoder:
         if walk.bad[0]:
             raise UndecodableError(walk.why)
         return root
+
+    def _numeric(self, kind: str) -> bool:
+        """Whether a type holds a number."""
+        return kind in _DTYPES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
 
     def know(self, tree: Tree) -> None:
         """Nothing: the schema says what messages hold."""
@@ -203,9 +208,7 @@ class Ros2Decoder:
             if steps in wanted.said or steps[:-1] in wanted.labels:
                 decide.append((int(where[0]), int(length[0])))
 
-        walk = _TracedWalk(
-            self._types, buffer, start, end, scalar, scalars, text, lambda steps, count: None
-        )
+        walk = _TracedWalk(self._types, buffer, start, end, scalar, scalars, text, lambda *_: None)
         walk.message(self._root, ())
         decide += [(at, 4) for at in walk.lengths]
         of = [places.get(steps) for steps in wanted.leaves]
@@ -283,7 +286,7 @@ class Ros2Decoder:
                     other = other_text(buffer, where, length, named[k])
                     relabelled[steps[:-1]] |= other if walk.active is None else other & walk.active
 
-        def array(steps: Steps, count: _Place) -> None:
+        def array(steps: Steps, kind: str, count: _Place) -> None:
             faults.extend(length_faults(wanted, steps, count, len(start)))
             if (named := wanted.labels.get(steps)) is not None:
                 relabelled[steps] |= np.not_equal(count, len(named))
@@ -374,7 +377,7 @@ class _Walk:
         scalar: Callable[[Steps, str, Offsets], None],
         scalars: Callable[[Steps, str, Offsets, _Place], None],
         text: Callable[[Steps, Offsets, Offsets], None],
-        array: Callable[[Steps, _Place], None],
+        array: Callable[[Steps, str, _Place], None],
     ) -> None:
         self._types, self._buffer = types, buffer
         self._base = start + 4  # alignment counts from behind the encapsulation header
@@ -472,7 +475,7 @@ class _Walk:
             counts = self._length()
             uniform = self.active is None and bool((counts == counts[0]).all())
             count = int(counts[0]) if uniform else counts
-        self._array(steps, count)
+        self._array(steps, kind, count)
         if dtype := _DTYPES.get(kind):
             where = self._take(np.dtype(dtype).itemsize, count)
             if self.bad.any():
@@ -550,8 +553,8 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
             size = 0 if found["bound"] else int(found["size"] or 0)
             if found["size"] and int(found["size"]) == 0:
                 raise UndecodableError(f"array without elements: {line.strip()[:80]!r}")
-        unit = _UNIT.search(line)
-        members.append(_Member(found["name"], kind, size, unit.group(1) if unit else ""))
+        units = _UNIT.findall(line.partition("#")[2])
+        members.append(_Member(found["name"], kind, size, units[-1] if units else ""))
     if len({m.name for m in members}) < len(members):
         raise UndecodableError("a field name occurs twice")
     return tuple(members)

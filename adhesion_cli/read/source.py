@@ -48,6 +48,12 @@ class ReadOptions:
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
     max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
     max_record: int = 1 << 27  # bytes one MCAP record may declare
+    max_series: int = 1 << 13  # numbers of an MCAP log's messages that are offered
+
+    @property
+    def max_part(self) -> int:
+        """Bytes of one MCAP schema, channel or JSON message, which take many times that read."""
+        return max(self.max_record // 32, 1 << 16)
 
 
 class Source(Protocol):
@@ -60,6 +66,7 @@ class Source(Protocol):
     time_reason: str  # which clock was taken, and why
     findings: list[Finding]  # grows while reading
     metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
+    account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
     stated: dict[str, Any]  # dialect decisions and why, for `inspect`
     rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from itertools import zip_longest
+from itertools import islice, zip_longest
 from typing import Any, Protocol
 
 import numpy as np
@@ -24,6 +24,8 @@ LONG_ARRAY = 256  # longer arrays (images, point clouds) are not offered as scal
 MOST_LEAVES = 4096  # scalar series of one channel
 MOST_FIELDS = 1 << 16  # of one message, of whatever kind, before the messages in it stay closed
 DEEPEST = 32  # levels of a message
+_LONGEST = 1000  # characters of a place
+_LONGEST_UNIT = 100  # characters of a unit
 _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]*)?([eE][+-]?[0-9]{1,3})?")
 _MANY_KEYS = 1024  # of JSON messages, taken together; more are names only where ...
 _EVER_NEW = 16  # ... a message has at least one of so many
@@ -133,7 +135,7 @@ class Wanted:
 
     leaves: Sequence[Steps]
     asked: int  # how many of them are; those behind are the stamp
-    lengths: dict[Steps, int]  # of the arrays that hold wanted numbers
+    lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or nothing at first
     labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
     said: dict[Steps, Said]
     iso: Steps | None = None  # the one of `leaves` that is a time as text
@@ -283,19 +285,21 @@ def leaves(
                     stated, place = at(beside, (key,)), (*above, key)
                     if isinstance(stated, list) and isinstance(steps[-1], int):
                         stated, place = at(stated, (steps[-1],)), (*place, steps[-1])
-                    if isinstance(stated, str) and stated:
+                    if isinstance(stated, str) and 0 < len(stated) <= _LONGEST_UNIT:
                         return stated, f"field {path((*above, key))}", place
             if len(steps) - len(where) > 2:
                 break
             where = tuple(above)
         for key in (f"unit.{path(steps)}", "unit", "units"):
-            if metadata.get(key):
+            if 0 < len(metadata.get(key, "")) <= _LONGEST_UNIT:
                 return metadata[key], f"channel metadata {key!r}", ()
         return *schema_unit(steps), ()
 
     def walk(node: Tree, steps: Steps, label: str, label_at: Steps) -> None:
         if is_number(node):
-            if len(found) < MOST_LEAVES:
+            if len(path(steps)) > _LONGEST:
+                left_out.append(f"{path(steps)[:_LONGEST]} (a name too long)")
+            elif len(found) < MOST_LEAVES:
                 stated, where, unit_at = unit(steps)
                 found.append(Leaf(steps, label, stated, where, label_at, unit_at))
             elif (rest := f"all after {found[-1].path}") not in left_out:
@@ -308,7 +312,9 @@ def leaves(
             if stamp_keys(node):
                 return
             own = node.get("name")
-            if steps and isinstance(steps[-1], int) and isinstance(own, str):
+            if steps and isinstance(steps[-1], int) and isinstance(own, str) and (
+                len(own) <= _LONGEST
+            ):  # fmt: skip
                 label, label_at = own, (*steps, "name")
             for key, value in node.items():
                 if isinstance(value, list):
@@ -324,7 +330,7 @@ def leaves(
         if not any(isinstance(value, (int, float, dict, list)) for value in node):
             return
         if len(node) > LONG_ARRAY:
-            left_out.append(f"{path(steps)} ({len(node)} elements)")
+            left_out.append(f"{path(steps)} (more than {LONG_ARRAY} elements)")
             return
         for i, value in enumerate(node):
             if named:
@@ -356,7 +362,7 @@ def names(parent: Tree, length: int) -> list[str] | None:
         if (
             isinstance(found, list)
             and len(found) == length > 0
-            and all(isinstance(name, str) for name in found)
+            and all(isinstance(name, str) and len(name) <= _LONGEST for name in found)
         ):
             return found
     return None
@@ -369,25 +375,23 @@ def merged(first: Tree, second: Tree, depth: int = 0) -> Tree:
         return {key: merged(first.get(key), second.get(key), depth + 1) for key in keys}
     if isinstance(first, list) and isinstance(second, list) and depth < DEEPEST:
         return [merged(a, b, depth + 1) for a, b in zip_longest(first, second)]
-    return second if first is None else first
+    if first is None or (isinstance(first, Opaque) and isinstance(second, dict)):
+        return second  # as of a message that is absent in the first
+    return first
 
 
-def typical(trees: Sequence[Tree], schema: bool) -> Tree:
+def typical(trees: Sequence[Tree]) -> Tree:
     """What the messages of a channel hold, by its first ones.
 
-    An array has the length that most of them have which is not 0: others are told and not used.
+    Keys are those of any, unless they are ever new, as those that are numbers or names of things:
+    then those of the largest message. An array has the length that most of them have which is not
+    0: others are told and not used.
 
     Args:
         trees: the first messages, at least one.
-        schema: whether a schema fixes which keys they have. Where none does it is those of any,
-            unless keys are ever new, as those that are numbers or names of things: then those of
-            the largest message.
     """
     shapes = [tuple(_lengths(tree)) for tree in trees]
     often = Counter(shapes)
-    if schema:
-        usual = max(often, key=lambda one: (np.count_nonzero(one), often[one], sum(one)))
-        return trees[shapes.index(usual)]
     usual = max(often, key=lambda one: often[one])
     first = [tree for tree, shape in zip(trees, shapes, strict=True) if shape == usual]
     others = [tree for tree, shape in zip(trees, shapes, strict=True) if shape != usual]
@@ -399,6 +403,28 @@ def typical(trees: Sequence[Tree], schema: bool) -> Tree:
     if _size(level[0]) > max(_MANY_KEYS, _EVER_NEW * _size(largest)):
         return largest
     return _cut(level[0], trees)
+
+
+def empty(tree: Tree, steps: Steps = ()) -> Iterator[Steps]:
+    """The places where a message has an array without an element."""
+    if isinstance(tree, dict) and len(steps) < DEEPEST:
+        for key, value in tree.items():
+            yield from empty(value, (*steps, key))
+    elif isinstance(tree, list) and len(steps) < DEEPEST:
+        if not tree:
+            yield steps
+        for i, value in enumerate(tree[:LONG_ARRAY]):
+            if isinstance(value, (dict, list)):
+                yield from empty(value, (*steps, i))
+
+
+def clipped(tree: Tree, depth: int = 0) -> Tree:
+    """A message with long arrays cut after LONG_ARRAY + 1 elements."""
+    if isinstance(tree, dict) and depth < DEEPEST:
+        return {key: clipped(value, depth + 1) for key, value in tree.items()}
+    if isinstance(tree, list) and depth < DEEPEST:
+        return [clipped(value, depth + 1) for value in tree[: LONG_ARRAY + 1]]
+    return tree
 
 
 def _lengths(tree: Tree, depth: int = 0) -> Iterator[int]:
@@ -438,7 +464,7 @@ def repeated(tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None) -> Wanted:
     """What a first message says about wanted numbers that later ones must repeat."""
     wanted = [leaf.steps for leaf in leaves]
     wanted += [steps for steps in (stamp.places if stamp else ()) if steps not in wanted]
-    lengths: dict[Steps, int] = {}
+    lengths = dict.fromkeys(islice(empty(tree), MOST_LEAVES), 0)  # what comes in them is not read
     labels: dict[Steps, list[str]] = {}
     for steps in wanted:
         for i, step in enumerate(steps):

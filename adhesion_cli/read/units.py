@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 from ..errors import UserError
@@ -119,6 +120,7 @@ _IN_NAMES = {
 _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
 
 
+@lru_cache(1 << 10)
 def unit(text: str) -> Unit | None:
     """The unit a text spells, None where it spells none; "kPa abs", "kPa(a)" count from vacuum."""
     key = re.sub(r"[\s\^·*]", "", text).lower()
@@ -185,6 +187,7 @@ _TAILS = [
 ]
 
 
+@lru_cache(1 << 10)  # of one name many ask
 def in_name(name: str) -> tuple[str, str]:
     """Splits a channel name into its base and the unit written in it, "" where there is none.
 

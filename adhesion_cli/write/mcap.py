@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .. import __version__, events, physics, signals
 from ..errors import UserError
-from ..model import MADE, AxleResult, Column, Event, Floats, Log, Result, Times, Vehicle
+from ..model import MADE, RECOVERED, AxleResult, Column, Event, Floats, Log, Result, Times, Vehicle
 from ..slope import REGIONS
 from ..stop import LOCKED, Stop
 from ..text import printable
@@ -77,6 +77,7 @@ def write_result(
         names.SETTINGS: names.flat(result.settings),
         "adhesion.provenance": _provenance(result, shift),
         "adhesion.metrics": {"json": _text(metrics_json)},
+        **_account(result.log),
     }
     if slip_json is not None:
         metadata["adhesion.slip"] = {"json": _text(slip_json)}
@@ -104,6 +105,7 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | 
         # A file of one log can be analysed again, one of several cannot.
         key = f"{names.SETTINGS}/{name}" if len(results) > 1 else names.SETTINGS
         settings[key] = names.flat(result.settings)
+        settings |= _account(result.log) if len(results) == 1 else {}
         provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
     _write(
         path,
@@ -133,7 +135,7 @@ def write_log(path: Path, log: Log) -> None:
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
     shift = _shift([log])
-    _write(path, streams, {"adhesion.provenance": _origin(log, shift)}, shift)
+    _write(path, streams, {"adhesion.provenance": _origin(log, shift), **_account(log)}, shift)
 
 
 def write_stop(
@@ -371,6 +373,11 @@ def _origin(log: Log, shift: int) -> dict[str, str]:
     if shift:
         origin["time_shift_ns"] = str(shift)
     return origin
+
+
+def _account(log: Log) -> dict[str, dict[str, str]]:
+    """What the log had lost: fresh CRCs would let all of it look sound."""
+    return {RECOVERED: dict(log.account)} if log.account else {}
 
 
 def _provenance(result: Result, shift: int) -> dict[str, str]:
