@@ -337,8 +337,8 @@ def test_row_that_ends_inside_a_number_is_left_out(log):
 
 
 def test_column_with_a_unit_and_no_numbers_is_told(log):
-    rows = "".join(f"{k},{k}.5D+00,{k},x\n" for k in range(9))
-    source, columns = read(log, "t [s],p [bar],v [km/h],state\n" + rows)
+    rows = "".join(f"{k},{k}.5D+00,{k},x,N51\n" for k in range(9))
+    source, columns = read(log, "t [s],p [bar],v [km/h],state,lat [deg]\n" + rows)
     assert list(columns) == ["v [km/h]"]
     (told,) = source.findings
     assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p [bar]", 9)
@@ -803,8 +803,9 @@ def test_time_guessed_from_a_rising_column_is_told(log):
     source, columns = read(log, "idx,a,p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n4,1.5,6\n5,4.5,5\n")
     assert columns["p"].t.tolist() == [0, S // 2, S, 3 * S // 2, 9 * S // 2]
     assert codes(source) == {"time-guessed"}
-    source, _ = read(log, "idx,x [s],p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
-    assert not codes(source)  # the unit says it
+    for name in ("x [s]", "Test time", "sec"):  # it says that it is a time
+        source, _ = read(log, f"idx,{name},p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
+        assert not codes(source)
 
 
 @pytest.mark.parametrize("name", ["", "k", "Scan", "Distance [m]", "angle [°]"])

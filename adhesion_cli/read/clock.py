@@ -231,23 +231,23 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -
         raise doubt
     unread = [i for _, _, i in sorted(named) if dialect.column(i)]
     if dialect.headed:
-        for i, name in enumerate(dialect.names):
+        for i in range(len(dialect.names)):
             stamps = _date_form(dialect.column(i), unit) or _share(dialect.column(i), _CLOCK) > 0.8
             if stamps and (
                 clock := _clock_of(dialect, i, unit, rows, path, "first column of stamps")
             ):
                 _others(dialect, clock, rows, path)
-                return _guessed(clock, name)
+                return _guessed(clock, dialect)
         for i, name in enumerate(dialect.names):
             if any(not _numeric(dialect, k) for k in unread):
                 break  # the time is there, in a form that is not known
             if is_counter_name(name) or _measured(dialect, i) or not _rises(dialect, i):
                 continue
-            if unit is None and _counts(dialect, i):
+            if unit is None and _counts(dialect, i) and not _says_time(dialect, i):
                 continue
             if clock := _clock_of(dialect, i, unit, rows, path, "first column that rises strictly"):
                 _others(dialect, clock, rows, path)
-                return _guessed(clock, name)
+                return _guessed(clock, dialect)
     if unread:
         raise _unreadable(dialect, unread[0], path)
     raise UserError(
@@ -316,13 +316,18 @@ def _measured(dialect: Dialect, i: int) -> bool:
     return bool(text) and (unit is None or unit.dimension != "time") and not time_unit(text)
 
 
+def _says_time(dialect: Dialect, i: int) -> bool:
+    """Whether a column's name speaks of time, or its unit is one of time."""
+    name = dialect.names[i]
+    said = (dialect.units[i], units.in_name(name)[1], name)
+    return any(map(time_unit, said)) or speaks_of_time(name)
+
+
 def _counts(dialect: Dialect, i: int) -> bool:
-    """Whether a column numbers the rows, and does not say that it is a time."""
+    """Whether a column's numbers are those of rows: each is by one above the last."""
     cells = dialect.column(i)
     whole = all(c.isascii() and c.isdigit() for c in cells)
-    in_row, in_name = dialect.units[i] if dialect.units else "", units.in_name(dialect.names[i])[1]
-    said = time_unit(in_row) or time_unit(in_name) or speaks_of_time(dialect.names[i])
-    return not said and whole and all(int(b) - int(a) == 1 for a, b in pairwise(cells))
+    return whole and all(int(b) - int(a) == 1 for a, b in pairwise(cells))
 
 
 def _numeric(dialect: Dialect, i: int) -> bool:
@@ -337,11 +342,13 @@ def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
     return (1000, None) if is_date_name(dialect.names[i]) else None
 
 
-def _guessed(clock: Clock, name: str) -> Clock:
-    """The clock, told as a guess: what rises is a time by its stamps or its unit, else perhaps."""
+def _guessed(clock: Clock, dialect: Dialect) -> Clock:
+    """The clock, told as a guess: a warning where nothing but that it rises speaks for it."""
+    i = clock.columns[0]
+    name = dialect.names[i]
     open_unit = any(f.code == "time-unit-guessed" for f in clock.findings)
     note = Finding(
-        "time-guessed", "warning" if open_unit else "info",
+        "time-guessed", "warning" if open_unit and not _says_time(dialect, i) else "info",
         f"time taken from column {name!r} ({clock.reason}); state time = {{channel = …}} if wrong",
         name,
     )  # fmt: skip

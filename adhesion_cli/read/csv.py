@@ -27,6 +27,7 @@ from .units import in_name
 from .units import unit as known_unit
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
+_MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
 _HALF_DAY = 43_200 * 1_000_000_000
 
 
@@ -138,7 +139,11 @@ class CsvSource:
                 f"left out: its decimal mark is not {self._dialect.decimal!r} as elsewhere; export "
                 "all columns with one", name, 1,
             )  # fmt: skip
-        elif cells and (known_unit(self._dialect.units[i]) or len(in_name(name)[1]) > 1):
+        elif (
+            cells
+            and (unit := known_unit(self._dialect.units[i] or in_name(name)[1]))
+            and (unit.dimension in _MEASURED)
+        ):
             self._report(
                 "csv-no-numbers", "warning",
                 f"left out: it has a unit, but its cells are no numbers, as {quoted(cells[0])}; "

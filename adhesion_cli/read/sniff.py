@@ -160,48 +160,24 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     labelled += [(n, split(s, delimiter)) for n, s in block]
     rows = [cells for _, cells in table if len(cells) == width]
     decimal, why["decimal"] = _decimal(rows, width, options, path)
-    start = _first_data(table, width, decimal)
-    if start is None:
-        raise UserError(
-            f"{path}: no data rows under the header (no row of {width} cells holds numbers)",
-            "give a log with data rows; if its numbers use a decimal comma, state decimal = \",\" "
-            "under [csv]",
-        )  # fmt: skip
-    heads, of_units, top = _headers(table, start, width, decimal)
-    if options.header is True and not heads:
-        heads, of_units, top, start = [table[start][1]], None, start, start + 1
-        if start >= len(table):
-            raise UserError(f"{path}: header only, no data rows", "give a log with data rows")
-    if options.header is False:
-        heads, of_units, top = [], None, start
+    texts = dict(body)
+    heads, of_units, top, start = _head(
+        table, texts, lines, (delimiter, width, decimal), options, path
+    )
     first_line = table[start][0]
-    if not heads and options.header is None:
-        heads = _commented_header(lines, first_line, delimiter, width)
-    if not heads and options.header is None and delimiter == " " and start > 0:
-        heads = _aligned_header(dict(body)[table[start - 1][0]], width)
-        top -= len(heads)
     cells_per_row = width
     data = [c for _, c in table[start:] if len(c) == width]
     width = _without_trailing(heads, data, width)
     named = [(n, cells) for n, cells in table[top:start] if cells in heads]
     if not heads and options.header is None:
         named = [(n, cells) for n, cells in table[max(0, top - 2) : top] if _names_time(cells)]
-    texts = dict(body)
     _refuse_width(named, texts, data, width, delimiter, path)
     names, duplicates = _names(heads, width)
     _refuse_grouped(data, names, decimal, options, path)
     rows_above = _rows_above(
         [(n, n + more, s) for n, s, more in lines if n in texts and n < table[top][0]]
     )
-    before = Counter(
-        _class_before(n, s, table, top, start, of_units) for n, s, _ in lines if n < first_line
-    )
-    if rows_above:
-        before["preamble"] -= len(rows_above)
-        before["another table"] += len(rows_above)
-    for n, _, more in lines:
-        if n < first_line and more:
-            before["inside quotes"] += more
+    before = _lines_before(lines, table, (top, start, of_units), len(rows_above))
     preamble = [cells for n, cells in table[:top]]
     comment = next((m[1] for _, s, _ in lines if (m := _COMMENT.match(s))), "")
     lines_above = [n for n, cells in table[top:start] if cells in heads]
@@ -211,13 +187,13 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         n, unit_cells = table[of_units]
         why["units row"] = f"line {n} (every cell is a unit)"
     elif found := _labelled_units(labelled):
-        n, unit_cells = found
-        why["units row"] = f"line {n} (its first cell is {unit_cells[0]!r})"
-        unit_cells = ["", *unit_cells[1:]]
+        n, (label, *unit_cells) = found
+        why["units row"] = f"line {n} (its first cell is {label!r})"
+        unit_cells.insert(0, "")
     if comment:
         why["comments"] = f"lines starting with {comment!r} (seen in the head)"
-    if n_preamble := before.get("preamble"):
-        why["preamble"] = f"{n_preamble} lines (before the header)"
+    if before["preamble"]:
+        why["preamble"] = f"{before['preamble']} lines (before the header)"
     return Dialect(
         encoding, bom, delimiter, decimal, comment, cells_per_row, names,
         tuple(tuple(_fit(h, width)) for h in heads),
@@ -255,6 +231,55 @@ def _body(
     if len(body) == 1:
         raise _too_long(lines[-1][0] + 1 + lines[-1][2], path)
     return body, block
+
+
+def _head(
+    table: list[tuple[int, list[str]]],
+    texts: dict[int, str],
+    lines: list[tuple[int, str, int]],
+    form: tuple[str, int, str],
+    options: ReadOptions,
+    path: Path,
+) -> tuple[list[list[str]], int | None, int, int]:
+    """The header, wherever it stands.
+
+    Args:
+        table: the numbered rows.
+        texts: what they say, by their numbers.
+        lines: all lines of the head, comments too.
+        form: delimiter, number of columns, decimal mark.
+        options: `header` beats what the rows suggest.
+        path: for messages.
+
+    Returns:
+        Its rows, top first; the index in `table` of the units row, of the topmost row of these,
+        and of the first row of data.
+
+    Raises:
+        UserError: where there are no data rows.
+    """
+    delimiter, width, decimal = form
+    start = _first_data(table, width, decimal)
+    if start is None:
+        raise UserError(
+            f"{path}: no data rows under the header (no row of {width} cells holds numbers)",
+            "give a log with data rows; if its numbers use a decimal comma, state decimal = \",\" "
+            "under [csv]",
+        )  # fmt: skip
+    if options.header is False:
+        return [], None, start, start
+    heads, units, top = _headers(table, start, width, decimal)
+    if heads:
+        return heads, units, top, start
+    if options.header:
+        if start + 1 >= len(table):
+            raise UserError(f"{path}: header only, no data rows", "give a log with data rows")
+        return [table[start][1]], None, start, start + 1
+    heads = _commented_header(lines, table[start][0], delimiter, width)
+    if not heads and delimiter == " " and start > 0:
+        heads = _aligned_header(texts[table[start - 1][0]], width)
+        top -= len(heads)
+    return heads, units, top, start
 
 
 def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str]:
@@ -771,23 +796,41 @@ def _names(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[s
     return tuple(names), tuple(n for n, k in seen.items() if k > 1)
 
 
-def _class_before(
-    line: int,
-    text: str,
+def _lines_before(
+    lines: list[tuple[int, str, int]],
     table: list[tuple[int, list[str]]],
-    top: int,
-    start: int,
-    units: int | None,
-) -> str:
-    if not text.strip():
-        return "blank"
-    if "\0" in text:
-        return "NUL bytes"
-    if is_comment(text):
-        return "comment"
-    if top < start and line >= table[top][0]:
-        return "units" if units is not None and line == table[units][0] else "header"
-    return "preamble"
+    header: tuple[int, int, int | None],
+    rows_above: int,
+) -> Counter[str]:
+    """Lines before the first data row, by class.
+
+    Args:
+        lines: those of the head: number, text, further lines inside quotes.
+        table: the numbered rows.
+        header: indices in `table` of its first row, of the first data row and of the units row.
+        rows_above: how many are rows of another table.
+    """
+    top, start, units = header
+
+    def kind(line: int, text: str) -> str:
+        if not text.strip():
+            return "blank"
+        if "\0" in text:
+            return "NUL bytes"
+        if is_comment(text):
+            return "comment"
+        if top < start and line >= table[top][0]:
+            return "units" if units is not None and line == table[units][0] else "header"
+        return "preamble"
+
+    before: Counter[str] = Counter()
+    for line, text, more in lines:
+        if line < table[start][0]:
+            before[kind(line, text)] += 1
+            before["inside quotes"] += more
+    before["preamble"] -= rows_above
+    before["another table"] += rows_above
+    return +before
 
 
 def _metadata(preamble: list[list[str]]) -> dict[str, str]:
