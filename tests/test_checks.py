@@ -15,9 +15,10 @@ from simulated import Recordings
 
 from adhesion_cli import analysis, settings, simulate
 from adhesion_cli.errors import UserError
-from adhesion_cli.model import Channel, Column, Finding, Result
+from adhesion_cli.model import Channel, Column, Finding, Result, Severity
 from adhesion_cli.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
-from adhesion_cli.read import align, checks
+from adhesion_cli.read import align, braking, checks, plausible
+from adhesion_cli.read.grid import Grid
 from adhesion_cli.read.log import open_source, read
 from adhesion_cli.read.units import ATMOSPHERE
 
@@ -859,3 +860,16 @@ def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> Non
             known = np.isfinite(axle.slip) & np.isfinite(true)
             far = np.abs(axle.slip - true)[known] > 0.02 + 0.2 * np.abs(true[known])
             assert far.mean() < 0.05, (fault, axle.record.axle)
+
+
+def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    def telling(severity: Severity) -> plausible.Check:
+        return lambda _: iter([Finding(severity, severity, "", "")])
+
+    checks = telling("info"), telling("warning"), telling("error")
+    monkeypatch.setattr(plausible, "CHECKS", (checks,))
+    x = np.zeros((1, 9))
+    told = plausible.findings(
+        [], Grid(0, 1.0, x, x, x, None), DEFAULT.vehicle, 0, braking.AS_STATED
+    )
+    assert [f.code for f in told] == ["info", "warning"]

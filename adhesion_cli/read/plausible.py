@@ -11,7 +11,7 @@ from .grid import Axle, Explanation, Grid, Scene
 
 Check = Callable[[Scene], Iterator[Finding]]
 
-# Of each group the first check that finds something: what comes after would only repeat it.
+# Of each group none after the first that warns: what comes after would only repeat it.
 CHECKS: tuple[tuple[Check, ...], ...] = (
     (
         deceleration.impossible,
@@ -50,5 +50,9 @@ def findings(
     scene = Scene(axles, g, vehicle, start_ns, explanation)
     found: list[Finding] = []
     for group in CHECKS:
-        found += next((told for check in group if (told := list(check(scene)))), [])
+        for check in group:
+            told = list(check(scene))
+            found += told
+            if any(f.severity != "info" for f in told):
+                break
     return found
