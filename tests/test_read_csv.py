@@ -536,7 +536,9 @@ def test_a_later_header_of_other_columns_ends_the_table(log, second):
         read(log, text, strict=True)
 
 
-@pytest.mark.parametrize("second", ["t [s],p,v", "s,bar,km/h", '"t [s]", p,v', "[s],[bar],[km/h]"])
+@pytest.mark.parametrize(
+    "second", ["t [s],p,v", "s,bar,km/h", "\ufefft [s],p,v", '"t [s]", p,v', "[s],[bar],[km/h]"]
+)
 def test_the_same_header_again_is_no_loss(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
     source, _ = read(log, text, rejects=True, strict=True)
@@ -962,6 +964,11 @@ REFUSED = {
         b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n",
         "day/month or month/day",
         'unit = "dmy"',
+    ),
+    "day or year": (
+        b"Date;Time;p\n24/05/13;13:00:00;1\n24/05/13;13:00:01;2\n",
+        "'24/05/13' in 'Date' . 'Time' may be day/month/year or year/month/day",
+        "four digits",
     ),
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",

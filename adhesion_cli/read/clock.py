@@ -587,7 +587,10 @@ def toml(text: str) -> str:
 
 
 def _date_form(cells: Sequence[str], unit: str | None) -> str | None:
-    """Name of the date form most cells start with, None for none; "dmy|mdy" where both fit."""
+    """Name of the date form most cells start with, None for none; "dmy|mdy" where both fit.
+
+    "dmy|ymd" where the year, of two digits, may stand in front: "24/05/13", not "24.05.13".
+    """
     if not cells:
         return None
     fits = {
@@ -600,7 +603,8 @@ def _date_form(cells: Sequence[str], unit: str | None) -> str | None:
         found = [re.match(r"([0-9]{1,2})([./-])([0-9]{1,2})", c) for c in cells]
         pairs = [(int(m[1]), int(m[3])) for m in found if m]
         if (fits["dmy"] and any(a > 12 for a, _ in pairs)) or not fits["mdy"]:
-            return "dmy"
+            short = r"[0-9]{2}([/-])[0-9]{1,2}\1(?:[0-2][0-9]|3[01])(?![0-9]).*"
+            return "dmy|ymd" if _share(cells, short) >= _READABLE else "dmy"
         if any(b > 12 for _, b in pairs):
             return "mdy"
         return "dmy|mdy"
@@ -626,12 +630,15 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         elif date_only:
             return None
     names = " + ".join(repr(dialect.names[k]) for k in columns)
-    if form == "dmy|mdy":
+    if form in ("dmy|mdy", "dmy|ymd"):
+        other = form == "dmy|ymd"
+        orders = "day/month/year or year/month/day" if other else "day/month or month/day"
         raise UserError(
-            f"{path}: {dialect.column(columns[0])[0]!r} in {names} may be day/month or month/day",
+            f"{path}: {dialect.column(columns[0])[0]!r} in {names} may be {orders}",
             f'state it, as time = {{channel = {toml(dialect.names[i])}, unit = "dmy"}} '
-            '(or "mdy") under [channels]',
-        )
+            + ("under [channels], or export the year with four digits" if other
+               else '(or "mdy") under [channels]'),
+        )  # fmt: skip
     notes: list[Finding] = []
     if form:
         pattern = f"{_DATES[form]}{_GAP}{_CLOCK}{_ZONE}"

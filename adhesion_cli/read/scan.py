@@ -252,7 +252,8 @@ class Scan:
             return part
         blank = inside = 0
         if not block.data.isascii():  # the parser tells no wrong row that is not UTF-8
-            block.data = block.data[: block.size].decode("utf-8", "replace").encode()
+            text = block.data[: block.size].decode("utf-8", "replace")
+            block.data = text.replace("\ufeff", "").encode()  # it begins a file joined to another
             block.size = len(block.data)
         if block.quotes:
             feeds, ends = block.ends()
