@@ -229,13 +229,18 @@ class McapSource:
             schema = s.encoding != "json"
             why = "" if s.heads else "first message is too large"
             trees: list[Tree] = []
+            lacks, sizes = True, set[int]()
             for head in s.heads:
                 if schema and len(trees) >= _FEW:
-                    if not spare or not all(any(empty(tree)) for tree in trees):
+                    if not (lacks and spare):
                         break
+                    if len(head) in sizes:
+                        continue  # with more in it, it were longer
                     spare -= 1
+                sizes.add(len(head))
                 try:
                     trees.append(s.decoder.tree(head))
+                    lacks = lacks and any(empty(trees[-1]))
                 except UndecodableError as e:
                     why = why or str(e)
             s.heads = []
@@ -251,7 +256,7 @@ class McapSource:
                     left_out.append(f"a second {leaf.path}")
             total += len(s.leaves)
             if not found and s.rows > len(trees) and not (schema and not any(empty(s.tree))):
-                left_out.append(f"what follows the first {len(trees)} messages without a number")
+                left_out.append(f"what messages hold behind {len(trees)} without a number")
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
