@@ -794,6 +794,29 @@ def test_group_keeps_only_the_rows_asked_for(log):
     assert source.rows == 6
 
 
+@pytest.mark.parametrize(
+    ("stated", "text", "hint"),
+    [
+        ({"delimiter": "§"}, "delimiter '§' is not one character between cells", '"tab"'),
+        ({"delimiter": '"'}, "is not one character between cells", '"tab"'),
+        ({"delimiter": ";;"}, "is not one character between cells", '"tab"'),
+        ({"encoding": "base64"}, "unknown encoding 'base64'", "cp1252"),
+        ({"encoding": "foo"}, "unknown encoding 'foo'", "cp1252"),
+        (
+            {"time_channel": "t [s]", "time_unit": "iso"},
+            "column 't .s.' holds numbers, as '0.00', not stamps",
+            "one of ns, us, ms, s",
+        ),
+        ({"time_unit": "weeks"}, "unknown time unit 'weeks'", "known: ns"),
+    ],
+)
+def test_what_is_stated_and_cannot_be_is_refused(log, stated, text, hint):
+    log.write_text(PLAIN.replace(",", "§") if "§" in stated.values() else PLAIN)
+    with pytest.raises(UserError, match=text) as error:
+        open_csv(log, ReadOptions(**stated))
+    assert hint in error.value.hint
+
+
 def test_unknown_group_value_names_the_known_ones(log):
     log.write_text(LONG)
     with pytest.raises(UserError, match="no row has '7'") as error:

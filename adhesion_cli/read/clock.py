@@ -293,6 +293,11 @@ def _unreadable(dialect: Dialect, i: int, path: Any) -> UserError:
     numbers = [float(c.replace(",", ".")) for c in cells if dialect.number().fullmatch(c)]
     if len(numbers) > len(cells) / 2:
         falls = sum(b < a for a, b in pairwise(numbers))
+        if not falls:
+            return UserError(
+                f"{path}: column {dialect.names[i]!r} holds numbers, as {cells[0]!r}, not stamps",
+                f"state its unit: one of {', '.join((*NS_PER_UNIT, *_SERIALS))}",
+            )
         return UserError(
             f"{path}: time column {dialect.names[i]!r} falls in {falls} of the first "
             f"{len(numbers)} rows",

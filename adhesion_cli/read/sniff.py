@@ -289,10 +289,13 @@ def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str
     if directive and stated is None:
         stated = directive[1]
     stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
-    if stated is not None and len(stated) != 1:
+    if stated is not None and (
+        not re.fullmatch(r"[\t -~]", stated) or re.match(r'[\w".+-]', stated)
+    ):
         raise UserError(
-            f"delimiter {stated!r} is not one character", 'state ";", ",", "|", "tab" or "space"', 2
-        )
+            f"delimiter {stated!r} is not one character between cells",
+            'state ";", ",", "|", "tab" or "space"', 2,
+        )  # fmt: skip
     return stated, directive[0] if directive else ""
 
 
@@ -345,8 +348,8 @@ def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, 
     if options.encoding:
         try:
             codec = codecs.lookup(options.encoding).name
-            b"".decode(codec)  # refuses codecs that are no text, as base64
-        except LookupError:
+            b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
+        except (LookupError, UnicodeError):
             raise UserError(
                 f"{path}: unknown encoding {options.encoding!r}",
                 "state utf-8, utf-16, gb18030 or cp1252",
