@@ -336,6 +336,15 @@ def test_row_that_ends_inside_a_number_is_left_out(log):
     assert len(read(log, many.replace(".", ",") + "30;4,2")[1]["p"].t) == 31  # as they come
 
 
+@pytest.mark.parametrize("end", ["\n", "\r"])
+def test_half_a_character_at_the_end_is_a_line(log, end):
+    data = b"\xff\xfe" + PLAIN.replace("\n", end).encode("utf-16-le") + b"1"
+    source, columns = read(log, data, rejects=True)
+    assert columns["p"].value.tolist() == P
+    assert source.lines == {"header": 1, "used": 3, "too few cells": 1}
+    assert [(r.line, r.byte) for r in source.rejects] == [(5, len(data) - 1)]
+
+
 def test_column_with_a_unit_and_no_numbers_is_told(log):
     rows = "".join(f"{k},{k}.5D+00,{k},x,N51\n" for k in range(9))
     source, columns = read(log, "t [s],p [bar],v [km/h],state,lat [deg]\n" + rows)

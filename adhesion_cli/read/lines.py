@@ -231,8 +231,9 @@ class Lines:
             if chunk is not raw:
                 self._source = None
             yield chunk
-        if held:
-            yield b"\n"
+        last = decoder.decode(b"", True).encode() if decoder else b""  # half a character
+        if held or last:
+            yield b"\n" * len(held) + last
 
     def _bytes(self) -> Iterator[bytes]:
         if not is_gzip(self.path):
