@@ -34,7 +34,8 @@ from .model import (
 from .physics import reference_speed
 from .slope import REGIONS, Bands, Params, State, init, region, step
 
-_EVEN = 0.3  # a coasting train changes its speed by less than this [m/s²]
+_EVEN = 0.3  # a coasting train loses less of its speed than this [m/s²]
+_GAINS = 0.1  # and gains less: a motor may be at work, and its wheel creeps [m/s²]
 _FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
 _COASTING = 2.0  # of it are needed for a calibration [s]
 _LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
@@ -53,19 +54,22 @@ _MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
     """True over stated wheel radius, and its 1 sigma, from coasting; None where there is none.
 
-    A wheel that is neither braked nor driven rolls: v = ωR. A driven one creeps too; it is left
-    out by its acceleration, as far as that shows.
+    A wheel that is neither braked nor driven rolls: v = ωR. A driven one creeps too, or spins; it
+    is left out by its acceleration, as far as that shows. What is not known of the train speed's
+    delay is one error of all readings.
     """
     if record.train_speed is None:
         return None
     v, rim = record.train_speed, record.wheel_speed * radius
-    ratios, seconds = [], 0.0
+    ratios, late, seconds = [], [], 0.0
+    unknown = _delay_error(record, _DELAY)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
-        free = (record.clamping_force[s] < physics.FREE) & (np.abs(change) < _EVEN)
+        free = (record.clamping_force[s] < physics.FREE) & (change > -_EVEN) & (change < _GAINS)
         free &= (rim[s] > _FAST) & (v[s] > _FAST)
         ratios.append(v[s][free] / rim[s][free])
+        late.append(unknown[s][free])
         seconds += float(np.diff(t, prepend=t[0])[free].sum())
     ratio = np.concatenate(ratios)
     if seconds < _COASTING or len(ratio) < 10:
@@ -75,7 +79,8 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     interval, step = record.train_speed_interval, seconds / len(ratio)
     sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
     sigma *= _student(seconds / max(interval, step) - 1.0)
-    return float(np.median(ratio)), sigma / math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+    sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+    return float(np.median(ratio)), math.hypot(sigma, float(np.median(np.concatenate(late))))
 
 
 def _student(freedom: float) -> float:
@@ -98,10 +103,16 @@ def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Fi
         return stated, []
     if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated.tolerance)), []
-    text = (
-        f"while coasting the wheel rolls as one of {2e3 * radius * ratio:.1f} mm "
-        f"(± {2e3 * radius * sigma:.1f}), not {2e3 * radius:.1f}: slip counts on that"
+    what = (
+        f"one of {2e3 * radius * ratio:.1f} mm (± {2e3 * radius * sigma:.1f}), not "
+        f"{2e3 * radius:.1f}"
     )
+    if record.train_speed_sigma is not None:  # which is held where wheels roll
+        what = (
+            f"one {100.0 * abs(ratio - 1.0):.2g} % {'larger' if ratio > 1.0 else 'smaller'} than "
+            "stated beside the other axles, by which the train speed is known"
+        )
+    text = f"while coasting the wheel rolls as {what}: slip counts on that"
     rolling = Parameter(radius * ratio, radius * sigma)
     return rolling, [Finding("wheel-calibrated", "info", text, f"axle {record.axle}")]
 
@@ -247,7 +258,7 @@ def _slow(record: AxleRecord) -> bool:
 def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
     """1 sigma of slip by the train speed, one error for all, shape (n,).
 
-    By what is not known of its delay, σ_τ (−v̇)/v, and of one that was integrated by its own.
+    By what is not known of its delay, and of one that was integrated by its own.
 
     Args:
         record: of an axle.
@@ -255,11 +266,20 @@ def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
     """
     if record.train_speed is None:
         return np.zeros(len(record))
-    late, own = record.train_speed_late, record.train_speed_sigma
-    unknown = record.train_speed_interval if _slow(record) else unknown
-    by_delay = (late.tolerance if late else unknown) * slowing(record)
+    own = record.train_speed_sigma
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.hypot(by_delay, 0.0 if own is None else own) / record.train_speed
+        of_itself = 0.0 if own is None else own / record.train_speed
+    return np.hypot(_delay_error(record, unknown), of_itself)
+
+
+def _delay_error(record: AxleRecord, unknown: float) -> Floats:
+    """1 sigma of slip by what is not known of the train speed's delay, σ_τ (−v̇)/v, shape (n,)."""
+    assert record.train_speed is not None
+    late = record.train_speed_late
+    unknown = record.train_speed_interval if _slow(record) else unknown
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Floats = (late.tolerance if late else unknown) * slowing(record) / record.train_speed
+    return found
 
 
 def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:

@@ -873,3 +873,11 @@ def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> 
         [], Grid(0, 1.0, x, x, x, None), DEFAULT.vehicle, 0, braking.AS_STATED
     )
     assert [f.code for f in told] == ["info", "warning"]
+
+
+def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
+    """A sensor without noise: about a level while a valve works, then silent while it is held."""
+    t = np.arange(0.0, 200.0, 0.2)
+    works = np.where(t % 50.0 < 25.0, 0.03 * np.sin(2.0 * np.pi * t / 0.71), 0.0)
+    held = np.round((2.0 + works + 0.3 * (t // 50.0)) * 1e5, 2)
+    assert not checks.standing_pressure(pressure(held, 5.0, 0.01)).stuck.any()

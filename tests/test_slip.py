@@ -497,6 +497,15 @@ def test_a_wheel_that_no_brake_slows_does_not_slide() -> None:
     assert not slip.slides(seen(t, v, rim, np.where(t < 1.0, 1e4, 0.0)))
 
 
+def test_a_wheel_that_a_motor_spins_tells_no_diameter() -> None:
+    t = np.arange(0.0, 100.0, 0.05)
+    v = np.interp(t, [0.0, 20.0, 40.0, 100.0], [15.0, 14.0, 4.0, 16.0])
+    rim = v * np.where(t > 40.0, 1.05, 1.01)  # 1 % larger than stated
+    axle = seen(t, v, rim, np.where((t > 20.0) & (t < 40.0), 1e4, 0.0))
+    assert axle.slip is not None
+    assert np.abs(axle.slip[t < 20.0]).max() < 1e-3
+
+
 def test_what_the_noise_of_a_speed_makes_of_slip_is_no_slide() -> None:
     t = np.arange(0.0, 60.0, 0.05)
     v = np.interp(t, [0.0, 40.0, 60.0], [20.0, 1.1, 1.1])

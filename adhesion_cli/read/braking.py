@@ -369,7 +369,7 @@ def _telling(log: _Log, p: _Point) -> Floats:
     off = _left(log, p)
     pair = np.append(off[1:] * off[:-1], 0.0)
     pair[log.first[1:] - 1] = 0.0
-    alike = _sums(log, pair) / (_sums(log, off**2) + log.size * log.floor**2)
+    alike = _sums(log, pair) / (_sums(log, off**2) + log.size * _FLOOR**2)  # rounding is alike
     alike = np.clip(alike, 0.0, 0.99)
     return log.size * (1.0 - alike) / (1.0 + alike)
 

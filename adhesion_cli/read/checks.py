@@ -22,10 +22,12 @@ _ZERO = 0.1  # and one below this stands, as far as any sensor tells [rad/s]
 _PULSES = 2.0  # of a counter that do not come where a wheel stands
 _BRIEF = 0.4  # a wheel may turn from sliding to recovering for this long [s]
 _APPLIED = 0.2  # of the highest pressure: the brake is applied
+_RARE, _LONGER = 4, 4.0  # runs of a stuck sensor are fewer, and so much longer than others
 _NEVER = 1e-3  # runs this long that a log of its length would show by chance
 _LOCKS = 100.0  # no wheel is slowed harder for one sample and driven as hard in the next [rad/s²]
 _QUICKEST = 4.0  # faster than any valve fills or vents a cylinder, of its highest value [1/s]
 _AROUND = 10  # samples before and after
+_LEVEL = 4.0  # small changes: noise about a level keeps within so much
 _EARLY = 5.0  # so much may the clock of a train speed be ahead [s]
 _MOVES = 0.02  # of itself: a speed that changes by less stands still
 _SLIDES = 0.35  # of the speed by which a wheel on a roller rig may be slowed
@@ -455,8 +457,9 @@ def _cut_off(pressure: Channel, runs: _Runs) -> bool:
 def _silent(pressure: Channel, runs: _Runs) -> Bools:
     """Runs longer than the noise of the channel allows, none where it shows no noise; shape (k,).
 
-    Noise is small changes back and forth; where there are steps, by two of them at least: less
-    may come and go as a quiet signal crosses from one step to the next.
+    Noise is small changes back and forth about a level, as valves that move the pressure make them,
+    too; where there are steps, by two of them at least: less may come and go as a quiet signal
+    crosses from one step to the next.
     """
     x = pressure.data.value
     top, step = float(x.max()), pressure.step
@@ -468,14 +471,21 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     turns = (up[1:] & down[:-1] | down[1:] & up[:-1]) & small[1:] & small[:-1]
     turns &= clear[1:] | clear[:-1]
     length = np.maximum(runs.length // repeats, 1)
-    free = (length < 30) & (value > x.min())
+    j = min(max(2, round(_BRIEF * (pressure.rate_hz or 0.0))), 2 * _AROUND)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(value, j, "edge"), 2 * j + 1)
+    level = np.ptp(near, axis=1) <= _LEVEL * max(0.02 * top, 2.5 * step)
+    turns &= level[1:-1]
+    free = (length < 30) & (value > x.min()) & level
     samples = int(length[free].sum())
     if samples < 20 or turns.sum() < max(6.0, 0.03 * samples):
         return np.zeros(len(runs.first), dtype=np.bool_)
     # How often it repeats by chance; more often half way between two steps.
     chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
     long: Bools = length > np.log(_NEVER / len(x)) / np.log(chance)
-    return long
+    # What is silent again and again for about as long has no noise there: valves made the changes.
+    below = value < top
+    often = float(np.sort(length[below])[-_RARE:][0]) if below.any() else 0.0
+    return long & ~(below & (length < _LONGER * often))
 
 
 def _left_alone(
@@ -485,7 +495,8 @@ def _left_alone(
 
     All below it: the brake is released, unless slide protection vents every other axle: then their
     wheels slide beside this one again and again (a single other one may be vented for long). Or all
-    above it. One at full pressure while others are vented is no fault.
+    above it, unless slide protection vents this one: its wheel slides beside another. One at full
+    pressure while others are vented is no fault.
     """
     t, x = pressure.data.t, pressure.data.value
     found = np.zeros((2, len(runs.first)), dtype=np.bool_)
@@ -510,19 +521,21 @@ def _left_alone(
         above, below = beside > value + 0.3 * top, beside < value - 0.3 * top
         if len(others) == 1 or whole:
             below = (beside < 0.05 * top) & (value > 0.1 * top)
-        if not whole:
-            below &= ~_others_slide(at, wheels)
+        if not whole and len(wheels) > 1:
+            own, *rest = (timeaxis.interpolated(at, c) for c in wheels)
+            least = 2.0 * wheels[0].step
+            others_slide: Bools = np.any(np.array(rest) < _SLOWER * own - least, axis=0)
+            slides: Bools = np.any(own < _SLOWER * np.array(rest) - least, axis=0)
+            below &= ~_lately(at, others_slide)
+            slid = _lately(at, slides)
+            above &= ~np.logical_or.accumulate(slid)  # what was vented may be held for long
         for side, apart in enumerate((above.all(axis=0), below.all(axis=0))):
             found[side, i] = any(seconds[b - 1] - seconds[a] >= lasts for a, b in true_runs(apart))
     return found
 
 
-def _others_slide(at: timeaxis.Over, wheels: Sequence[Channel]) -> Bools:
-    """Where a wheel turns more slowly than the first one, or does within `_LASTS`; shape (n,)."""
-    if len(wheels) < 2:
-        return np.zeros(len(at.t), dtype=np.bool_)
-    own, *others = (timeaxis.interpolated(at, c) for c in wheels)
-    slides = (np.array(others) < _SLOWER * own - 2.0 * wheels[0].step).any(axis=0)
+def _lately(at: timeaxis.Over, slides: Bools) -> Bools:
+    """Where a wheel slides within `_LASTS`, before or after; shape (n,)."""
     seen = np.concatenate([[0], np.cumsum(slides)])
     before, after = (np.searchsorted(at.t, at.t + sign * round(_LASTS * 1e9)) for sign in (-1, 1))
     return np.asarray(seen[after] > seen[before])

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import (
+    Z95,
     AxleRecord,
     Bools,
     Channel,
@@ -54,6 +55,7 @@ class Grid:
     clamping: Floats  # K, shape (k, n) [N]
     pressure: Floats  # p, shape (k, n) [Pa]; NaN where the log has K
     train: Floats | None  # train speed, shape (n,) [m/s]
+    train_error: Floats | float = 0.0  # an integrated one may err by that (95 %), (n,) [m/s]
 
     @property
     def fastest(self) -> Floats:
@@ -222,7 +224,8 @@ def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid
         return None
     t = step * np.arange(n, dtype=np.float64)
     rim, clamping, pressure = np.full((3, len(axles), n), np.nan)
-    train = None
+    train: Floats | None = None
+    error: Floats | float = 0.0
     for i, a in enumerate(axles):
         r = a.record
         own = (r.t - first) / 1e9
@@ -236,7 +239,9 @@ def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid
             pressure[i] = _even(own, p, r.segments, t, step)
         if train is None and r.train_speed is not None:
             train = _even(own, r.train_speed, r.segments, t, step)
-    return Grid(first, step, rim, clamping, pressure, train)
+            if r.train_speed_sigma is not None:
+                error = Z95 * _even(own, r.train_speed_sigma, r.segments, t, step)
+    return Grid(first, step, rim, clamping, pressure, train, error)
 
 
 def _even(own: Floats, x: Floats, segments: tuple[slice, ...], t: Floats, step: float) -> Floats:

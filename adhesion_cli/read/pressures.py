@@ -170,8 +170,8 @@ def _departs(
         return None
     level = np.where(known, beside, np.nan)
     top = float(np.nanmax(level))
-    if top <= 0.0:
-        return None
+    if top <= _APPLIED * max(float(np.nanmax(x)), 0.0):
+        return None  # with the brake on every other axle had slid: nothing beside it is known
     ratio = _ratio(x[i], level, known & ~slid[i] & (level > 0.3 * top))
     level *= ratio if _RATIOS[0] < ratio < _RATIOS[1] else 1.0
     off = x[i] - level

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..model import Bools, Channel, Finding, Floats, Vehicle
+from ..signals import true_runs
 from .grid import CRAWL, LEAST, Grid, Scene, far, lasting
 from .units import UNITS, listed, others
 
@@ -15,7 +16,11 @@ _SIGMAS = 2.0  # of the wheel radius are tolerated
 _APART = 0.05, 0.3  # a wheel that rolls is no farther from the train's speed: share, and [m/s]
 _WANDERS = 0.02, 0.15  # nor, where no brake holds it, from what it usually is beside it: the same
 _LASTS = 2.0  # for longer [s]
+_DRIVEN = 0.1  # a train that gains more may be driven, and its wheels spin [m/s²]
 _SWAP = 12  # samples of a slide that show whose pressure it follows
+_SLIDES = 3  # of an axle: in one alone another's valve may open just as the rail holds again
+_SLIDING = 0.97  # of the train's speed
+_REACH = 1.0  # so late may all pressures be [s]
 
 
 class _Match(NamedTuple):
@@ -96,12 +101,13 @@ def apart(s: Scene) -> Iterator[Finding]:
     braked = np.isfinite(g.braking)  # not driven
     for i, a in enumerate(s.axles):
         between = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
+        between += g.train_error  # of one that was integrated
         allowed = _APART[0] * reference + _APART[1] + between
         off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
         released = far(g.clamping[i] <= 0.0, 2 * g.half)  # a wheel that slid has caught up
         where = lasting((off > allowed) & braked | (off < -allowed) & released, _LASTS, g)
         if not where.any() and g.train is not None:
-            free = released & braked & (reference > CRAWL)
+            free = released & braked & (reference > CRAWL) & (g.slope(reference) < _DRIVEN)
             usual = float(np.median(g.rim[i][free] / reference[free])) if free.any() else 1.0
             off = g.rim[i] - usual * reference
             allowed = _WANDERS[0] * reference + _WANDERS[1] + between
@@ -199,27 +205,43 @@ def _odd_wheel(s: Scene, i: int, scale: float) -> Finding:
 def swapped(s: Scene) -> Iterator[Finding]:
     """Axles that answer to another axle's pressure while they slide, not to their own.
 
-    A wheel that slides is free: by (1) its ω̇ follows −aφK at once, while F changes slowly.
+    A wheel that slides is free: by (1) its ω̇ follows −aφK at once, while F changes slowly. Where
+    all pressures are late by the same, that of an axle that slides later may seem to be another's:
+    a clock that makes an axle follow its own as well as any other is no swap.
     """
     axles, g = s.axles, s.grid
-    change = _kink(_kink(g.rim))
-    release = -_kink(g.clamping)
-    slides = g.share < 0.97
-    follows = np.zeros((len(axles), len(axles)))
-    for i, j in np.ndindex(*follows.shape):
-        used = slides[i] & np.isfinite(change[i]) & np.isfinite(release).all(axis=0)
-        x, y = change[i][used], release[j][used]
-        if len(x) >= _SWAP and np.ptp(x) and np.ptp(y) > 0.2 * float(np.nanmax(g.clamping)):
-            follows[i, j] = np.corrcoef(x, y)[0, 1]
+    every, reach = range(len(axles)), min(round(_REACH / g.step), g.rim.shape[1] // 4)
+    shifts = sorted(range(-reach, reach + 1), key=abs)
+    own = np.array([[_follows(g, i, i, k) for i in every] for k in shifts])
+    late = own[np.argmax(own.mean(axis=1))]
     for i, a in enumerate(axles):
-        j = int(np.argmax(follows[i]))
-        if follows[i, j] > 0.7 and follows[i, i] < 0.3:
+        if len(list(true_runs(g.share[i] < _SLIDING))) < _SLIDES:
+            continue
+        follows = [_follows(g, i, j) for j in every]
+        j = int(np.argmax(follows))
+        if follows[j] > max(0.7, late[i] / 0.9) and follows[i] < 0.3:
             text = (
                 f"where axle {a.record.axle} slides it follows the pressure of axle "
                 f"{axles[j].record.axle}, not its own: swapped? "
                 "State which channel is whose in [channels]"
             )
-            yield s.told("axles-swapped", "warning", text, a.speed, slides[i], i)
+            yield s.told("axles-swapped", "warning", text, a.speed, g.share[i] < _SLIDING, i)
+
+
+def _follows(g: Grid, i: int, j: int, shift: int = 0) -> float:
+    """How well changes of axle i's ω̇ while it slides go with the pressure of j, so much later.
+
+    0 where nothing tells; the shift is in steps of the grid.
+    """
+    change, release = _kink(_kink(g.rim[i])), np.full(g.rim.shape, np.nan)
+    kinks = -_kink(g.clamping)
+    n = len(change)
+    release[:, max(-shift, 0) : n - max(shift, 0)] = kinks[:, max(shift, 0) : n - max(-shift, 0)]
+    used = (g.share[i] < _SLIDING) & np.isfinite(change) & np.isfinite(release).all(axis=0)
+    x, y = change[used], release[j][used]
+    if len(x) < _SWAP or not np.ptp(x) or np.ptp(y) <= 0.2 * float(np.nanmax(g.clamping)):
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1])
 
 
 def _kink(x: Floats) -> Floats:
