@@ -512,6 +512,23 @@ def test_a_message_in_itself_is_told_where_it_is_not_read(tmp_path: Path) -> Non
         assert "next (absent at first, holds itself)" in told.message
 
 
+@pytest.mark.parametrize("repeated", [False, True])
+def test_a_value_that_a_closed_enum_does_not_have_is_told(tmp_path: Path, repeated: bool) -> None:
+    """The ordinary decoder leaves it out, and what follows in an array moves up."""
+    label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
+    of = DescriptorProto(name="D")
+    of.field.add(name="e", number=1, type=F.TYPE_ENUM, type_name=".t.E", label=label)
+    for syntax, values in ("proto2", [0, np.nan]), ("proto3", [0, 7]):
+        file = proto_file([of], syntax)
+        file.enum_type.add(name="E").value.add(name="A", number=0)
+        log = Log([proto_schema(file, "D")], [Channel(1, "/a", "protobuf", {}, 1)])
+        log.messages = [message(1, START + i, b"\x08" + bytes([n])) for i, n in enumerate([0, 7])]
+        source = opened(tmp_path, log)
+        (column,) = read(source).values()
+        np.testing.assert_array_equal(column.value, values)
+        assert codes(source) == ([("mcap-bad-message", 1)] if syntax == "proto2" else [])
+
+
 def test_names_without_end_are_not_offered(tmp_path: Path) -> None:
     long = "x" * 5000
     body = {"v": 1, long: 2, "w": [{"name": long, "u": 3}], "unit": long}

@@ -93,7 +93,8 @@ class ProtobufDecoder:
             raise UndecodableError(f"not a {self._type.full_name}: {e}") from None
         if number := _wrong_wire(parsed):
             raise UndecodableError(
-                f"field {number} of {self._type.full_name} has another wire type"
+                f"field {number} of {self._type.full_name} has another wire type, or a value that "
+                "its enum does not have"
             )
         return parsed
 
@@ -268,6 +269,7 @@ class _Slot:
     count: Offsets | None = None  # elements seen so far, per message of the batch
     labels: list[str] | None = None
     clears: list[int] = field(default_factory=list)  # columns of the same oneof's other members
+    closed: NDArray[np.int64] | None = None  # all values it may have, where its enum says so
 
 
 @dataclass(slots=True)
@@ -338,6 +340,8 @@ class _LockStep:
             if f.containing_oneof is not None:
                 others = {o.name for o in f.containing_oneof.fields} - {f.name}
                 slot.clears = [i for name in others for i, _ in by_name.get(name, []) if i >= 0]
+            if f.type == F.TYPE_ENUM and f.enum_type.is_closed:
+                slot.closed = np.array(list(f.enum_type.values_by_number))
             node.slots[f.number] = slot
         return node
 
@@ -351,7 +355,7 @@ class _LockStep:
             message = self._buffer[self._start[i] : self._end[i]].tobytes()
             try:
                 for k, number in enumerate(self._decoder.numbers(message, self._wanted.leaves)):
-                    self._put(k, np.array([i]), np.array([number]))
+                    self._put(None, k, np.array([i]), np.array([number]))
                 self._recount(message, i)
             except UndecodableError as e:
                 self._values[:, i] = np.nan
@@ -508,12 +512,14 @@ class _LockStep:
 
             def put(k: int, r: Offsets, pick: Any) -> None:
                 if (i := slot.columns.get(k)) is not None:
-                    self._put(i, r, numbers[pick])
+                    self._put(slot, i, r, numbers[pick])
 
             self._each(slot, rows, put)
 
-    def _put(self, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
+    def _put(self, slot: _Slot | None, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
         self._values[i, rows] = numbers
+        if slot and slot.closed is not None:  # to the library another value is none at all
+            self._odd[rows[~np.isin(numbers, slot.closed)]] = True
         if numbers.dtype.kind in "iu":
             self._rounded[i, rows] = inexact(numbers)
 
@@ -573,7 +579,7 @@ class _LockStep:
                 where = np.where(element > 0, last + 1, q[has])
                 value, after = self._varint(where)
                 self._odd[rows[has][after > end[has]]] = True
-            self._put(i, rows[has], self._numbers(slot.type, where, value))
+            self._put(slot, i, rows[has], self._numbers(slot.type, where, value))
         slot.count[rows] += count
 
     def _numbers(self, kind: int, q: Offsets, value: Words | None) -> NDArray[Any]:
