@@ -25,7 +25,7 @@ from ..model import (
 )  # fmt: skip
 from ..physics import clamping_force, force_line
 from . import acceleration, braking, checks, held, plausible, timeaxis, trainclock, units
-from .grid import Axle, Grid, grid
+from .grid import Axle, Explanation, Grid, grid
 from .pressures import late as late_alone
 
 Window = tuple[float | None, float | None]  # seconds after the log's start, from and to
@@ -73,68 +73,14 @@ def records(
             code=2,
         )
     asked = axles or numbers
-    found: list[Axle] = []
     accelerations = [trains.pop(a) for a in list(trains) if trains[a].is_rate]
-    signed = any(_backwards(c).any() for c in speeds.values())
-    for of_axle, signed_train in trains.items():
-        back = _backwards(signed_train)
-        if back.any() and not signed:
-            text = (
-                "is below zero where the wheels' speeds are above: taken without its sign; if the "
-                "train did not run backwards, correct the sign"
-            )
-            fault = checks.Fault("reverse-running", text, back, False)
-            told = _told(signed_train, [fault], log.start_ns(), window)
-            findings += [replace(f, severity="info") for f in told]
-        logged = _unsigned(signed_train)
-        faults = checks.of_train(logged, [_unsigned(c) for c in speeds.values()])
-        findings += _told(logged, faults, log.start_ns(), window)
-        trains[of_axle] = _without(logged, faults)
+    trains, told = _sound_trains(trains, speeds, log.start_ns(), window)
+    findings += told
+    found: list[Axle] = []
     for axle in numbers:
-        speed = log.find("wheel_speed", axle)
-        brake = log.find("pressure", axle) or log.find("clamping_force", axle)
-        if not speed or not brake:
-            lacking = "wheel speed" if not speed else "pressure or clamping force"
-            name = (speed or brake).title  # type: ignore[union-attr]
-            text = f"axle {axle} has no {lacking}: not analysed"
-            told = [Finding("axle-incomplete", "warning", text, name)]
-            findings += told if axle in asked else []
-            continue
-        own = (trains[of_axle] for of_axle in (axle, None) if of_axle in trains)
-        train = next((c for c in own if len(c.data.t)), None)
-        moving = [
-            _unsigned(c)
-            for c in (*speeds.values(), *trains.values())
-            if c is not speed and len(c.data.t)
-        ]
-        pressed = pressures if brake.meaning == "pressure" else forces
-        beside = [c for c in pressed.values() if c is not brake]
-        wheels = [speed, *(c for c in speeds.values() if c is not speed and len(c.data.t))]
-        of_speed = checks.of_speed(speed)
-        of_brake = checks.of_pressure(brake, beside, wheels)
-        told = [
-            *_told(speed, of_speed, log.start_ns(), window),
-            *_told(brake, of_brake, log.start_ns(), window),
-        ]
-        sound, pressing = _without(speed, of_speed), _without(brake, of_brake)
-        record: AxleRecord | None = None
-        more: list[Finding] = []
-        if len(sound.data.t) and len(pressing.data.t):
-            record, more = _record(
-                log,
-                vehicle,
-                axle,
-                window,
-                sound,
-                pressing,
-                train,
-                (log.find("truth", axle), log.find("true_slip", axle)),
-                moving,
-                checks.limit(pressing, of_brake),
-            )
-        findings += [*told, *more] if axle in asked else []
-        if record:
-            found.append(Axle(record, speed, brake, train))
+        one, told = _axle(log, vehicle, axle, window, speeds, trains)
+        findings += told if axle in asked else []
+        found += [one] if one else []
     if not any(a.record.axle in asked for a in found):
         raise _nothing(log, speeds, pressures or forces, window, findings)
     if accelerations and not trains:
@@ -145,15 +91,81 @@ def records(
     findings += told
     if told:  # the train speed is another one
         together = grid(found, vehicle)
-    alone = late_alone(found, together) if together else []  # they say nothing of the others
-    alike = [a for k, a in enumerate(found) if k not in alone]
-    why = braking.explained(alike, grid(alike, vehicle) if alone else together, vehicle)
-    found = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in found]
+    found, why = _explained(found, together, vehicle)
     chosen = [a for a in found if a.record.axle in asked]
     theirs = {"", *(c.title for a in chosen for c in (a.speed, a.brake, a.train) if c)}
     odd = plausible.findings(found, together, vehicle, log.start_ns(), why)
     findings += [f for f in odd if f.channel in theirs]
     return [a.record for a in chosen], findings
+
+
+def _sound_trains(
+    trains: dict[int | None, Channel], speeds: dict[int | None, Channel], start_ns: int,
+    window: Window,
+) -> tuple[dict[int | None, Channel], list[Finding]]:  # fmt: skip
+    """The train speeds without their sign and what they cannot be, and what is told of that."""
+    found, findings = {}, []
+    signed = any(_backwards(c).any() for c in speeds.values())
+    wheels = [_unsigned(c) for c in speeds.values()]
+    for axle, train in trains.items():
+        back = _backwards(train)
+        if back.any() and not signed:
+            text = (
+                "is below zero where the wheels' speeds are above: taken without its sign; if the "
+                "train did not run backwards, correct the sign"
+            )
+            fault = checks.Fault("reverse-running", text, back, False)
+            told = _told(train, [fault], start_ns, window)
+            findings += [replace(f, severity="info") for f in told]
+        logged = _unsigned(train)
+        faults = checks.of_train(logged, wheels)
+        findings += _told(logged, faults, start_ns, window)
+        found[axle] = _without(logged, faults)
+    return found, findings
+
+
+def _axle(
+    log: Log, vehicle: Vehicle, axle: int, window: Window,
+    speeds: dict[int | None, Channel], trains: dict[int | None, Channel],
+) -> tuple[Axle | None, list[Finding]]:  # fmt: skip
+    """One axle by its own channels, None where one lacks or is wrong all along; what is told."""
+    speed = log.find("wheel_speed", axle)
+    brake = log.find("pressure", axle) or log.find("clamping_force", axle)
+    if not speed or not brake:
+        lacking = "wheel speed" if not speed else "pressure or clamping force"
+        name = (speed or brake).title  # type: ignore[union-attr]
+        text = f"axle {axle} has no {lacking}: not analysed"
+        return None, [Finding("axle-incomplete", "warning", text, name)]
+    own = (trains[of_axle] for of_axle in (axle, None) if of_axle in trains)
+    train = next((c for c in own if len(c.data.t)), None)
+    wheels = [c for c in speeds.values() if c is not speed and len(c.data.t)]
+    moving = [_unsigned(c) for c in (*wheels, *trains.values()) if len(c.data.t)]
+    alike: Meaning = "pressure" if brake.meaning == "pressure" else "clamping_force"
+    beside = [c for c in _by_axle(log, alike).values() if c is not brake]
+    of_speed = checks.of_speed(speed)
+    of_brake = checks.of_pressure(brake, beside, [speed, *wheels])
+    told = [
+        *_told(speed, of_speed, log.start_ns(), window),
+        *_told(brake, of_brake, log.start_ns(), window),
+    ]
+    sound, pressing = _without(speed, of_speed), _without(brake, of_brake)
+    if not len(sound.data.t) or not len(pressing.data.t):
+        return None, told
+    true = log.find("truth", axle), log.find("true_slip", axle)
+    limit = checks.limit(pressing, of_brake)
+    record, more = _record(log, vehicle, axle, window, sound, pressing, train, true, moving, limit)
+    return Axle(record, speed, brake, train) if record else None, [*told, *more]
+
+
+def _explained(
+    axles: Sequence[Axle], g: Grid | None, vehicle: Vehicle
+) -> tuple[list[Axle], Explanation]:
+    """The axles with what their pressures are late by, and what explains how the train slows."""
+    alone = late_alone(axles, g) if g else []  # they say nothing of the others
+    alike = [a for k, a in enumerate(axles) if k not in alone]
+    why = braking.explained(alike, grid(alike, vehicle) if alone else g, vehicle)
+    late = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in axles]
+    return late, why
 
 
 def _integrated(
