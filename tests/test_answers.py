@@ -20,7 +20,14 @@ Wrong = Callable[[Floats, Floats], Floats]
 
 
 def recordings(
-    rate: float, seed: int, wrong: Wrong, *, train: bool, pads: float = 0.15, percent: float = 2.0
+    rate: float,
+    seed: int,
+    wrong: Wrong,
+    *,
+    train: bool,
+    pads: float = 0.15,
+    percent: float = 2.0,
+    motor: float = 0.0,
 ) -> simulated.Recordings:
     """Two axles that roll through four brakes of 14 s.
 
@@ -31,10 +38,11 @@ def recordings(
         train: whether its speed is logged.
         pads: by this share their friction varies with speed and from brake to brake.
         percent: up to which the gradient goes, anew every 8 s.
+        motor: by how much it drives the train until shortly before each brake [m/s²].
     """
     random, fine = np.random.default_rng(seed), np.arange(0.0, SECONDS, 0.01)
     w, line = wheelset(DEFAULT.vehicle, 1), force_line(DEFAULT.vehicle)
-    p, friction = np.zeros(len(fine)), np.ones(len(fine))
+    p, friction, driven = np.zeros(len(fine)), np.ones(len(fine)), np.zeros(len(fine))
     for begin, hard in BRAKES:
         up = np.clip((fine - begin) / random.uniform(0.5, 3.0), 0.0, 1.0)
         p += (
@@ -45,9 +53,12 @@ def recordings(
         within = (fine > begin) & (fine < begin + 16.0)
         bent = random.uniform(-1.0, 1.0) + random.uniform(-1.0, 1.0) * (fine - begin - 7.0) / 7.0
         friction[within] += pads / 2.0 * bent[within]
+        past = begin - random.uniform(0.2, 3.0)
+        driven += motor * np.clip((past - fine) / 0.5, 0.0, 1.0) * (fine > begin - 6.0)
     corners = np.arange(0.0, SECONDS + 8.0, 8.0)
     slope = np.interp(fine, corners, random.uniform(-percent, percent, len(corners)))
-    slows = friction * braked(clamping_force(p, DEFAULT.vehicle), w) + w.rolling * G * slope / 100.0
+    slows = friction * braked(clamping_force(p, DEFAULT.vehicle), w) - driven
+    slows += w.rolling * G * slope / 100.0
     v = 60.0 - np.cumsum(slows) * 0.01
     t = np.arange(0.0, SECONDS - 0.02, 1.0 / rate)
     ns = np.round(t * 1e9).astype(np.int64)
@@ -96,7 +107,7 @@ def test_pressures_that_change_in_mid_log_are_told_where_they_do(
 ) -> None:
     wrong, begin, end = FAULTS[fault]
     for seed in range(3):
-        log = recordings(rate, seed, wrong, train=train, pads=0.1)
+        log = recordings(rate, seed, wrong, train=train, pads=0.1, percent=1.0)
         findings = [f for f in told(log, tmp_path) if f.code != "pressure-spike"]  # a leap is, too
         (finding,) = findings
         assert finding.code == "pressure-suspect"
@@ -133,4 +144,14 @@ def test_pads_and_gradients_are_no_other_sensor(rate: float, train: bool, tmp_pa
 def test_pads_and_gradients_never_are(rate: float, tmp_path: Path) -> None:
     for seed in range(100, 150):
         log = recordings(rate, seed, sound, train=bool(seed % 2))
+        assert [f for f in told(log, tmp_path) if "answers" in f.message] == []
+
+
+@pytest.mark.parametrize("motor", [0.2, 0.6])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+def test_a_motor_that_is_cut_off_before_the_brake_is_no_other_sensor(
+    rate: float, motor: float, tmp_path: Path
+) -> None:
+    for seed in range(4):
+        log = recordings(rate, seed, sound, train=bool(seed % 2), percent=1.0, motor=motor)
         assert [f for f in told(log, tmp_path) if "answers" in f.message] == []

@@ -60,7 +60,13 @@ class _Part(NamedTuple):
 
 
 def unlike(s: Scene) -> Iterator[Finding]:
-    """Changes that the train answers more, or less, than others do."""
+    """Changes that the train answers more, or less, than others do, as stated and as explained."""
+    stated = list(_unlike(s._replace(explanation=braking.AS_STATED)))
+    if stated and (s.explanation == braking.AS_STATED or any(_unlike(s))):
+        yield from stated
+
+
+def _unlike(s: Scene) -> Iterator[Finding]:
     answers = _answers(s)
     p = _parts(answers)
     sure = _SIGMAS * np.hypot(p.of_own, p.of_others)
@@ -136,6 +142,7 @@ def _answers(s: Scene) -> list[_Answer]:
     # Without a train speed, only wheels that all roll say how fast the train is.
     rolls = g.rolling.all(axis=0) if g.train is None else np.nan_to_num(g.train) > CRAWL
     used = known & rolls & (g.rim > CRAWL).all(axis=0) & np.isfinite(together)
+    used &= ~g.gains  # a motor's beginning or end would count as part of the answer
     area = np.concatenate([[0.0], np.cumsum((b[1:] + b[:-1]) / 2.0)]) * g.step
     changes = _changes(t, b, g.step)
     ends = [0, *(past for _, past in changes)], [*(first for first, _ in changes[1:]), len(t)]

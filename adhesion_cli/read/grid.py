@@ -30,6 +30,7 @@ _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit t
 _MOST = 20_000  # samples on it
 FREE = 0.05  # of the highest K: less is no braking
 _FIRMLY = 0.3  # of the highest K: a brake that no motor works against
+_GAINS = 0.1  # no train that coasts on the level gains more [m/s²]
 _DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
 
 
@@ -77,6 +78,13 @@ class Grid:
         K = self.mean(largest(self.clamping))
         driven = (FREE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN)
         return np.where(far(~driven, 2 * self.half), slowing, np.nan)
+
+    @cached_property
+    def gains(self) -> Bools:
+        """Where it gains speed without brake, by a motor or downhill, and a second around, (n,)."""
+        K = self.mean(largest(self.clamping))
+        free = FREE * np.nanmax(K, initial=0.0) > K
+        return ~far(~(free & (self.slope(self.fastest) > _GAINS)), 2 * self.half)
 
     @cached_property
     def share(self) -> Floats:
