@@ -37,6 +37,7 @@ _KNOWN = 0.2  # 1 sigma of s: with more, something else than the pressure change
 _FLOOR = 0.003  # 1 sigma by which (1) misses a rolling wheel's speed [m/s]
 _ALIKE = 0.95  # of what is left, from sample to sample
 _MOST = 1000  # changes that are compared
+_VALVES = 0.25  # within so long a slide protection's turn: coarser samples do not know ∫b [s]
 
 
 class _Answer(NamedTuple):
@@ -140,7 +141,9 @@ def _answers(s: Scene) -> list[_Answer]:
     share = w.inertia / (w.mass * w.radius**2)
     together = (v + share * np.mean(g.rim, axis=0)) / (1.0 + share)
     # Without a train speed, only wheels that all roll say how fast the train is.
-    rolls = g.rolling.all(axis=0) if g.train is None else np.nan_to_num(g.train) > CRAWL
+    rolls = g.rolling.all(axis=0)
+    if g.train is not None and g.step <= _VALVES:
+        rolls = np.nan_to_num(g.train) > CRAWL
     used = known & rolls & (g.rim > CRAWL).all(axis=0) & np.isfinite(together)
     used &= ~g.gains  # a motor's beginning or end would count as part of the answer
     area = np.concatenate([[0.0], np.cumsum((b[1:] + b[:-1]) / 2.0)]) * g.step
