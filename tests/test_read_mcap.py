@@ -469,7 +469,7 @@ def test_an_array_that_is_empty_at_first(tmp_path: Path, encoding: str, beside: 
         assert told.code == "mcap-not-offered"
         assert "without a number" in told.message
 
-    never = opened(tmp_path, array_log(encoding, [[]] * 50, True))
+    never = opened(tmp_path, array_log(encoding, [[]] * 50, beside))
     read(never)
     assert never.findings == []
 

@@ -229,10 +229,11 @@ class McapSource:
             schema = s.encoding != "json"
             why = "" if s.heads else "first message is too large"
             trees: list[Tree] = []
-            lacks, sizes = True, set[int]()
-            for head in s.heads:
+            lacks, sizes, seen = True, set[int](), 0
+            for seen, head in enumerate(s.heads, 1):
                 if schema and len(trees) >= _FEW:
                     if not (lacks and spare):
+                        seen -= 1
                         break
                     if len(head) in sizes:
                         continue  # with more in it, it were longer
@@ -255,8 +256,8 @@ class McapSource:
                 if s.leaves.setdefault(leaf.path, leaf) is not leaf:
                     left_out.append(f"a second {leaf.path}")
             total += len(s.leaves)
-            if not found and s.rows > len(trees) and not (schema and not any(empty(s.tree))):
-                left_out.append(f"what messages hold behind {len(trees)} without a number")
+            if not found and s.rows > seen and not (schema and not any(empty(s.tree))):
+                left_out.append(f"what messages hold behind {seen} without a number")
             if left_out:
                 self._tell(
                     "mcap-not-offered", "info",
