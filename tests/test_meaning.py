@@ -228,6 +228,21 @@ def test_a_true_slip_says_so_and_has_a_unit(name: str, meaning: str | None) -> N
     assert found == meaning
 
 
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("Battery [V]", None), ("supply (mV)", None), ("Vbat_V", None), ("T1 [K]", None),
+        ("set speed [km/h]", None), ("v_max [km/h]", None), ("speed error [km/h]", None),
+        ("yaw rate [deg/s]", None), ("demanded cylinder pressure [bar]", None),
+        ("wheel set 2 speed [km/h]", WHEEL), ("V_wheel 2 [km/h]", WHEEL), ("v [km/h]", TRAIN),
+        ("Force (K) [kN]", "clamping_force"),
+    ],
+)  # fmt: skip
+def test_what_only_shares_a_letter_or_a_unit_is_not_taken(name: str, meaning: str | None) -> None:
+    wheel, found = seen("axle 1 speed [km/h]", name)
+    assert (wheel[0], found[0]) == (WHEEL, meaning)
+
+
 def test_a_folder_of_topics_called_adhesion_makes_no_truth() -> None:
     fields = ("clamping_force", "bc_pressure", "wheel_speed", "force")
     meant = [seen((f"/adhesion_rig/axle/1/{f}", "value"))[0][0] for f in fields]

@@ -58,8 +58,9 @@ _VOCABULARY = {
         制动缸 闸缸""",
     "other pressure": """
         pipe bp hl hll hbl reservoir main mr mrp pilot spring supply load ambient parking command
-        cmd target setpoint demand soll sollwert request requested atmospheric hauptluftleitung
-        hauptbehälter vorsteuer luftfeder federspeicher leitung behälter speicher
+        cmd target setpoint demand demanded commanded required nominal soll sollwert request
+        requested atmospheric hauptluftleitung hauptbehälter vorsteuer luftfeder federspeicher
+        leitung behälter speicher
         conduite cg réservoir reservoir suspension commande consigne condotta serbatoio sospensione
         comando leiding veer tubería tuberia depósito deposito
         列车管 总风 空簧 预控 停放 目标 指令 制动管 主风""",
@@ -74,8 +75,10 @@ _VOCABULARY = {
         odometry odom twist fahr treno trein tren véhicule vehicule veicolo voertuig
         列车 车速 车辆 地面 参考 机车""",
     "other speed": """
-        limit target setpoint soll wind fan cmd command demand motor engine limite consigne moteur
-        motore 目标 限速 电机""",
+        limit target setpoint soll wind fan cmd command commanded demand demanded required motor
+        engine gyro yaw pitch roll heading error deviation difference diff differenz limite
+        consigne moteur motore 目标 限速 电机""",
+    "bound": "set max maximum",
     "clamping": "clamp clamping klemmkraft zuspannkraft k 夹紧力 夹紧",
     "force": "force kraft f 力",
     "other force": """
@@ -180,6 +183,10 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     base, unit = units.in_name(field.label or field.channel if not field.path else field.channel)
     path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
     label, label_unit = units.in_name(field.label)
+    if not unit:
+        base = units.without_others(base)
+    if not label_unit:
+        label = units.without_others(label)
     text, reason = field.unit, field.unit_from
     if not text:
         counted = units.unit(field.path)
@@ -255,7 +262,7 @@ def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
     if speedy or (not dimension and speed):
         train = _has("train", primary) or _has("train", words)
         wheel = _has("wheel", primary) or ("" if _has("train", primary) else _has("wheel", words))
-        if other := _has("other speed", words):
+        if other := _has("other speed", words) or ("" if wheel else _has("bound", words)):
             return None, axle, text, f"a speed, but {other!r} is not measured on wheel or train"
         if dimension in ("pulse rate", "count", "angle") and not (wheel or speed):
             return None, axle, text, "nothing in the name says wheel or axle"

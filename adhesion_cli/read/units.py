@@ -119,6 +119,9 @@ _IN_NAMES = {
 
 _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
 
+# Of what is not asked for, with the letters of names: volts are no v, kelvins no K.
+_OTHERS = re.compile(r"[\[(（]\s*(?:[mkµμ]?[VAW]|K)\s*[\])）]|(?<=[^\W_])_[mk]?V$")
+
 
 @lru_cache(1 << 10)
 def unit(text: str) -> Unit | None:
@@ -174,6 +177,11 @@ def unknown_in(name: str) -> str:
     """What a name has in its last brackets that is no unit we know, "" for nothing."""
     inside = [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not unit(inside[-1]) else ""
+
+
+def without_others(name: str) -> str:
+    """A name that states no unit we know, without the unit of another quantity: `Battery [V]`."""
+    return _OTHERS.sub(" ", name)
 
 
 # between a name and its unit, the last of them nothing but space
