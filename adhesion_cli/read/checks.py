@@ -457,9 +457,9 @@ def _cut_off(pressure: Channel, runs: _Runs) -> bool:
 def _silent(pressure: Channel, runs: _Runs) -> Bools:
     """Runs longer than the noise of the channel allows, none where it shows no noise; shape (k,).
 
-    Noise is small changes back and forth about a level, as valves that move the pressure make them,
-    too; where there are steps, by two of them at least: less may come and go as a quiet signal
-    crosses from one step to the next.
+    Noise is small changes back and forth; where there are steps, by two of them at least: less may
+    come and go as a quiet signal crosses from one step to the next. Below the highest value it is
+    about a level: valves that move the pressure make such changes, too.
     """
     x = pressure.data.value
     top, step = float(x.max()), pressure.step
@@ -474,18 +474,22 @@ def _silent(pressure: Channel, runs: _Runs) -> Bools:
     j = min(max(2, round(_BRIEF * (pressure.rate_hz or 0.0))), 2 * _AROUND)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(value, j, "edge"), 2 * j + 1)
     level = np.ptp(near, axis=1) <= _LEVEL * max(0.02 * top, 2.5 * step)
-    turns &= level[1:-1]
-    free = (length < 30) & (value > x.min()) & level
-    samples = int(length[free].sum())
-    if samples < 20 or turns.sum() < max(6.0, 0.03 * samples):
-        return np.zeros(len(runs.first), dtype=np.bool_)
-    # How often it repeats by chance; more often half way between two steps.
-    chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
-    long: Bools = length > np.log(_NEVER / len(x)) / np.log(chance)
-    # What is silent again and again for about as long has no noise there: valves made the changes.
+
+    def longest(where: Bools) -> float:
+        """What the noise there allows."""
+        free = (length < 30) & (value > x.min()) & where
+        samples = int(length[free].sum())
+        if samples < 20 or (turns & where[1:-1]).sum() < max(6.0, 0.03 * samples):
+            return np.inf
+        # How often it repeats by chance; more often half way between two steps.
+        chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
+        return float(np.log(_NEVER / len(x)) / np.log(chance))
+
     below = value < top
+    # What is silent again and again for about as long has no noise there: valves made the changes.
     often = float(np.sort(length[below])[-_RARE:][0]) if below.any() else 0.0
-    return long & ~(below & (length < _LONGER * often))
+    least = max(longest(level), _LONGER * often)
+    return np.where(below, length >= least, length > longest(np.ones_like(level)))
 
 
 def _left_alone(
