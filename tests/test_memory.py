@@ -91,7 +91,8 @@ print(peak() - before - sum(x.nbytes for x in (column.t, column.value, column.va
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
 def test_reading_mcap(tmp_path: Path, compression: str) -> None:
     many(tmp_path / "log.mcap", 1_200_000, compression)  # 46 MiB, inflated
-    assert grown(READ, tmp_path / "log.mcap", 1_200_000) < (10 if compression else 19) * MIB
+    # 17.3 MiB without compression, and up to 21.6 where heap or file pages lie otherwise
+    assert grown(READ, tmp_path / "log.mcap", 1_200_000) < (10 if compression else 24) * MIB
 
 
 READ_CSV = """
