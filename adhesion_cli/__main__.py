@@ -10,8 +10,8 @@ import traceback
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from .errors import UserError, as_told
-from .text import printable, utf8
+from .core.errors import UserError, as_told
+from .core.text import printable, utf8
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs

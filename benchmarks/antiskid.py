@@ -16,17 +16,18 @@ from dataclasses import replace
 
 from table import Row, show
 
-from adhesion_cli import antiskid, controller, scenario, sweep
+from adhesion_cli.core import controller
+from adhesion_cli.wsp import closed_loop, scenario, sweep
 
 
 def rows() -> Iterator[Row]:
     long = replace(scenario.load("slippery-stop"), rail=sweep.RAILS["very-low"])
     for law in controller.registry():
-        antiskid.run(long, law)  # compiles
+        closed_loop.run(long, law)  # compiles
         times = []
         for _ in range(3):
             begin = time.perf_counter()
-            done = antiskid.run(long, law)
+            done = closed_loop.run(long, law)
             times.append(time.perf_counter() - begin)
         stopped = float(done.t[-1]) * 1e-9
         name = f"stop in closed loop, {law}"

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from table import Row, show
 
-from adhesion_cli import compiled, estimator, methods
-from adhesion_cli.model import Vehicle
-from adhesion_cli.physics import wheelset
+from adhesion_cli.core import compiled, estimator, methods
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.physics import wheelset
 
 N = 200_000  # samples, 1 kHz with jitter
 TURNS = 25

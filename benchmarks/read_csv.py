@@ -20,8 +20,8 @@ import pyarrow as pa
 import pyarrow.csv
 from table import Row, show
 
-from adhesion_cli.read.csv import open_csv
-from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.formats.csv.reader import open_csv
+from adhesion_cli.formats.source import ReadOptions
 
 TURNS = 3
 NAMES = ["bc_pressure_1 [bar]", "bc_pressure_2 [bar]", "axle_1 [km/h]", "axle_2 [km/h]", "a", "b"]

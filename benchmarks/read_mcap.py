@@ -27,8 +27,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from table import Row, show
 
-from adhesion_cli.read.mcap import open_mcap
-from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.formats.mcap.reader import open_mcap
+from adhesion_cli.formats.source import ReadOptions
 
 CHANNELS = 8
 START = 1_700_000_000 * 10**9

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from table import Row
 
-from adhesion_cli import reference
-from adhesion_cli.model import AxleRecord, Floats
+from adhesion_cli.core.model import AxleRecord, Floats
+from adhesion_cli.reference import force
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from test_reference import (
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "reference"))
+from test_force import (
     HARD,
     HARD_SLIDING,
     ROLLING,
@@ -59,7 +59,7 @@ def cases() -> Iterator[tuple[str, float, float, Floats]]:
             pairs, inside = [], []
             for seed in SEEDS:
                 record, slides = logged(name, seed=seed, **how)
-                F = reference.compute(record, VEHICLE)
+                F = force.compute(record, VEHICLE)
                 error = F.force - record.truth
                 used = np.isfinite(error)
                 pairs.append((rms(error[used]), best_butterworth(record, used)))
@@ -81,9 +81,9 @@ def main() -> None:
         share = " ".join(f"{100.0 * x:6.0f} %" for x in inside)
         print(f"{name:32} {ours:7.2f} {best:7.2f} {ours / best:6.2f} {share}", flush=True)
     record = hour("low-adhesion")
-    reference.compute(record, VEHICLE)
+    force.compute(record, VEHICLE)
     start = time.perf_counter()
-    reference.compute(record, VEHICLE)
+    force.compute(record, VEHICLE)
     print(f"one hour at 100 Hz: {time.perf_counter() - start:.1f} s")
 
 

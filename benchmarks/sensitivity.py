@@ -9,7 +9,7 @@ on dry rail, each error is a key of its `[antiskid]`.
 import sys
 from dataclasses import replace
 
-from adhesion_cli import antiskid, scenario
+from adhesion_cli.wsp import closed_loop, scenario
 
 CASES = (
     {}, {"friction": 0.8}, {"friction": 0.9}, {"friction": 1.1}, {"friction": 1.2},
@@ -20,17 +20,17 @@ CASES = (
 
 def main(name: str) -> None:
     case = scenario.load(name)
-    dry = antiskid.dry_distance(case)
+    dry = closed_loop.dry_distance(case)
     for errors in CASES:
         s = replace(case, antiskid=replace(case.antiskid, **errors))
         cells = []
         for law in ("patent", "rule"):
-            v = antiskid.verdict(antiskid.run(s, law), s, dry)
+            v = closed_loop.verdict(closed_loop.run(s, law), s, dry)
             used = "-" if v.utilisation is None else f"{v.utilisation:.3f}"
             cells.append(f"{law} {v.stopping_distance_m:6.1f} m, {used}, ")
             cells[-1] += f"locked {v.locked_s:.1f} s, {v.air_nl:.0f} Nl, "
-            good = replace(s, rail=antiskid.DRY)
-            v = antiskid.verdict(antiskid.run(good, law), good, dry)
+            good = replace(s, rail=closed_loop.DRY)
+            v = closed_loop.verdict(closed_loop.run(good, law), good, dry)
             cells[-1] += f"dry {v.stopping_distance_m:.1f} m"
         label = ", ".join(f"{k} {_percent(x)}" for k, x in errors.items()) or "as it is"
         print(f"{label:24} {' | '.join(cells)}", flush=True)

@@ -18,7 +18,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from table import Row, show
 
-from adhesion_cli import compiled, physics, rail, simulate
+from adhesion_cli.core import compiled, physics
+from adhesion_cli.rail import creep_law
+from adhesion_cli.wsp import simulate
 
 
 def hour() -> None:
@@ -43,8 +45,8 @@ def rows() -> Iterator[Row]:
     vehicle = scenario.vehicle
     R, I = vehicle.radius(1).value, vehicle.wheelset_inertia.value  # noqa: E741
     m, phi_k = vehicle.axle_mass.value, vehicle.friction.value * 21e3
-    patch, law = scenario.contact.patch(m * physics.G), rail.condition("wet")
-    force = compiled.function(rail.creep_force)
+    patch, law = scenario.contact.patch(m * physics.G), creep_law.condition("wet")
+    force = compiled.function(creep_law.creep_force)
 
     def right_side(at: float, state: np.ndarray) -> tuple[float, float]:
         v, omega = state

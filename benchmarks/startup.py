@@ -24,7 +24,7 @@ RUNS = 7
 LOADING = """
 import numpy as np, pyarrow.csv, rerun, numba.np.arraymath
 from adhesion_cli import compiled, estimator, physics, reference
-from adhesion_cli.model import AxleRecord, Vehicle
+from adhesion_cli.core.model import AxleRecord, Vehicle
 t, x = np.arange(3) * 10**7, np.array([9.0, 8.9, 8.8])
 for est in estimator.registry().values():
     compiled.batch(est, est.Params(), physics.wheelset(Vehicle(), 1), t, x, x, np.array([0]))

@@ -20,10 +20,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from adhesion_cli import scenario, sweep, unit
-from adhesion_cli.antiskid import ESTIMATOR
-from adhesion_cli.errors import UserError
-from adhesion_cli.stop import Verdict
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.stop import Verdict
+from adhesion_cli.wsp import scenario, sweep, wsp_controller
+from adhesion_cli.wsp.closed_loop import ESTIMATOR
 
 FINALISTS = 10
 HOPELESS = 0.01
@@ -59,7 +59,7 @@ def settings(x: Point) -> dict[str, dict[str, float]]:
 
 
 def shipped(law: str) -> Point:
-    known = unit.parameters([law], ESTIMATOR, {})
+    known = wsp_controller.parameters([law], ESTIMATOR, {})
     return {name: known[name.split(".")[0]][name.split(".")[1]] for name in SPACES[law]}
 
 

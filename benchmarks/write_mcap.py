@@ -16,7 +16,7 @@ import numpy as np
 from mcap.writer import Writer
 from table import Row, show
 
-from adhesion_cli.model import (
+from adhesion_cli.core.model import (
     AxleRecord,
     AxleResult,
     Channel,
@@ -28,7 +28,7 @@ from adhesion_cli.model import (
     Times,
     Vehicle,
 )
-from adhesion_cli.write import descriptors, mcap
+from adhesion_cli.results import descriptors, mcap
 
 TURNS = 3
 START = 1_760_000_000 * 10**9

@@ -11,13 +11,13 @@ from typing import Any
 
 import typer.main
 
-from adhesion_cli import controller, estimator, methods, settings
+from adhesion_cli.analysis import settings
 from adhesion_cli.cli.app import app
-from adhesion_cli.model import Parameter, Quantity, Vehicle, quantities
-from adhesion_cli.read import units
-from adhesion_cli.read.source import ReadOptions
-from adhesion_cli.slope import Bands, Params
-from adhesion_cli.unit import SLOPE_IN_LOOP
+from adhesion_cli.core import controller, estimator, methods, units
+from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
+from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.rail.slope import Bands, Params
+from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
 
 DOCS = Path(__file__).parent
 _HEAD = "<!-- written by docs/generate.py -->\n"

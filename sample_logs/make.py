@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from adhesion_cli import simulate
+from adhesion_cli.wsp import simulate
 
 START_NS = 1_730_790_720_000_000_000  # 2024-11-05 07:12 UTC, for the log that has a calendar
 

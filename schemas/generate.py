@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 
 SCHEMAS = Path(__file__).parent
-TARGET = SCHEMAS.parent / "adhesion_cli" / "write" / "adhesion.binpb"
+TARGET = SCHEMAS.parent / "adhesion_cli" / "results" / "adhesion.binpb"
 
 
 def compiled() -> bytes:

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 from rerun.chunk import RrdReader
 
-from adhesion_cli.model import Floats
+from adhesion_cli.core.model import Floats
 
 
 def batches(path: Path, entity: str, static: bool = False) -> list[pa.RecordBatch]:

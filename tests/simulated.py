@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from adhesion_cli import settings, simulate
-from adhesion_cli.model import Finding, Vehicle
-from adhesion_cli.read import align
-from adhesion_cli.read.log import open_source, read
-from adhesion_cli.read.units import UNITS
-from adhesion_cli.scenario import Sensor
-from adhesion_cli.simulate import Recording
+from adhesion_cli.analysis import settings
+from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.core.model import Finding, Vehicle
+from adhesion_cli.core.units import UNITS
+from adhesion_cli.diagnostics import plausible
+from adhesion_cli.wsp import simulate
+from adhesion_cli.wsp.scenario import Sensor
+from adhesion_cli.wsp.simulate import Recording
 
 Recordings = list[Recording]
 
@@ -84,7 +85,7 @@ def told(log: Recordings, folder: Path, stated: settings.Settings) -> list[Findi
     one = read(
         open_source(write(folder / "log.csv", log), stated.read), stated.mappings, stated.vehicle
     )
-    return align.records(one, stated.vehicle)[1]
+    return plausible.records(one, stated.vehicle)[1]
 
 
 def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:

@@ -40,8 +40,10 @@ import importlib, json, os, signal, sys, time
 from pathlib import Path
 from adhesion_cli.__main__ import main
 for name in (
-    "cli.app", "cli.inspect", "inspection", "document", "settings", "read.mcap", "read.ros2",
-    "read.protobuf", "read.json_rows", "read.csv", "read.align", "write.files", "cli.show",
+    "cli.app", "cli.inspect", "cli.terminal", "analysis.inspection", "analysis.document",
+    "analysis.settings", "formats.mcap.reader", "formats.mcap.ros2", "formats.mcap.protobuf",
+    "formats.mcap.json_messages", "formats.csv.reader", "records.axle_records",
+    "results.atomic_files",
 ):
     importlib.import_module(f"adhesion_cli.{name}")
 import lz4.frame, zstandard, pyarrow.csv, google.protobuf.message_factory

@@ -77,9 +77,9 @@ def many(path: Path, messages: int, compression: str, late: bool = False) -> Non
 
 
 READ = """
-import lz4.frame, zstandard, adhesion_cli.read.protobuf
-from adhesion_cli.read.mcap import open_mcap
-from adhesion_cli.read.source import ReadOptions
+import lz4.frame, zstandard, adhesion_cli.formats.mcap.protobuf
+from adhesion_cli.formats.mcap.reader import open_mcap
+from adhesion_cli.formats.source import ReadOptions
 before = begin()
 source = open_mcap(path, ReadOptions())
 (column,) = source.columns(source.fields)
@@ -97,8 +97,8 @@ def test_reading_mcap(tmp_path: Path, compression: str) -> None:
 
 READ_CSV = """
 import os, concurrent.futures.thread, pyarrow.csv
-from adhesion_cli.read.csv import open_csv
-from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.formats.csv.reader import open_csv
+from adhesion_cli.formats.source import ReadOptions
 os.cpu_count = lambda: 2  # each processor has its blocks
 before = begin()
 source = open_csv(path, ReadOptions())
@@ -132,9 +132,9 @@ def test_reading_csv(tmp_path: Path, megabytes: int, loaded: str) -> None:
 
 RECOVER = """
 import zstandard
-from adhesion_cli.read.mcap import McapSource
-from adhesion_cli.read.source import ReadOptions
-from adhesion_cli.write import container
+from adhesion_cli.formats.mcap.reader import McapSource
+from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.results import container
 before = begin()
 container.copy(Path(f"{path}.copy"), McapSource(path, ReadOptions(max_record=4 << 20)).walk)
 print(peak() - before)
@@ -156,8 +156,8 @@ def test_recovering(tmp_path: Path) -> None:
 
 WRITE_LOG = """
 import numpy as np
-from adhesion_cli.model import Channel, Column, Log
-from adhesion_cli.write import csv, mcap
+from adhesion_cli.core.model import Channel, Column, Log
+from adhesion_cli.results import csv, mcap
 mcap.CHUNK, csv._ROWS = 1 << 18, 1 << 14
 write_log = (mcap if path.suffix == ".mcap" else csv).write_log
 t = np.arange(n) * 10**6
@@ -172,8 +172,8 @@ write(n)
 print(peak() - before)
 """
 WRITE_RESULT = """
-from results import result
-from adhesion_cli.write import mcap, rrd
+from made_results import result
+from adhesion_cli.results import mcap, rrd
 mcap.CHUNK, rrd.results._ROWS = 1 << 18, 1 << 12
 def write(n):
     whole = result(axles=1, n=n)

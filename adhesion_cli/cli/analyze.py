@@ -12,8 +12,8 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion analyze leaf-film.mcap --set vehicle.phi=0.28
     """
-    from ..document import document, dumps, entry
-    from . import show
+    from ..analysis.document import document, dumps, entry
+    from . import terminal
 
     pairs = [results.pair(shared, log, "adhesion") for log in logs]
     analysed = results.analysed(shared, logs, [path for pair in pairs for path in pair])
@@ -23,6 +23,8 @@ def command(logs: Logs, shared: Shared) -> int:
         print(dumps(document(entries)))
     else:
         for result, one in zip(analysed, entries, strict=True):
-            print(show.summary(result, one))
-            show.message(show.findings(result.findings), shared.quiet or not result.findings)
+            print(terminal.summary(result, one))
+            terminal.message(
+                terminal.findings(result.findings), shared.quiet or not result.findings
+            )
     return results.finished(shared, pairs[-1][1], [f for r in analysed for f in r.findings])

@@ -23,11 +23,11 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..model import Finding
-    from ..scenario import Scenario
-    from ..stop import Stop
-    from ..sweep import Beside, Row
-    from ..unit import Settings as Stated
+    from ..core.model import Finding
+    from ..core.stop import Stop
+    from ..wsp.scenario import Scenario
+    from ..wsp.sweep import Beside, Row
+    from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
 _OF_LOGS = {name: "--" + name.strip("_") for name in ("axle", "from_", "to", "strict", "reference")}
@@ -82,15 +82,21 @@ def command(
 
     Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
-    from .. import antiskid
-    from ..controller import registry
-    from ..document import antiskid_document, dumps, limits_document, stop_settings, sweep_document
-    from ..errors import UserError
-    from ..model import Vehicle
-    from ..scenario import load
-    from ..unit import parameters
-    from ..write import files
-    from . import show
+    from ..analysis.document import (
+        antiskid_document,
+        dumps,
+        limits_document,
+        stop_settings,
+        sweep_document,
+    )
+    from ..core.controller import registry
+    from ..core.errors import UserError
+    from ..core.model import Vehicle
+    from ..results import atomic_files
+    from ..wsp import closed_loop
+    from ..wsp.scenario import load
+    from ..wsp.wsp_controller import parameters
+    from . import terminal
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
@@ -111,36 +117,36 @@ def command(
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
     read = inputs(shared, Path(scenario))
-    case, tell = load(scenario).with_train_speed(train_speed), show.progress(shared.quiet)
+    case, tell = load(scenario).with_train_speed(train_speed), terminal.progress(shared.quiet)
     made_with = parameters(registry(), algo, settings)
     if stated.vehicle != Vehicle():
         text = "note: [vehicle] is that of logs; a scenario's TOML states the vehicle of its train"
-        show.message(text, shared.quiet)
+        terminal.message(text, shared.quiet)
     _tells_of_compiling(shared)
     if rails:
-        from ..figures import of_sweep
-        from ..sweep import RAILS, sweep
+        from ..results.figures import of_sweep
+        from ..wsp.sweep import RAILS, sweep
 
-        files.check(targets(shared), shared.force, inputs=read)
+        atomic_files.check(targets(shared), shared.force, inputs=read)
         seeds = seeds or 10
         count = len(RAILS) * len(registry()) * seeds
-        show.message(f"{count} stops to simulate, on all cores", shared.quiet)
+        terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
         rows = sweep(case, seeds, algo, settings, tell)
         document = sweep_document(case.name, seeds, algo, made_with, rows)
         title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
         for picture in pictures(shared):
-            with files.outputs([picture], shared.force, inputs=read) as (place,):
+            with atomic_files.outputs([picture], shared.force, inputs=read) as (place,):
                 draw(place, title, of_sweep(rows))
-        text = "\n".join([_rails(rows), *map(show.wrote, pictures(shared))])
+        text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
         document["outputs"] = results.named(pictures(shared))
         print(dumps(document) if shared.json else text)
         return 0
 
     paths = _paths(shared, case.name)
-    files.check(targets(shared, paths), shared.force, inputs=read)
-    dry, stops = antiskid.side_by_side(case, seed, algo, settings, tell)
+    atomic_files.check(targets(shared, paths), shared.force, inputs=read)
+    dry, stops = closed_loop.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
-    kept = [(law, *x) for law, (_, v) in stops.items() for x in antiskid.against(case.limit, v)]
+    kept = [(law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)]
     document = antiskid_document(
         stops["none"][0], case.name, made_with, dry, found, limits=limits_document(kept)
     )
@@ -169,29 +175,31 @@ def _given(shared: Shared, names: "Mapping[str, str]") -> list[str]:
 
 def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str]:
     """What `--set` states that is no setting of a stop; `settings` holds those that are."""
-    from ..settings import stated_sections
+    from ..analysis.settings import stated_sections
 
     return [f"--set {section}" for section in sorted(stated_sections(set_) - set(settings))]
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..controller import registry
-    from ..document import stop_settings
-    from ..replay import answers, case, document
-    from ..text import printable
-    from . import show
+    from ..analysis.document import replay_document, stop_settings
+    from ..core.controller import registry
+    from ..core.text import printable
+    from ..wsp.replay import answers, case
+    from ..wsp.wsp_controller import parameters
+    from . import terminal
 
     _tells_of_compiling(shared)
-    paths, tell = _paths(shared, results.stem(log)), show.progress(shared.quiet)
+    paths, tell = _paths(shared, results.stem(log)), terminal.progress(shared.quiet)
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
     replayed = case(result, train_speed)
     settings = loader(shared)().overrides
     count = len(registry()) * (1 + len(replayed.draws))
-    show.message(f"{printable(log.name)}: rail fitted; {count} stops to simulate", shared.quiet)
+    terminal.message(f"{printable(log.name)}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, found = answers(replayed, algo, settings, seed, tell)
     findings = [*result.findings, *replayed.findings]
-    answer = document(str(log), replayed, settings, dry, found, findings)
+    made_with = parameters(found, algo, settings)
+    answer = replay_document(str(log), replayed, made_with, dry, found, findings)
     logged = replayed.logged_m
     on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
     head = f"{printable(str(log))}: {on_dry}, " + (
@@ -208,21 +216,21 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     ]
     _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict, findings)
     if not shared.json:
-        show.message(show.findings(findings), shared.quiet or not findings)
-    return 3 if show.lossy(findings) else 0
+        terminal.message(terminal.findings(findings), shared.quiet or not findings)
+    return 3 if terminal.lossy(findings) else 0
 
 
 def _tells_of_compiling(shared: Shared) -> None:
     """One line on stderr when machine code is to be made, which may take longer than the stops."""
-    from .. import compiled
-    from . import show
+    from ..core import compiled
+    from . import terminal
 
-    compiled.tell = functools.cache(lambda text: show.message(text, shared.quiet))
+    compiled.tell = functools.cache(lambda text: terminal.message(text, shared.quiet))
 
 
 def _paths(shared: Shared, name: str) -> list[Path]:
     """The files of every controller's stop, and the recording of all."""
-    from ..controller import registry
+    from ..core.controller import registry
 
     names = [f"{name}.antiskid.rrd", *(f"{name}.{law}.antiskid.mcap" for law in registry())]
     return [(shared.out or Path()) / n for n in names]
@@ -234,33 +242,36 @@ def _write(
     document: dict[str, Any], text: str, findings: "Sequence[Finding]" = (),
 ) -> None:  # fmt: skip
     """Writes the files, each stop with what it was made from, and says what came out."""
-    from .. import controller, estimator
-    from ..document import dumps
-    from ..figures import of_stops
-    from ..physics import G
-    from ..unit import bands
-    from ..write import files, mcap, rrd
-    from . import show
+    from ..analysis.document import dumps
+    from ..core import controller, estimator
+    from ..core.physics import G
+    from ..results import atomic_files, mcap, rrd
+    from ..results.figures import of_stops
+    from ..wsp.wsp_controller import bands
+    from . import terminal
 
     estimators, laws = estimator.registry(), controller.registry()
     weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
     drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
     every = [*paths, *pictures(shared)]
-    with files.outputs(every, shared.force, inputs=inputs(shared, source)) as (recording, *places):
+    with atomic_files.outputs(every, shared.force, inputs=inputs(shared, source)) as (
+        recording,
+        *places,
+    ):
         for record, (stop, carried) in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             mcap.write_stop(
                 record, case.name, stop, case.vehicle, carried, dumps(document), sources
             )
-        found = show.findings(findings).splitlines()
-        verdict = "\n".join([text, *(show.folded(f, "  ", show.NARROW) for f in found)])
+        found = terminal.findings(findings).splitlines()
+        verdict = "\n".join([text, *(terminal.folded(f, "  ", terminal.NARROW) for f in found)])
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)
         for place in places[len(stops) :]:
             draw(place, title, of_stops(all_stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
     whole = {**document, "outputs": outputs}
-    told = "\n".join([text, show.wrote(*every)])
+    told = "\n".join([text, terminal.wrote(*every)])
     print(dumps(whole) if shared.json else told)
     if shared.view:
         from .view import show_recording
@@ -284,7 +295,7 @@ _Value = float | tuple[float, float, float] | None  # alone or with its interval
 
 
 def _cell(value: _Value, digits: int) -> str:
-    from .show import number
+    from .terminal import number
 
     if not isinstance(value, tuple):
         return number(value, digits)
@@ -303,7 +314,7 @@ def _beside(of: "Beside") -> list[str]:
 def _verdicts(
     of: "Mapping[str, Mapping[str, _Value]]", beside: "Mapping[str, Beside] | None" = None
 ) -> str:
-    from .show import NARROW, folded, table
+    from .terminal import NARROW, folded, table
 
     header = [*_HEADER, *(_BESIDE if beside else [])]
     columns = [_cells(v) + (_beside(beside[law]) if beside else []) for law, v in of.items()]
@@ -313,7 +324,7 @@ def _verdicts(
 
 
 def _rails(rows: "Sequence[Row]") -> str:
-    from .show import folded, table
+    from .terminal import folded, table
 
     body = [
         [

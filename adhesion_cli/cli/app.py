@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
-from ..errors import UserError
+from ..core.errors import UserError
 from . import (
     analyze,
     antiskid,

@@ -22,20 +22,20 @@ def command(
 
     Example: adhesion compare leaf-film.mcap --algo neso --algo leso
     """
-    from ..document import document, dumps, entry
-    from ..estimator import registry
-    from ..metrics import overall
-    from ..text import printable
-    from ..write import mcap
-    from . import show
+    from ..analysis.document import document, dumps, entry
+    from ..core.estimator import registry
+    from ..core.text import printable
+    from ..evaluation.metrics import overall
+    from ..results import mcap
+    from . import terminal
 
     if not logs:
         logs = [_newest()]
-        show.message(f"no log given: comparing {logs[0]}", shared.quiet)
+        terminal.message(f"no log given: comparing {logs[0]}", shared.quiet)
     pair = results.pair(shared, logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
 
-    from ..write import rrd  # slow to import: only after the checks
+    from ..results import rrd  # slow to import: only after the checks
 
     with places(shared, [pair], (r.log for r in analysed), logs) as ((record, picture),):
         mcap.write_comparison(record, analysed, results.embedded(analysed))
@@ -52,17 +52,17 @@ def command(
         groups = [a.scores for r in analysed for a in r.axles]
         if len(groups) > 1:
             rows += [("all", s) for s in overall(groups)]
-        print(show.scores(rows, "log"))
+        print(terminal.scores(rows, "log"))
         for r in analysed:
             name = f"{printable(r.log.path)}:\n" if len(analysed) > 1 else ""
-            show.message(name + show.findings(r.findings), shared.quiet or not r.findings)
-        print(show.wrote(*pair))
+            terminal.message(name + terminal.findings(r.findings), shared.quiet or not r.findings)
+        print(terminal.wrote(*pair))
     return results.finished(shared, pair[1], [f for r in analysed for f in r.findings])
 
 
 def _newest() -> Path:
     """The newest result in the current folder, else the bundled sample."""
-    from .. import bundled
+    from ..core import bundled
 
     found = sorted(Path().glob("*.adhesion.mcap"), key=lambda p: (p.stat().st_mtime_ns, p.name))
     return found[-1] if found else bundled.folder("sample_logs") / bundled.SAMPLE

@@ -18,24 +18,24 @@ def command(
 
     Example: adhesion convert leaf-film.mcap leaf-film.csv
     """
-    from ..read.log import open_source, unchanged
-    from ..write import files
-    from ..write.log import writer
-    from . import show
+    from ..channels.log import open_source, unchanged
+    from ..results import atomic_files
+    from ..results.log_writer import writer
+    from . import terminal
 
     write = writer(target)
     settings = loader(shared)()
-    files.check(targets(shared, [target]), shared.force, inputs=inputs(shared, log))
+    atomic_files.check(targets(shared, [target]), shared.force, inputs=inputs(shared, log))
     result = unchanged(open_source(log, settings.read), settings.mappings)
     with places(shared, [[target]], [result], [log]) as ((temporary,),):
         write(temporary, result)
     if shared.json:
-        from ..document import dumps, findings_document, tagged
+        from ..analysis.document import dumps, findings_document, tagged
 
         found, outputs = findings_document(result.findings), {target.suffix[1:]: str(target)}
         count = len(result.channels)
         print(dumps(tagged("convert", outputs=outputs, channels=count, findings=found)))
     else:
-        show.message(show.findings(result.findings), shared.quiet or not result.findings)
-        print(f"{show.wrote(target)}: {len(result.channels)} channels")
-    return 3 if show.lossy(result.findings) else 0
+        terminal.message(terminal.findings(result.findings), shared.quiet or not result.findings)
+        print(f"{terminal.wrote(target)}: {len(result.channels)} channels")
+    return 3 if terminal.lossy(result.findings) else 0

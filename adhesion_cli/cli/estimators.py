@@ -8,8 +8,8 @@ import typer
 from .options import Shared, loader, shared
 
 if TYPE_CHECKING:
-    from ..estimator import Estimator
-    from ..settings import Settings
+    from ..analysis.settings import Settings
+    from ..core.estimator import Estimator
 
 
 @shared("config", "set_", "out", "algo", "axle", "json", "force")
@@ -26,9 +26,9 @@ def command(
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
-    from ..analysis import chosen
-    from ..document import dumps, tagged
-    from ..errors import UserError
+    from ..analysis.analyze import chosen
+    from ..analysis.document import dumps, tagged
+    from ..core.errors import UserError
 
     known, settings = chosen(shared.algo), loader(shared)()
     if response:
@@ -45,8 +45,8 @@ def command(
 
 
 def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
-    from ..document import finite
-    from ..methods import parameters
+    from ..analysis.document import finite
+    from ..core.methods import parameters
 
     return {
         "algo": e.name,
@@ -65,8 +65,8 @@ def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
 
 
 def _text(e: "Estimator", values: dict[str, float]) -> str:
-    from ..methods import parameters
-    from .show import folded
+    from ..core.methods import parameters
+    from .terminal import folded
 
     lines = [folded(f"{e.name}: {e.title}", "  "), folded(f"  {e.source}", "  ")]
     for name, q, default in parameters(e):
@@ -77,17 +77,17 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 
 
 def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
-    from ..document import dumps, finite, tagged
-    from ..physics import wheelset
-    from ..response import FREQUENCIES, panels, responses
-    from ..write import files, svg
-    from . import show
+    from ..analysis.document import dumps, finite, tagged
+    from ..core.physics import wheelset
+    from ..evaluation.response import FREQUENCIES, panels, responses
+    from ..results import atomic_files, svg
+    from . import terminal
 
     picture = (shared.out or Path()) / "response.svg"
-    files.check([picture], shared.force)
+    atomic_files.check([picture], shared.force)
     w = wheelset(settings.vehicle, min(shared.axle, default=1))
     found = [r for e in known for r in responses(e, settings.params(e), w)]
-    with files.outputs([picture], shared.force) as (temporary,):
+    with atomic_files.outputs([picture], shared.force) as (temporary,):
         svg.write(temporary, "Frequency response of the estimators", panels(found), columns=3)
     columns = {
         "gain": [r.gain for r in found],
@@ -112,10 +112,10 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
             [
                 r.algo,
                 "any" if r.amplitude_n is None else f"{r.amplitude_n:.0f} N",
-                *(show.number(x, digits) for x in values[i].tolist()),
+                *(terminal.number(x, digits) for x in values[i].tolist()),
             ]
             for i, r in enumerate(found)
         ]
-        print(show.table(header, rows), end="\n\n")
-    print(show.wrote(picture))
+        print(terminal.table(header, rows), end="\n\n")
+    print(terminal.wrote(picture))
     return 0

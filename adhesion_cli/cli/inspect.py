@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from .options import Logs, Shared, inputs, loader, places, shared, targets
 
 if TYPE_CHECKING:
-    from ..model import Log
+    from ..core.model import Log
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 
@@ -18,11 +18,11 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion inspect leaf-film.mcap
     """
-    from ..document import dumps, tagged
-    from ..inspection import inspect
-    from ..write import files
+    from ..analysis.document import dumps, tagged
+    from ..analysis.inspection import inspect
+    from ..results import atomic_files
 
-    files.check(targets(shared), shared.force, inputs=inputs(shared, *logs))
+    atomic_files.check(targets(shared), shared.force, inputs=inputs(shared, *logs))
     read: list[Log] = []
     seen = [
         inspect(
@@ -40,9 +40,9 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 def _text(doc: dict[str, Any]) -> str:
-    from ..model import Finding
-    from ..text import printable
-    from . import show
+    from ..core.model import Finding
+    from ..core.text import printable
+    from . import terminal
 
     lines = [f"{printable(doc['path'])}: {doc['format'] or 'unknown format'}, {doc['status']}"]
     if doc["error"]:
@@ -57,13 +57,13 @@ def _text(doc: dict[str, Any]) -> str:
     ]
     lines += _channels(doc["channels"])
     found = [Finding(**f) for f in doc["findings"]]
-    return "\n".join([*lines, show.findings(found)] if found else lines)
+    return "\n".join([*lines, terminal.findings(found)] if found else lines)
 
 
 def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
     """A row each, with a column for each fault that some have; then why they are taken for that."""
-    from ..text import printable
-    from . import show
+    from ..core.text import printable
+    from . import terminal
 
     faults = {
         "unused": [c["rows"] - c["valid"] for c in channels],
@@ -72,13 +72,15 @@ def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
     some = [name for name, counts in faults.items() if any(counts)]
     rows = [
         [
-            f"{c['name']} {c['field']}".strip(), c["meaning"] or "-", show.number(c["axle"]),
-            c["unit"] or "-", show.number(c["rate_hz"], 2), str(c["rows"]),
+            f"{c['name']} {c['field']}".strip(), c["meaning"] or "-", terminal.number(c["axle"]),
+            c["unit"] or "-", terminal.number(c["rate_hz"], 2), str(c["rows"]),
             *(str(faults[name][i]) for name in some),
         ]
         for i, c in enumerate(channels)
     ]  # fmt: skip
-    lines = [show.table(["channel", "meaning", "axle", "unit", "Hz", "rows", *some], rows, left=2)]
+    lines = [
+        terminal.table(["channel", "meaning", "axle", "unit", "Hz", "rows", *some], rows, left=2)
+    ]
     if none := [name for name in faults if name not in some]:
         lines.append(f"{', '.join(none)}: none")
     alike: dict[tuple[str, str], list[str]] = {}
@@ -87,5 +89,5 @@ def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
         alike.setdefault((c["meaning"] or "-", c["reason"]), []).extend(axle)
     for (meaning, reason), axles in alike.items():
         of = f" {', '.join(dict.fromkeys(axles))}" if axles else ""
-        lines.append(show.folded(f"{meaning}{of}: {printable(reason)}", "  "))
+        lines.append(terminal.folded(f"{meaning}{of}: {printable(reason)}", "  "))
     return lines

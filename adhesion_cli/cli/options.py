@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 if TYPE_CHECKING:
-    from ..model import Log
-    from ..write.svg import Panel
+    from ..core.model import Log
+    from ..results.svg import Panel
 
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
@@ -25,7 +25,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 def scenarios() -> list[str]:
     """The bundled scenarios, for completion."""
-    return sorted(path.stem for path in _PACKAGE.glob("scenarios/*.toml"))
+    return sorted(path.stem for path in _PACKAGE.glob("wsp/scenarios/*.toml"))
 
 
 def estimators() -> list[str]:
@@ -129,7 +129,7 @@ def _folder(out: Path | None) -> Iterator[None]:
     Raises:
         UserError: where it cannot be made.
     """
-    from ..errors import UserError
+    from ..core.errors import UserError
 
     made = [p for p in (out, *out.parents) if not p.exists()] if out else []
     try:
@@ -148,7 +148,7 @@ def _folder(out: Path | None) -> Iterator[None]:
 
 def loader(shared: Shared) -> Callable[..., Any]:
     """Reads the settings these options state; called again with a result file's own as `base`."""
-    from ..settings import load
+    from ..analysis.settings import load
 
     flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
     return functools.partial(
@@ -164,7 +164,7 @@ def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
         UserError: for a picture of a name that says something else.
     """
     if shared.figure and shared.figure.suffix.lower() != ".svg":
-        from ..errors import UserError
+        from ..core.errors import UserError
 
         raise UserError(f"{shared.figure}: the picture is SVG", "--figure FILE.svg", code=2)
     return [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
@@ -190,18 +190,18 @@ def places(
     Raises:
         UserError: where they cannot be written.
     """
-    from ..write import files
-    from ..write.csv import write_rejects
-    from . import show
+    from ..results import atomic_files
+    from ..results.csv import write_rejects
+    from . import terminal
 
     left_out = [shared.rejects] if shared.rejects else []
     first, *others = sets
     of, kept = [[*first, *left_out], *others], inputs(shared, *read)
-    with files.sets(of, shared.force, inputs=kept) as found:
+    with atomic_files.sets(of, shared.force, inputs=kept) as found:
         count = write_rejects(found[0].pop(), logs) if left_out else 0
         yield found
     for path in left_out:
-        show.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
+        terminal.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
 
 
 def pictures(shared: Shared) -> list[Path]:
@@ -211,8 +211,8 @@ def pictures(shared: Shared) -> list[Path]:
 
 def draw(place: Path, title: str, panels: "Sequence[Panel]") -> None:
     """Writes the picture of `--figure`."""
-    from ..text import printable
-    from ..write import svg
+    from ..core.text import printable
+    from ..results import svg
 
     svg.write(place, printable(title), panels, columns=3)
 
@@ -223,11 +223,11 @@ def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
     Raises:
         UserError: for an unknown name, a value out of range, a log that is none.
     """
-    from .. import analysis
-    from ..errors import UserError
-    from ..read.log import open_source
+    from ..analysis import analyze
+    from ..channels.log import open_source
+    from ..core.errors import UserError
 
-    analysis.chosen(shared.algo)
+    analyze.chosen(shared.algo)
     first, last = shared.from_, shared.to
     for flag, value in (("--from", first), ("--to", last)):
         if value is not None and not math.isfinite(value):
@@ -236,7 +236,7 @@ def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
         text = f"--to {last:g} is not after --from {first or 0.0:g}"
         raise UserError(text, "both are seconds after the log's start", code=2)
     load = loader(shared)
-    settings = analysis.checked(load())
+    settings = analyze.checked(load())
     if len(logs) > 1:  # of several, none is worked on if one cannot be
         for log in logs:
             open_source(log, settings.read)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..errors import UserError
+from ..core.errors import UserError
 from .options import Shared, inputs, loader, shared
 
 
@@ -21,24 +21,24 @@ def command(
 
     Example: adhesion recover leaf-film.mcap -o whole.mcap
     """
-    from ..read.mcap import McapSource
-    from ..write import container, files
-    from . import show
+    from ..formats.mcap.reader import McapSource
+    from ..results import atomic_files, mcap_container
+    from . import terminal
 
     options = loader(shared)().read
     if out.suffix.lower() != ".mcap":
         raise UserError(f"{out}: what is recovered is an MCAP", "-o FILE.mcap", code=2)
-    files.check([out], shared.force, inputs=inputs(shared, log))
+    atomic_files.check([out], shared.force, inputs=inputs(shared, log))
     source = McapSource(log, options)
     found = source.findings
-    with files.outputs([out], shared.force, inputs=inputs(shared, log)) as (temporary,):
-        container.copy(temporary, source.walk)
+    with atomic_files.outputs([out], shared.force, inputs=inputs(shared, log)) as (temporary,):
+        mcap_container.copy(temporary, source.walk)
     if shared.json:
-        from ..document import dumps, findings_document, tagged
+        from ..analysis.document import dumps, findings_document, tagged
 
         told = findings_document(found)
         print(dumps(tagged("recover", outputs={"mcap": str(out)}, findings=told)))
     else:
-        show.message(show.findings(found), shared.quiet or not found)
-        print(show.wrote(out))
-    return 3 if show.lossy(found) else 0
+        terminal.message(terminal.findings(found), shared.quiet or not found)
+        print(terminal.wrote(out))
+    return 3 if terminal.lossy(found) else 0

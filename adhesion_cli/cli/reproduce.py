@@ -15,19 +15,19 @@ def command(shared: Shared) -> int:
 
     Example: adhesion reproduce
     """
-    from ..document import dumps
-    from ..estimator import registry
-    from ..reproduce import panels, reproduce
-    from ..write import files, mcap, svg
-    from .show import progress, wrote
+    from ..analysis.document import dumps
+    from ..analysis.reproduce import panels, reproduce
+    from ..core.estimator import registry
+    from ..results import atomic_files, mcap, svg
+    from .terminal import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
-    files.check(paths, shared.force)
+    atomic_files.check(paths, shared.force)
     made = reproduce(tell=progress(shared.quiet))
 
-    from ..write import rrd  # slow to import: only after the checks
+    from ..results import rrd  # slow to import: only after the checks
 
-    with files.outputs(paths, shared.force) as (record, recording, figure):
+    with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
         rrd.write_comparison(recording, made.results, list(registry()))
         svg.write(figure, "The paper, reproduced", panels(made), columns=3)
@@ -42,7 +42,7 @@ def command(shared: Shared) -> int:
 
 def report(doc: dict[str, Any]) -> list[str]:
     """The document as people read it, part by part."""
-    from .show import number, table
+    from .terminal import number, table
 
     constant, varying = doc["conditions"]["constant"], doc["conditions"]["varying"]
     other = [a for a in doc["alternatives"] if a["condition"] == "constant"]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from .options import Shared, checked, inputs, pictures, places, targets
 
 if TYPE_CHECKING:
-    from ..model import Finding, Result
-    from ..write.rrd.results import Note
+    from ..core.model import Finding, Result
+    from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]
 
@@ -44,13 +44,13 @@ def analysed(
     Raises:
         UserError: for what would fail afterwards, and for a log that holds nothing to analyse.
     """
-    from ..analysis import analyze
-    from ..write import files
-    from . import show
+    from ..analysis.analyze import analyze
+    from ..results import atomic_files
+    from . import terminal
 
     load = checked(shared, logs)
-    files.check(targets(shared, [*paths]), shared.force, inputs=inputs(shared, *logs))
-    window, tell = (shared.from_, shared.to), show.progress(shared.quiet)
+    atomic_files.check(targets(shared, [*paths]), shared.force, inputs=inputs(shared, *logs))
+    window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
     return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]
 
 
@@ -68,8 +68,8 @@ def write(
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: of the one log there is with `--figure`, to the place given.
     """
-    from .. import estimator
-    from ..write import mcap, rrd
+    from ..core import estimator
+    from ..results import mcap, rrd
 
     read = [Path(result.log.path) for result in results]
     sets = [[*of, *pictures(shared)] for of in pairs]
@@ -85,7 +85,7 @@ def write(
 
 def embedded(results: "Sequence[Result]") -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..document import document, dumps, entry
+    from ..analysis.document import document, dumps, entry
 
     entries = [entry(result, {}) for result in results]
     for one in entries:
@@ -96,7 +96,7 @@ def embedded(results: "Sequence[Result]") -> str:
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:
     """Opens the viewer if asked to; returns the exit code."""
-    from .show import lossy
+    from .terminal import lossy
 
     if shared.view:
         from .view import show_recording

@@ -34,36 +34,36 @@ def command(
 
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """
-    from .. import simulate
-    from ..document import dumps, tagged
-    from ..errors import UserError
-    from ..write import files
-    from ..write.log import writer
-    from . import show
+    from ..analysis.document import dumps, tagged
+    from ..core.errors import UserError
+    from ..results import atomic_files
+    from ..results.log_writer import writer
+    from ..wsp import simulate
+    from . import terminal
 
     if list_:
         known = simulate.scenarios()
         if shared.json:
             print(dumps(tagged("scenarios", scenarios=known)))
         else:
-            print(show.table(["scenario", "what"], list(known.items()), left=2))
+            print(terminal.table(["scenario", "what"], list(known.items()), left=2))
         return 0
     if not scenario or out is None:
         hint = "for example: adhesion simulate service-brake -o brake.csv; --list shows scenarios"
         raise UserError("simulate needs a SCENARIO and -o FILE", hint, code=2)
     write = writer(out)
     inputs = [Path(scenario)]
-    files.check([out], shared.force, inputs=inputs)
-    tell = show.progress(shared.quiet)
+    atomic_files.check([out], shared.force, inputs=inputs)
+    tell = terminal.progress(shared.quiet)
     tell(f"simulating {scenario}")
     log = simulate.as_log(simulate.run(simulate.load(scenario), seed, dt))
     tell(f"writing {out}")
-    with files.outputs([out], shared.force, inputs=inputs) as (temporary,):
+    with atomic_files.outputs([out], shared.force, inputs=inputs) as (temporary,):
         write(temporary, log)
     if shared.json:
         counts = {"channels": len(log.channels), "samples": log.rows_read}
         outputs = {out.suffix[1:]: str(out)}
         print(dumps(tagged("simulate", scenario=log.path, outputs=outputs, **counts)))
     else:
-        print(f"{show.wrote(out)}: {len(log.channels)} channels, {log.rows_read} samples")
+        print(f"{terminal.wrote(out)}: {len(log.channels)} channels, {log.rows_read} samples")
     return 0

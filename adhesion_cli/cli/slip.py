@@ -8,8 +8,8 @@ from . import results
 from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
-    from ..railfit import RailFit
-    from ..slip import Summary
+    from ..rail.fit import RailFit
+    from ..rail.slip import Summary
 
 
 @shared(*EVERY, "figure")
@@ -22,19 +22,19 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
     """
-    from ..document import dumps, slip_document
-    from ..errors import UserError
-    from ..figures import of_slip
-    from ..slip import summary
-    from ..slope import Bands
-    from ..text import printable
-    from . import show
+    from ..analysis.document import dumps, slip_document
+    from ..core.errors import UserError
+    from ..core.text import printable
+    from ..rail.slip import summary
+    from ..rail.slope import Bands
+    from ..results.figures import of_slip
+    from . import terminal
 
     if shared.figure and len(logs) > 1:
         raise UserError("--figure shows one log", "run it for each of them", code=2)
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
-    tell = show.progress(shared.quiet)
+    tell = terminal.progress(shared.quiet)
     summaries, findings, slips = [], [], []
     for result in analysed:
         tell(f"{result.log.path}: rail under each axle")
@@ -56,8 +56,8 @@ def command(logs: Logs, shared: Shared) -> int:
     else:
         for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
             print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
-            print(show.wrote(*pair, *pictures(shared)))
-            show.message(show.findings(told), shared.quiet or not told)
+            print(terminal.wrote(*pair, *pictures(shared)))
+            terminal.message(terminal.findings(told), shared.quiet or not told)
     return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 
@@ -73,21 +73,21 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
     Without `shares` there are no regions, each value is a line, and all is as narrow as a
     recording's notes; times there are a recording's, from the brake on.
     """
-    from ..slope import REGIONS
-    from . import show
+    from ..rail.slope import REGIONS
+    from . import terminal
 
     def spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
         if x is None:
             return "not told"
-        value, low, high = (show.number(factor * v, digits) for v in x)
+        value, low, high = (terminal.number(factor * v, digits) for v in x)
         return f"{value} ({low} to {high})"
 
     def peak(rail: "RailFit | None") -> str:
         if rail and rail.below and not rail.peak_slip:
-            return f"below {show.number(100.0 * rail.below, 2)}"
+            return f"below {terminal.number(100.0 * rail.below, 2)}"
         return spread(rail.peak_slip if rail else None, 2, 100.0)
 
-    regions, width = (REGIONS, None) if shares else ((), show.NARROW)
+    regions, width = (REGIONS, None) if shares else ((), terminal.NARROW)
     head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
     scored = any(s.slip_rmse is not None for s in summaries)
     head += ["slip rmse [%]"] if scored else []
@@ -96,11 +96,11 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
         [
             str(s.axle), peak(s.rail),
             spread(s.rail.peak_mu if s.rail else None, 3),
-            show.number(s.rail.speed if s.rail and s.rail.below else None, 1),
+            terminal.number(s.rail.speed if s.rail and s.rail.below else None, 1),
             spread(s.rail.utilisation if s.rail else None, 3),
             str(len(s.slides)),
-            *([show.number(s.slip_rmse and 100.0 * s.slip_rmse, 2)] if scored else []),
-            *(show.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
+            *([terminal.number(s.slip_rmse and 100.0 * s.slip_rmse, 2)] if scored else []),
+            *(terminal.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
         ]
         for s in summaries
     ]  # fmt: skip
@@ -112,11 +112,11 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
     ]
     both = (head, rows), (constants, rails)
     if shares:
-        parts = [show.table(*of) for of in both if of[1]]
+        parts = [terminal.table(*of) for of in both if of[1]]
     else:
         values = [x for names, of in both for row in of for x in zip(names, row, strict=True)]
-        parts = [show.table(values[0], [x for x in values if x[0] != "axle"], width=width)]
-    parts += [show.folded(_OF_CURVE, width=width)] if rails else []
+        parts = [terminal.table(values[0], [x for x in values if x[0] != "axle"], width=width)]
+    parts += [terminal.folded(_OF_CURVE, width=width)] if rails else []
     head = [
         "axle",
         "slide at [s]" if shares else "from brake [s]",
@@ -127,9 +127,9 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
     ]
     rows = [
         [
-            str(s.axle), show.number((x.start - zero_ns) / 1e9, 2),
+            str(s.axle), terminal.number((x.start - zero_ns) / 1e9, 2),
             *(
-                "≥ " * (x.at_least and value is not None) + show.number(value, digits)
+                "≥ " * (x.at_least and value is not None) + terminal.number(value, digits)
                 for value, digits in (
                     (x.duration, 2), (x.distance, 1), (100.0 * x.max_slip, 1),
                     (x.energy and x.energy / 1e3, 1),
@@ -139,5 +139,5 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
         for s in summaries
         for x in s.slides
     ]  # fmt: skip
-    parts += [show.table(head, rows, width=width)] if rows else []
+    parts += [terminal.table(head, rows, width=width)] if rows else []
     return "\n".join(parts)

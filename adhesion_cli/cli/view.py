@@ -25,12 +25,12 @@ def command(
 
     Example: adhesion view leaf-film.adhesion.mcap
     """
-    from ..write import files
-    from . import show
+    from ..results import atomic_files
+    from . import terminal
 
     recording = result.with_suffix(".rrd")
-    if result.suffix == ".mcap" and not files.belong_together([result, recording]):
-        _remake(result, recording, show.progress(shared.quiet))
+    if result.suffix == ".mcap" and not atomic_files.belong_together([result, recording]):
+        _remake(result, recording, terminal.progress(shared.quiet))
     show_recording(recording)
     return 0
 
@@ -41,13 +41,13 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
     Raises:
         UserError: for a file that is no such result: its recording shows something else.
     """
-    from .. import analysis, settings
-    from ..errors import UserError
-    from ..estimator import registry
-    from ..read.log import open_source
-    from ..read.source import ReadOptions
-    from ..write import files, rrd
-    from ..write.names import SETTINGS
+    from ..analysis import analyze, settings
+    from ..channels.log import open_source
+    from ..core.errors import UserError
+    from ..core.estimator import registry
+    from ..formats.source import ReadOptions
+    from ..results import atomic_files, rrd
+    from ..results.names import SETTINGS
 
     source = open_source(result, ReadOptions())
     carried = settings.nested(source.metadata.get(SETTINGS, {}))
@@ -59,8 +59,8 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
         )
     load = functools.partial(settings.load, folder=False)
     algos = [name for name in registry() if name in ran]
-    analysed = analysis.analyze(result, load, algos, tell=tell)
-    with files.outputs([recording], force=True, record=result) as (picture,):
+    analysed = analyze.analyze(result, load, algos, tell=tell)
+    with atomic_files.outputs([recording], force=True, record=result) as (picture,):
         rrd.write_result(picture, analysed, list(registry()))
 
 
@@ -72,7 +72,7 @@ def show_recording(recording: Path) -> None:
     """
     import subprocess
 
-    from ..errors import UserError
+    from ..core.errors import UserError
 
     if not recording.is_file():
         raise UserError(f"{recording}: no such file", "`adhesion analyze LOG` writes one")

@@ -1,4 +1,4 @@
-"""The estimators: one published method per file. What a file holds: `adhesion_cli.estimator`."""
+"""The estimators: one published method per file; `core.estimator` says what a file holds."""
 
 PAPER = (
     "Wu M., Peng S., Li X.: Online estimation algorithm of adhesive force for train wheel-track, "

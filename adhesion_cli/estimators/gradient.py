@@ -17,8 +17,8 @@ trapezoidal rule for (14) is replaced by its exact step.
 
 from typing import Annotated, NamedTuple
 
-from ..estimator import About, Claim
-from ..model import Quantity, Wheelset
+from ..core.estimator import About, Claim
+from ..core.model import Quantity, Wheelset
 from . import PAPER
 from ._observer import advance, longest_euler
 

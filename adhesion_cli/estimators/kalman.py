@@ -15,8 +15,8 @@ the value before it.
 
 from typing import Annotated, NamedTuple
 
-from ..estimator import About, Claim
-from ..model import Quantity, Wheelset
+from ..core.estimator import About, Claim
+from ..core.model import Quantity, Wheelset
 from . import PAPER
 
 STEP = 1e-3  # that b and R refer to [s]

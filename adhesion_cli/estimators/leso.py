@@ -12,8 +12,8 @@ d = aF it gives the 2.99 s of the paper's Table 2, so this is what was run there
 
 from typing import Annotated, NamedTuple
 
-from ..estimator import About, Claim
-from ..model import Quantity, Wheelset
+from ..core.estimator import About, Claim
+from ..core.model import Quantity, Wheelset
 from . import PAPER
 from ._observer import advance, longest_euler
 

@@ -15,8 +15,8 @@ at its start gives the middle. Second order, and as the gains are positive stabl
 import math
 from typing import Annotated, NamedTuple
 
-from ..estimator import About, Claim
-from ..model import Quantity, Wheelset
+from ..core.estimator import About, Claim
+from ..core.model import Quantity, Wheelset
 from . import PAPER
 from ._han import HAN, fal_gain
 from ._observer import advance, longest_euler

@@ -12,8 +12,8 @@ with x1 = 0 (`from_zero`), its 1.52 s is the time x1 needs to come up to the whe
 import math
 from typing import Annotated, NamedTuple
 
-from ..estimator import About, Claim
-from ..model import Quantity, Wheelset
+from ..core.estimator import About, Claim
+from ..core.model import Quantity, Wheelset
 from . import PAPER
 from ._han import HAN, fhan
 

@@ -1,0 +1,1 @@
+"""One log from settings to results: what the commands run."""

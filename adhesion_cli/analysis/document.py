@@ -1,0 +1,333 @@
+"""The JSON documents that other programs read; their keys are a contract."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..core.model import Channel, Finding, Floats, Log, Result
+from ..core.text import utf8
+
+if TYPE_CHECKING:
+    from ..core.stop import Stop
+    from ..rail.slip import Summary
+    from ..wsp import wsp_controller
+    from ..wsp.plant import Track
+    from ..wsp.replay import Answer, Case
+    from ..wsp.scenario import Limit, Scenario
+    from ..wsp.sweep import Row
+
+Kind = Literal[
+    "result", "inspect", "convert", "recover", "simulate", "scenarios", "estimators", "response",
+    "reproduce", "slip", "antiskid", "antiskid-sweep",
+]  # fmt: skip
+
+
+def tagged(kind: Kind, **body: Any) -> dict[str, Any]:
+    """A document of this kind; what the run wrote stands in its `outputs`, by format."""
+    return {"schema": f"adhesion.{kind}/1", **body}
+
+
+def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The `adhesion.result/1` document of the entries that `entry` made."""
+    return tagged("result", results=list(entries))
+
+
+def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
+    """One log's entry; numbers that do not exist are None.
+
+    Args:
+        result: the analysed log.
+        outputs: the files written, by kind.
+    """
+    log = result.log
+    used = [c for c in log.channels if c.meaning]
+    start = log.start_ns()
+    end = max((int(c.data.t.max()) for c in used if len(c.data.t)), default=start)
+    axles = []
+    for axle in result.axles:
+        ref = axle.reference
+        # Where the wheel only rolls, force and errors are next to nothing: of no interest.
+        braked = np.r_[axle.applications] if axle.applications else slice(None)
+        axles.append(
+            {
+                "axle": axle.record.axle,
+                "reference": {
+                    "method": ref.method,
+                    "sigma_n": _median(ref.sigma[braked]),
+                    "band_n": _median(ref.half[braked]),
+                },
+                "estimators": [asdict(s) for s in axle.scores],
+            }
+        )
+    return {
+        "log": {
+            "path": log.path,
+            "format": log.format,
+            "sha256": log.sha256,
+            "start": iso(start) if log.absolute else None,
+            "duration_s": (end - start) / 1e9,
+            "rows_read": log.rows_read,
+            "rows_used": rows_used(result),
+        },
+        "outputs": outputs,
+        "axles": axles,
+        "channels": [channel_document(c) for c in used],
+        "findings": findings_document(result.findings),
+    }
+
+
+def slip_document(
+    logs: Sequence[Log],
+    summaries: "Sequence[Sequence[Summary]]",
+    findings: Sequence[Sequence[Finding]],
+    outputs: Sequence[Mapping[str, str]] = (),
+) -> dict[str, Any]:
+    """The `adhesion.slip/1` document.
+
+    Args:
+        logs: the analysed logs.
+        summaries: of each log's axles.
+        findings: of each log.
+        outputs: the files written of each log, by format, which the document names by log; without
+            them it is the one that a result carries, with the log's name wherever it lies.
+    """
+    axles = [
+        _slip_axle(log.path if outputs else Path(log.path).name, log.start_ns(), s)
+        for log, of in zip(logs, summaries, strict=True)
+        for s in of
+    ]
+    told = findings_document([f for of in findings for f in of])
+    if not outputs:
+        return tagged("slip", axles=axles, findings=told)
+    files = {log.path: of for log, of in zip(logs, outputs, strict=True)}
+    return tagged("slip", outputs=files, axles=axles, findings=told)
+
+
+def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
+    """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
+    rail = summary.rail
+    peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
+    fit = None
+    if rail and rail.told:
+        fit = {name: {"value": x.value, "ci": [x.low, x.high]} for name, x in rail.told.items()}
+    return {
+        "log": log,
+        "axle": summary.axle,
+        "peak_slip": peak and peak.value,
+        "peak_slip_ci": peak and [peak.low, peak.high],
+        "peak_slip_below": rail.below if rail else None,
+        "peak_mu": mu and mu.value,
+        "peak_mu_ci": mu and [mu.low, mu.high],
+        "peak_speed_mps": rail.speed if rail and rail.below else None,
+        "slip_rmse": summary.slip_rmse,
+        "train_speed_late_s": summary.late and summary.late.value,
+        "train_speed_late_sigma_s": summary.late and summary.late.tolerance,
+        "regions": summary.regions,
+        "utilisation": used and used.value,
+        "utilisation_ci": used and [used.low, used.high],
+        "slides": [
+            {
+                "start_s": (x.start - start_ns) / 1e9,
+                "duration_s": x.duration,
+                "distance_m": x.distance,
+                "max_slip": x.max_slip,
+                "energy_j": x.energy,
+                "at_least": x.at_least,
+            }
+            for x in summary.slides
+        ],
+        "fit": fit,
+        "fit_curve": "polach" if rail else None,
+    }
+
+
+def antiskid_document(
+    stop: "Stop",
+    scenario: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    dry: float | None,
+    controllers: Mapping[str, Mapping[str, float | None]],
+    **more: Any,
+) -> dict[str, Any]:
+    """The `adhesion.antiskid/1` document.
+
+    Args:
+        stop: one of the stops: they share estimator and seed.
+        scenario: its name.
+        parameters: in force, from `wsp_controller.parameters`.
+        dry: stopping distance on dry rail [m], None where it is not known.
+        controllers: fields of each controller's `Verdict`.
+        more: limits, or entries of a replayed log.
+    """
+    return tagged(
+        "antiskid", scenario=scenario, seed=stop.seed, estimator=stop.algo, parameters=parameters,
+        dry_distance_m=dry, controllers=controllers, **more,
+    )  # fmt: skip
+
+
+def replay_document(
+    log: str,
+    case: "Case",
+    parameters: Mapping[str, Mapping[str, float]],
+    dry: float | None,
+    found: "dict[str, Answer]",
+    findings: Sequence[Finding],
+) -> dict[str, Any]:
+    """The `adhesion.antiskid/1` document; medians of the draws with their 95 % intervals."""
+    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in found.items()}
+    spread = {law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in found.items()}
+    stop = next(iter(found.values())).stop
+    return antiskid_document(
+        stop, case.scenario.name, parameters, dry, median,
+        log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
+        intervals=spread, beside={law: a.beside._asdict() for law, a in found.items()},
+        findings=findings_document(findings),
+    )  # fmt: skip
+
+
+def limits_document(kept: "Sequence[tuple[str, Limit, bool | float]]") -> list[dict[str, Any]]:
+    """Which controller keeps which limit, or in what share; an end that is not stated is None."""
+    return [
+        {
+            "controller": law, "quantity": x.quantity, "least": finite(x.least),
+            "most": finite(x.most), "source": x.source, "kept": ok,
+        }
+        for law, x, ok in kept
+    ]  # fmt: skip
+
+
+def stop_settings(
+    stop: "Stop",
+    case: "Scenario",
+    settings: "wsp_controller.Settings",
+    track: "Track | None" = None,
+    **more: str,
+) -> dict[str, Any]:
+    """All that a stop was made from, as the settings its file carries.
+
+    Args:
+        stop: the stop.
+        case: its scenario.
+        settings: as stated.
+        track: the fitted rail, where that is not the scenario's.
+        more: on the log it was fitted to.
+    """
+    from ..wsp import wsp_controller  # slow to import, and only this needs it
+    from .settings import Settings, tree
+
+    unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
+    loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}
+    scenario = {k: v for k, v in asdict(case).items() if k not in unused}
+    if track:  # its last knot is at infinity
+        knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
+        scenario["rail"] = {"knots": knots, "conditions": conditions}
+    loop["scenario"] = _plain({**scenario, "seed": stop.seed})
+    return {
+        **tree(Settings(case.vehicle, bands=wsp_controller.bands(settings)), []),
+        **wsp_controller.parameters([stop.controller], stop.algo, settings),
+        "antiskid": loop,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON has it; what is not stated, or without a limit, is left out."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
+
+
+def sweep_document(
+    scenario: str,
+    seeds: int,
+    algo: str,
+    parameters: Mapping[str, Mapping[str, float]],
+    rows: "Sequence[Row]",
+) -> dict[str, Any]:
+    """The `adhesion.antiskid-sweep/1` document; every value is [mean, 2.5 %, 97.5 %] or None.
+
+    `kept` of a limit is the share of the seeds.
+    """
+    rails: dict[str, dict[str, Any]] = {}
+    for r in rows:
+        rails.setdefault(r.rail, {})[r.controller] = {
+            **r.values, **r.beside._asdict(),
+        }  # fmt: skip
+    limits = [
+        {"rail": r.rail, **x}
+        for r in rows
+        for x in limits_document([(r.controller, *of) for of in r.limits])
+    ]
+    return tagged(
+        "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,
+        dry_distance_m=rows[0].dry_distance_m, rails=rails, limits=limits, outputs={},
+    )  # fmt: skip
+
+
+def channel_document(channel: Channel) -> dict[str, Any]:
+    """What a channel was taken for, and why."""
+    known = {k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")}
+    return known | ({"meaning": "truth"} if channel.meaning == "true_slip" else {})  # by its unit
+
+
+def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Findings as the JSON names them."""
+    return [asdict(f) for f in findings]
+
+
+def rows_used(result: Result) -> int:
+    """Rows or messages of the log that hold a number and lie in some axle's segments."""
+    by_origin: dict[tuple[str, str], int] = {}
+    for channel in result.log.channels:
+        if not channel.meaning:
+            continue
+        kept = np.zeros(len(channel.data.t), dtype=np.bool_)
+        for axle in result.axles:
+            if channel.axle in (None, axle.record.axle):
+                for s in axle.record.segments:
+                    t = axle.record.t[s]
+                    kept |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
+        row = channel.row_of
+        by_origin[row] = max(by_origin.get(row, 0), int(kept.sum()))
+    return sum(by_origin.values())
+
+
+def finite(value: float) -> float | None:
+    """The number, None where JSON has none for it."""
+    return value if math.isfinite(value) else None
+
+
+def iso(t_ns: int) -> str:
+    """A time stamp as ISO 8601, UTC, to the microsecond."""
+    return datetime.fromtimestamp(t_ns // 1000 / 1e6, UTC).isoformat().replace("+00:00", "Z")
+
+
+def _median(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else None
+
+
+def dumps(document: dict[str, Any]) -> str:
+    """A document as JSON in ASCII, for any terminal; a NaN in it is a mistake of ours and raises.
+
+    A file name that is not UTF-8 has codes for the bytes that are none, as no JSON holds them.
+    """
+    text = json.dumps(_utf8(document), indent=1, allow_nan=False)
+    return text.replace("\x7f", "\\u007f")  # the one control character that JSON leaves
+
+
+def _utf8(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _utf8(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_utf8(v) for v in value]
+    return utf8(value) if isinstance(value, str) else value

@@ -1,0 +1,90 @@
+"""What is in a log, without judging it: the `adhesion.inspect/1` document."""
+
+import traceback
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..channels.log import needed, open_source, survey, without_empty
+from ..channels.meaning import name
+from ..core.errors import UserError, as_told
+from ..core.model import Finding, Log, Severity
+from ..diagnostics import plausible
+from ..formats.source import Source
+from .document import channel_document, findings_document, iso
+from .settings import Settings
+
+
+def inspect(
+    path: Path,
+    load: Callable[..., Settings],
+    seen: Callable[[Log], None] = lambda _: None,
+    debug: bool = False,
+) -> tuple[dict[str, Any], int]:
+    """One log's entry of the document, and the exit code it deserves, whatever is wrong with it.
+
+    Args:
+        path: the log.
+        load: gives the settings.
+        seen: is given the log, if it can be read.
+        debug: whether the traceback of an error goes to stderr.
+
+    Raises:
+        UserError: for settings that cannot be loaded.
+    """
+    settings = load()
+    doc: dict[str, Any] = {
+        "path": str(path), "format": None, "status": "ok", "error": None, "hint": None,
+        "rows_read": 0, "start": None, "duration_s": 0.0, "time": "", "stated": {},
+        "channels": [], "findings": [],
+    }  # fmt: skip
+    try:
+        source = open_source(path, settings.read)
+        log = survey(source, settings.mappings, settings.vehicle)
+        findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
+    except Exception as error:  # a fault of ours in one log must not stop the others either
+        if debug:
+            traceback.print_exc()
+        told = as_told(error)
+        doc |= {"status": "error", "error": told.text, "hint": told.hint}
+        return doc, told.code
+    seen(log)
+    first = log.start_ns()
+    last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
+    worst = {f.severity for f in findings}
+    doc |= {
+        "format": log.format,
+        "status": "damaged" if "error" in worst else "ok",
+        "rows_read": log.rows_read,
+        "start": iso(first) if log.absolute and log.channels else None,
+        "duration_s": (last - first) / 1e9,
+        "time": source.time_reason,
+        "stated": {k: v for k, v in source.stated.items() if k != "time"},
+        "channels": [
+            {
+                **channel_document(c), "rate_hz": c.rate_hz, "rows": c.rows,
+                "valid": len(c.data.t), "gaps": c.gaps, "duplicates": c.duplicates,
+                "backward": c.backward,
+            }
+            for c in log.channels
+        ],
+        "findings": findings_document(findings),
+    }  # fmt: skip
+    return doc, 3 if worst - {"info"} else 0
+
+
+def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
+    """What only the channels together show, as a frozen speed; or why there is no record."""
+    severity: Severity = "info"
+    try:
+        chosen, findings = needed(source, settings.mappings)
+        taken = {(name(m.field), m.field.path, m.axle) for m in chosen}
+        meant = tuple(c for c in log.channels if (c.name, c.field, c.axle) in taken and c.meaning)
+        severity = "warning"  # where all of what is needed is lost
+        full = without_empty(replace(log, channels=meant))
+        severity = "info"
+        return [*findings, *full.findings, *plausible.records(full, settings.vehicle)[1]]
+    except UserError as error:
+        remedy = [part for part in error.hint.split("; ") if "`adhesion inspect" not in part]
+        return [Finding("not-analysable", severity, "; ".join([error.text, *remedy]))]

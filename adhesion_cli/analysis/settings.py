@@ -1,0 +1,414 @@
+"""Settings: flag > `--set` > `-c` > `./adhesion.toml` > default, typed and checked once.
+
+The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`, and the
+parameters of each estimator and controller: nothing is listed here a second time.
+"""
+
+import copy
+import dataclasses
+import json
+import re
+import tomllib
+from collections.abc import Mapping as Tree
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+from ..channels.meaning import Mapping
+from ..core import controller, estimator, methods, toml
+from ..core.errors import UserError, unknown
+from ..core.estimator import Estimator
+from ..core.methods import Method
+from ..core.model import Parameter, Quantity, Vehicle, quantities
+from ..formats.source import ReadOptions, TimeSource
+from ..rail.slope import Bands, Params, checked
+
+_IS = "settings are TOML, for example: [vehicle], and below it: friction = 0.3"
+CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
+MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
+TIME_KEYS = {"channel": str, "unit": str, "source": str}
+GROUP_KEYS = {"channel": str, "equals": str}
+CHANNEL_KEYS = {
+    "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
+}  # fmt: skip
+_ORIGIN = ("channels", "csv", "mcap", "selection", "antiskid")  # what a result was made from
+MEANINGS = {
+    "pressure": "pressure",
+    "speed": "wheel_speed",
+    "wheel_speed": "wheel_speed",
+    "train_speed": "train_speed",
+    "clamping_force": "clamping_force",
+    "truth": "truth",
+    "true_slip": "true_slip",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """What `analyze` does with a log once it is read."""
+
+    reference: Annotated[str, Quantity("", "offline reference: smoother or butterworth")] = (
+        "smoother"
+    )
+    slowest: Annotated[float, Quantity("m/s", "no slip below this train speed")] = 1.0
+    max_gap: Annotated[
+        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one")
+    ] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Everything a user may state, checked.
+
+    Attributes:
+        overrides: parameters as stated, by name of estimator, of controller, and of "slope": in
+            the loop, the slope has other defaults.
+    """
+
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    mappings: tuple[Mapping, ...] = ()
+    read: ReadOptions = field(default_factory=ReadOptions)
+    analysis: Analysis = field(default_factory=Analysis)
+    slope: Params = field(default_factory=Params)
+    bands: Bands = field(default_factory=Bands)
+    overrides: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    def params(self, est: Estimator) -> Any:
+        """An estimator's parameters: its defaults and what the user stated."""
+        return methods.validated(est, self.overrides.get(est.name, {}))
+
+
+def load(
+    config: Path | None = None,
+    assignments: Sequence[str] = (),
+    base: Tree[str, Any] | None = None,
+    folder: bool = True,
+    **read: Any,
+) -> Settings:
+    """Settings from files and `--set`.
+
+    Args:
+        config: the `-c` file; what it does not state, `./adhesion.toml` does where there is one.
+        assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
+        base: settings a result file carries, weaker than every other; how its log was read and
+            what was taken of it is on record there, but nothing of that concerns the result.
+        folder: whether `./adhesion.toml` counts.
+        read: reading options from flags.
+
+    Raises:
+        UserError: for an unreadable file, an unknown key, a value out of range.
+    """
+    here = Path("adhesion.toml")
+    layers: list[Tree[str, Any]] = []
+    if base:
+        layers.append({k: v for k, v in base.items() if k not in _ORIGIN})
+    if folder and here.is_file():
+        layers.append(toml.read(here, _IS))
+    if config:
+        layers.append(toml.read(config, _IS))
+    flags: dict[str, Any] = {}
+    for text in assignments:
+        _merge(flags, _assignment(text))
+    tree: dict[str, Any] = {}
+    for layer in (*layers, flags):
+        _merge(tree, _one_spelling(layer))
+    return _typed(tree, read)
+
+
+def stated_sections(assignments: Sequence[str]) -> set[str]:
+    """The sections of which `--set` states something."""
+    return {name for text in assignments for name in _one_spelling(_assignment(text))}
+
+
+def tree(
+    settings: Settings,
+    algos: Sequence[Estimator],
+    axles: Sequence[int] = (),
+    window: tuple[float | None, float | None] = (None, None),
+) -> dict[str, Any]:
+    """Every parameter in force, as a TOML would state it; `load(base=…)` takes it back.
+
+    Args:
+        settings: the settings.
+        algos: the estimators that ran.
+        axles: `--axle`, as given.
+        window: `--from` and `--to`, as given.
+    """
+    v = settings.vehicle
+    plain: dict[str, Any] = {}
+    for f in dataclasses.fields(v):
+        value = getattr(v, f.name)
+        of = [dict(p._asdict()) for p in (value if f.name == "wheel_radius" else (value,))]
+        plain[f.name] = of if len(of) > 1 else of[0]
+    out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
+    out |= {"slope": settings.slope._asdict(), "bands": settings.bands._asdict()}
+    for est in algos:
+        out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
+    return out | _of_log(settings, axles, window)
+
+
+def _of_log(
+    settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
+) -> dict[str, Any]:
+    """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
+    read = settings.read
+    channels: dict[str, Any] = {}
+    for owner, known in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
+        stated = {k: getattr(read, f"{owner}_{k}") for k in known}
+        channels[owner] = {k: v for k, v in stated.items() if v is not None}
+    for m in settings.mappings:
+        entry = {k: v for k in CHANNEL_KEYS if (v := getattr(m, k))}
+        place = channels.setdefault(m.meaning, {})
+        place.update({f"axle {m.axle}": entry} if m.axle else entry)
+    first, last = window
+    taken: dict[str, Any] = {"from": first, "to": last, "axles": list(axles) or None}
+    sections = {
+        "channels": channels,
+        "csv": {k: getattr(read, k) for k in CSV_KEYS},
+        "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
+        "selection": {**taken, "strict": read.strict},
+    }
+    return {s: {k: v for k, v in of.items() if v not in (None, {})} for s, of in sections.items()}
+
+
+def nested(flat: Tree[str, str]) -> dict[str, Any]:
+    """The tree from dotted keys with JSON values, as a result file carries it."""
+    out: dict[str, Any] = {}
+    for name, text in flat.items():
+        value = json.loads(text)
+        for section in reversed(name.split(".")):
+            value = {section: value}
+        _merge(out, value)
+    return out
+
+
+def _assignment(text: str) -> dict[str, Any]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise UserError(f"--set {text!r} has no '='", "for example --set neso.beta1=100", code=2)
+    try:
+        parsed = tomllib.loads(f"x = {value}")["x"]
+    except tomllib.TOMLDecodeError:
+        value = value.strip()
+        # as people write numbers and TOML does not; else a bare word is a text
+        parsed = float(value) if re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value) else value
+    *sections, key = name.strip().split(".")
+    out: dict[str, Any] = {key: parsed}
+    for section in reversed(sections):
+        out = {section: out}
+    return out
+
+
+def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
+    """Lays `new` over `into`; tables merge, a number laid over `{value, tolerance}` replaces it."""
+    for key, value in new.items():
+        known = into.get(key)
+        if isinstance(value, dict) and isinstance(known, dict) and _alike(known, value):
+            _merge(known, value)
+        else:
+            into[key] = copy.deepcopy(value)
+
+
+def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
+    """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
+    tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
+    return not tables or ("channel" in a) == ("channel" in b)
+
+
+def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
+    """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
+    keys = _vehicle_keys()
+    out = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
+    given = {k: v for k, v in layer.items() if k in keys}
+    vehicle: dict[str, Any] = {}
+    for key, value in [*given.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
+        if key not in keys:
+            raise unknown("vehicle parameter", key, list(keys))
+        if keys[key] in vehicle:
+            message = f"vehicle.{keys[key]} is stated twice in one place, once as {key!r}"
+            raise UserError(message, "keep one of them", code=2)
+        vehicle[keys[key]] = _halved(value) if key == "wheel_diameter" else value
+    return {**out, "vehicle": vehicle} if vehicle else out
+
+
+def _halved(value: Any) -> Any:
+    """A radius from a diameter: a number, `{value, tolerance}`, or a list of them."""
+    if isinstance(value, list):
+        return [_halved(v) for v in value]
+    if isinstance(value, dict):
+        return {k: _halved(v) for k, v in value.items()}
+    return _number("vehicle.wheel_diameter", value) / 2.0
+
+
+def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
+    registry: dict[str, Method] = {**estimator.registry(), **controller.registry()}
+    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", *registry]
+    overrides: dict[str, dict[str, float]] = {}
+    for key, value in tree.items():
+        if key not in sections:
+            raise unknown("setting", key, [*sections, *_vehicle_keys()])
+        _table_of(key, value)
+        if key in registry:
+            overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
+            methods.validated(registry[key], overrides[key])
+    if slope := _checked("slope", tree, Params, _floats(Params)):
+        overrides["slope"] = slope
+    vehicle = tree.get("vehicle", {})
+    mappings, stated = _channels(tree.get("channels", {}))
+    options = {
+        **stated,
+        **_fields("csv", tree.get("csv", {}), CSV_KEYS),
+        **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
+        **{k: v for k, v in read.items() if v is not None},
+    }
+    kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
+    return Settings(
+        _vehicle(vehicle),
+        tuple(mappings),
+        ReadOptions(**options),
+        Analysis(**_checked("analysis", tree, Analysis, kinds)),
+        Params(**slope),
+        checked(Bands(**_checked("bands", tree, Bands, _floats(Bands))), "bands"),
+        overrides,
+    )
+
+
+def _checked(
+    section: str, tree: dict[str, Any], of: type, kinds: dict[str, type]
+) -> dict[str, Any]:
+    """A section's entries, numbers within the range that stands beside each."""
+    hints = quantities(of)
+    values = _fields(section, tree.get(section, {}), kinds)
+    for name, value in values.items():
+        if isinstance(value, float):
+            hints[name].check(f"{section}.{name}", value)
+    return values
+
+
+def _floats(of: type) -> dict[str, type]:
+    return dict.fromkeys(quantities(of), float)
+
+
+def _vehicle_keys() -> dict[str, str]:
+    """Every spelling of a vehicle parameter, and the field it means."""
+    names = {name: name for name in quantities(Vehicle)}
+    symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
+    return {**names, **symbols, "wheel_diameter": "wheel_radius"}
+
+
+def _vehicle(stated: dict[str, Any]) -> Vehicle:
+    hints, default = quantities(Vehicle), Vehicle()
+    values: dict[str, Any] = {}
+    for name, value in stated.items():
+        known = getattr(default, name)
+        if name == "wheel_radius":
+            many = value if isinstance(value, list) else [value]
+            if not many:
+                hint = "one value, or one per axle"
+                raise UserError(f"vehicle.{name} is an empty list", hint, code=2)
+            values[name] = tuple(_parameter(name, v, known[0], hints[name]) for v in many)
+        else:
+            values[name] = _parameter(name, value, known, hints[name])
+    return Vehicle(**values)
+
+
+def _parameter(key: str, stated: Any, default: Parameter, q: Quantity) -> Parameter:
+    """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
+    name = f"vehicle.{key}"
+    table = stated if isinstance(stated, dict) else {"value": stated}
+    if extra := set(table) - {"value", "tolerance"}:
+        raise unknown(f"key of {name}", min(extra), ["value", "tolerance"])
+    share = default.tolerance / default.value if default.value else 0.0
+    value = _number(name, table["value"]) if "value" in table else default.value
+    tolerance = (
+        _number(f"{name}.tolerance", table["tolerance"])
+        if "tolerance" in table
+        else share * abs(value)
+    )
+    q.check(name, value)
+    if tolerance < 0.0:
+        raise UserError(
+            f"{name}: tolerance is negative", "1 sigma, in the parameter's unit", code=2
+        )
+    return Parameter(value, tolerance)
+
+
+def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
+    """`[channels]`: what each log name means, and how to read the time."""
+    mappings: list[Mapping] = []
+    options: dict[str, Any] = {}
+    for key, value in stated.items():
+        if key == "time":
+            table = _fields("channels.time", _table(value), TIME_KEYS)
+            options |= {f"time_{k}": v for k, v in table.items()}
+        elif key == "group":
+            table = _fields("channels.group", _table(value), GROUP_KEYS)
+            options |= {f"group_{k}": v for k, v in table.items()}
+        elif key in MEANINGS:
+            for axle, entry in _by_axle(key, value):
+                table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
+                if "channel" not in table:
+                    hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
+                    raise UserError(f"channels.{key} names no channel", hint, code=2)
+                mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
+        else:
+            raise unknown("meaning in [channels]", key, ["time", "group", *MEANINGS])
+    for name in ("time_channel", "group_channel"):
+        if options.get(name, "").isdigit():
+            options[name] = f"column {options[name]}"
+    source = options.get("time_source", "log")
+    if source not in get_args(TimeSource):
+        raise unknown("time source", source, list(get_args(TimeSource)))
+    return mappings, options
+
+
+def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
+    """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's."""
+    if not isinstance(value, dict) or "channel" in value:
+        return [(None, value)]
+    out: list[tuple[int | None, Any]] = []
+    for name, entry in value.items():
+        digits = name.lower().removeprefix("axle").strip(" _")
+        if not digits.isdigit() or int(digits) < 1:
+            hint = f'{key}."axle 1" = {{channel = "…"}}, axles count from 1'
+            raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
+        out.append((int(digits), entry))
+    return out
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {"channel": value}
+
+
+def _table_of(section: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise UserError(
+            f"setting {section!r} is a table", f"write [{section}], then its keys", code=2
+        )
+    return value
+
+
+def _fields(section: str, stated: Any, known: Tree[str, type]) -> dict[str, Any]:
+    """A table's entries, each of its type; a column's number may stand for a text."""
+    out: dict[str, Any] = {}
+    for key, value in _table_of(section, stated).items():
+        name = f"{section}.{key}"
+        if key not in known:
+            raise unknown(f"key of [{section}]", key, list(known))
+        if known[key] is str and isinstance(value, (int, float)) and not isinstance(value, bool):
+            out[key] = str(value)
+        elif known[key] is float:
+            out[key] = _number(name, value)
+        elif type(value) is known[key]:
+            out[key] = value
+        else:
+            kind = {bool: "true or false", str: "a text in quotes", int: "a whole number"}
+            raise UserError(f"{name} = {value!r} is wrong", f"write {kind[known[key]]}", code=2)
+    return out
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UserError(f"{name} = {value!r} is not a number", "write a plain number, SI", code=2)
+    return float(value)

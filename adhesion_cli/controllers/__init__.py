@@ -1,1 +1,0 @@
-"""The controllers: one law per file. What a file holds: `adhesion_cli.controller`."""

@@ -1,0 +1,306 @@
+"""Plain Python compiled: the only module that knows numba.
+
+`batch` runs an estimator over a whole log. For a hot loop of another module, write it as a plain
+function of that module and call it through `function`:
+
+    def march(x, h, n): ...            # plain floats and arrays, math, other plain functions
+
+    fast = compiled.function(march)    # nothing is compiled before the first call
+    fast(x, h, n)
+
+A part that many loops share goes to them as an argument, from `by_address`.
+
+What is compiled must reach other functions by name (`from .physics import G`, not
+`physics.G`); they need no decorator. Arguments are floats, ints, numpy arrays and NamedTuples of
+importable modules, positional; each new combination of types compiles once. What comes back from a
+long call is a number or nothing, more goes into arrays: numba makes a tuple of names by calling
+Python, which crashes where a signal (Ctrl-C) came meanwhile. Division by zero gives inf or NaN, as
+in numpy. Arithmetic is strict: the compiled result is the plain one, bit for bit.
+
+Machine code is kept on disk, in the user's cache folder or a temporary one where that cannot be
+written. numba's own cache does not notice a changed helper in another module, so each folder is
+named by a hash over all sources of this package and of the folder the function is from: an edit
+anywhere compiles anew. Safe with several processes at once.
+"""
+
+import math
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import FunctionType
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .estimator import Estimator, check_step
+from .model import Floats, Times, Wheelset
+
+
+def _nobody(text: str) -> None:
+    """Hears it."""
+
+
+tell: Callable[[str], None] = _nobody  # of what takes seconds; for a program to set
+
+_OWN = Path(__file__).resolve().parents[1]
+_KEEP = 8  # cache folders of other versions that stay, the latest used
+
+# Only compiled code calls it. Inlined, a tuple of arrays that goes in and out counts no references.
+_INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
+
+_WRAPPER = """
+def call({arguments}):
+    return target({arguments})
+"""
+
+# Slices, as an index known to count from 0 costs no check for a negative one.
+_BATCH = """
+def call(params, constants, t_all, K_all, y_all, starts, F_all):
+    p = Params({params})
+    w = Wheelset({constants})
+    for j in range(len(starts)):
+        segment = slice(starts[j], starts[j + 1] if j + 1 < len(starts) else len(t_all))
+        t, K, y, F = t_all[segment], K_all[segment], y_all[segment], F_all[segment]
+        s = init(p, w, K[0], y[0])
+        F[0] = s.F
+        before = t[0]
+        for i in range(1, len(t)):
+            s = step(p, w, s, (t[i] - before) * 1e-9, K[i], y[i])
+            F[i] = s.F
+            before = t[i]
+"""
+
+
+def batch(
+    est: Estimator,
+    p: Any,
+    w: Wheelset,
+    t_ns: Times,
+    K: Floats,
+    y: Floats,
+    starts: NDArray[np.int64],
+) -> Floats:
+    """F̂ [N] over one axle, shape (n,); the same numbers as `estimator.online` on each segment.
+
+    Args:
+        est: the estimator.
+        p: its parameters, from `methods.validated`.
+        w: constants of the wheelset.
+        t_ns: times [ns], rising strictly within each segment, shape (n,).
+        K: clamping force [N], shape (n,).
+        y: wheel speed [rad/s], shape (n,).
+        starts: first index of each segment, rising from 0.
+
+    Raises:
+        UserError: where an interval is too long for a forward Euler step that was asked for.
+    """
+    t, starts = (np.ascontiguousarray(x, np.int64) for x in (t_ns, starts))
+    K, y = (np.ascontiguousarray(x, np.float64) for x in (K, y))
+    if est.longest_step(p) < math.inf:
+        h = np.diff(t)
+        h[starts[1:] - 1] = 0  # between segments
+        check_step(est, p, float(h.max(initial=0)) * 1e-9)
+    F = np.empty(len(t))
+    _loop(est)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
+    return F
+
+
+def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callable[..., Any]:
+    """`target`, a plain function at module level, compiled at its first call and kept on disk.
+
+    Args:
+        target: the function.
+        stand_ins: plain functions by those they stand in for, wherever one is named.
+    """
+    assert isinstance(target, FunctionType)
+    stand_ins = stand_ins or {}
+    code = target.__code__
+    arguments = ", ".join(code.co_varnames[: code.co_argcount])
+    name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *stand_ins.values()))
+    return _compiled(
+        name.replace(".", "_"), _WRAPPER.format(arguments=arguments), (("target", target),),
+        tuple(stand_ins.items()),
+    )  # fmt: skip
+
+
+def by_address(target: Any, *examples: Any) -> Any:
+    """`target` compiled by itself, to be handed to compiled functions that call it.
+
+    They hold its address and not its code, so that it is compiled once for all of them.
+
+    Args:
+        target: as of `function`.
+        examples: arguments of the types it is compiled for.
+    """
+    from numba import typeof
+    from numba.core.types import WrapperAddressProtocol
+
+    call: Any = function(target)
+    types = tuple(map(typeof, examples))
+    call.compile(types)
+    made = call.overloads[types]
+    wrapper = made.fndesc.llvm_cfunc_wrapper_name
+    address = int(made.library.get_pointer_to_function(wrapper))
+
+    class Address(WrapperAddressProtocol):
+        def __wrapper_address__(self) -> int:
+            return address
+
+        def signature(self) -> Any:
+            return made.signature
+
+    return Address()
+
+
+def _loop(est: Estimator) -> Callable[..., Any]:
+    text = _BATCH.format(
+        params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
+        constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
+    )
+    reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
+    return _compiled(f"batch_{est.name}", text, tuple(reached.items()))
+
+
+@cache
+def _compiled(
+    name: str, text: str, reached: tuple[tuple[str, Any], ...],
+    stand_ins: tuple[tuple[Any, Any], ...] = (),
+) -> Callable[..., Any]:  # fmt: skip
+    """`call` of the source `text`, which finds the things `reached` under their names.
+
+    Of each pair of `stand_ins` the second function is called wherever the first one is named.
+
+    The source is a file of its own because numba's disk cache recognises a function by its file;
+    a function passed in or closed over is never recognised.
+    """
+    from numba import njit
+
+    _load()
+    code = [x for _, x in (*reached, *stand_ins)]
+    folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
+    if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
+        tell("compiling, for the first run with these methods ...")
+    path = folder / f"{name}.py"
+    if not path.exists():
+        _write(path, text)
+    spec = spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
+    done: dict[FunctionType, Any] = {}
+    for named, called in stand_ins:
+        done[named] = _lowered(called, done)
+    for key, x in reached:
+        setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
+    spec.loader.exec_module(module)
+    call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
+    return call
+
+
+@cache
+def _load() -> None:
+    """Loads numba's array functions without scipy.linalg, whose loading is a fifth of a short run.
+
+    numba looks for it there and then, and again where something that needs it is compiled.
+    """
+    from numba.np import linalg
+
+    look: Any = getattr(linalg, "ensure_blas", None)
+    linalg.ensure_blas = _absent
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+def _absent() -> NoReturn:
+    raise ImportError
+
+
+def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
+    """`f` for numba, with every plain function it names lowered as well."""
+    from numba import njit
+
+    if f not in done:
+        names = dict(f.__globals__)
+        for name in f.__code__.co_names:
+            if isinstance(names.get(name), FunctionType):
+                names[name] = _lowered(names[name], done)
+        plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
+        done[f] = njit(error_model="numpy", **_INNER)(plain)
+    return done[f]
+
+
+def _folder(files: set[Path]) -> Path:
+    """The cache folder for code from `files`; makes it, and drops those of older sources."""
+    others = {file.parent for file in files if not file.is_relative_to(_OWN)}
+    name = sha256(_own_sources() + b"".join(map(_sources, sorted(others)))).hexdigest()[:16]
+    for root in _roots():
+        folder = root / name
+        try:
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _ours(root):
+                continue
+            folder.mkdir(exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            os.utime(folder)  # the latest used
+        except OSError:
+            continue
+        _prune(root)
+        return folder
+    return Path(tempfile.mkdtemp(prefix="adhesion-"))
+
+
+def _ours(root: Path) -> bool:
+    """Whether nobody else can put code into `root`: what lies there is run."""
+    if not hasattr(os, "getuid"):
+        return True
+    status = root.stat()
+    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+
+
+def _sources(folder: Path, pattern: str = "*.py") -> bytes:
+    digest = sha256()
+    for path in sorted(folder.glob(pattern)):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.digest()
+
+
+@cache
+def _own_sources() -> bytes:
+    return _sources(_OWN, "**/*.py")
+
+
+def _roots() -> list[Path]:
+    """Where the cache may be, best first."""
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    return [base / "adhesion-cli", Path(tempfile.gettempdir()) / f"adhesion-cli-{user}"]
+
+
+def _prune(root: Path) -> None:
+    with suppress(OSError):  # another process may be at it
+        folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
+        for old in folders[_KEEP:]:
+            shutil.rmtree(old, ignore_errors=True)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write `path` whole, with one fixed time so that numba takes every writer's copy as equal."""
+    part = path.with_suffix(f".{os.getpid()}")
+    part.write_text(text, encoding="utf-8")
+    os.utime(part, (0, 0))
+    os.replace(part, path)

@@ -1,0 +1,119 @@
+"""What an online estimator is, and which ones there are.
+
+An estimator is a method (`methods` says what its file holds) in `estimators/`. Its `State` ends
+with `F`, the estimate [N], its `ABOUT` is the one here, and it has
+
+- `init(p, w, K, y) -> State`, the state at the first sample of a segment;
+- `step(p, w, s, h, K, y) -> State`, the state one sample later: `w` is `model.Wheelset`, `h` the
+  actual interval to this sample [s], `K` its clamping force [N], `y` its wheel speed [rad/s].
+
+The same `step` runs sample by sample (`online`) and compiled over whole logs (`compiled.batch`).
+Optional is `longest_step(p) -> float`, the longest interval [s] at which `step` is stable, for
+parameters with which that is not every interval.
+
+Time and rate. At t_k both ends of the interval (t_{k-1}, t_k] are known, so an estimator takes K
+and y as straight lines across it: exact for ramps, and half an interval from a jump wherever in
+the interval it was; the answer then depends on the signals, not on how often they were logged.
+`euler = 1` is the printed alternative: both held at their value at t_{k-1}.
+
+Start. ω̂ = y and F̂ = 0, as in the paper, also where a segment starts in mid-brake: the wheel may be
+sliding there, so no better force is known; `td`, which has no force but (5), starts at φK. Such a
+segment opens with the response time, which is not scored (`metrics.started`).
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from . import methods
+from .errors import UserError
+from .methods import Kind, Method
+from .model import Wheelset
+
+
+class Claim(NamedTuple):
+    """How well an estimator follows the true force on a named scenario; tests hold it to that."""
+
+    rmse: float  # [N]
+    lag: float  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class About(methods.About):
+    """What a method is called, where it was published, and what it claims by scenario name."""
+
+    claims: Mapping[str, Claim]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimator(Method):
+    """One estimator, as found in its file."""
+
+    claims: Mapping[str, Claim]
+    longest_step: Callable[[Any], float]
+
+
+KIND = Kind("estimators", "an estimator", About, ("F",), "the estimate [N]", "core.estimator")
+
+
+def registry(*extra_folders: Path) -> dict[str, Estimator]:
+    """Every estimator by name, sorted: the package's own, then those of `extra_folders`.
+
+    Raises:
+        UserError: for a folder that is none, a file that is no estimator, a name given twice.
+    """
+    return {
+        name: Estimator(
+            m.name, m.title, m.source, m.Params, m.State, m.init, m.step, m.path,
+            module.ABOUT.claims, getattr(module, "longest_step", _any_step),
+        )
+        for name, (m, module) in methods.scan(KIND, *extra_folders).items()
+    }  # fmt: skip
+
+
+def online(
+    est: Estimator, p: Any, w: Wheelset, samples: Iterable[tuple[int, float, float]]
+) -> Iterator[float]:
+    """F̂ [N] after each sample of one segment, as the samples arrive; needs no compiler.
+
+    Args:
+        est: the estimator.
+        p: its parameters, from `methods.validated`.
+        w: constants of the wheelset.
+        samples: (time [ns], K [N], y [rad/s]), time rising strictly.
+
+    Raises:
+        UserError: at an interval at which these parameters are unstable.
+    """
+    state: Any = None
+    before = 0
+    for t, K, y in samples:
+        if state is None:
+            state = est.init(p, w, K, y)
+        else:
+            h = (t - before) * 1e-9
+            check_step(est, p, h)
+            state = est.step(p, w, state, h, K, y)
+        before = t
+        yield state.F
+
+
+def check_step(est: Estimator, p: Any, h: float) -> None:
+    """Refuse an interval `h` [s] at which `est` with parameters `p` is unstable.
+
+    Raises:
+        UserError: naming the longest stable interval.
+    """
+    longest = est.longest_step(p)
+    if h > longest:
+        raise UserError(
+            f"{est.name}: an interval of {h:.4g} s is unstable with euler = 1, "
+            f"the longest stable one is {longest:.4g} s",
+            f"leave {est.name}.euler at 0, which is stable at every interval",
+        )
+
+
+def _any_step(p: Any) -> float:
+    return math.inf

@@ -1,0 +1,169 @@
+"""Methods found in folders, one file each: what estimators and controllers have in common.
+
+A method's name is its file's. The file holds
+
+- `Params` and `State`, NamedTuples; every field of `Params` has a default and is annotated
+  `Annotated[float, Quantity(unit, text, low, high)]`; the last field of `State` is the answer;
+- `init` and `step`, pure and plain Python on floats (`0.0`, never `0`: the type of a state field
+  does not change), which import the functions they share by name (`from ._han import fal_gain`);
+  a file whose name starts with `_` is such a helper, no method;
+- `ABOUT`, with title and source.
+
+So the same `step` runs sample by sample and, by `compiled`, over whole logs.
+"""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from types import FunctionType, ModuleType
+from typing import Any, NamedTuple, Protocol
+
+from .errors import UserError, unknown
+from .model import Quantity, quantities
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a method is called and where it was published."""
+
+    title: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Method:
+    """One method, as found in its file."""
+
+    name: str
+    title: str
+    source: str
+    Params: type[Any]
+    State: type[Any]
+    init: Callable[..., Any]
+    step: Callable[..., Any]
+    path: Path
+
+
+class Kind(NamedTuple):
+    """A kind of method: where its files lie and what they answer."""
+
+    folder: str  # in the package
+    called: str  # "an estimator"
+    about: type[About]  # what `ABOUT` is
+    answer: tuple[str, ...]  # last fields of State
+    meaning: str  # of them
+    module: str  # that says what a file must hold
+
+    @property
+    def remedy(self) -> str:
+        """Where a file that is none of the kind is explained."""
+        return f"see `adhesion_cli.{self.module}` on what the file of {self.called} holds"
+
+
+def scan(kind: Kind, *extra_folders: Path) -> dict[str, tuple[Method, ModuleType]]:
+    """Every method of a kind by name, sorted: the package's own, then those of `extra_folders`.
+
+    Raises:
+        UserError: for a folder that is none, a file that is no such method, a name given twice.
+    """
+    own = Path(__file__).parents[1] / kind.folder
+    found: dict[str, tuple[Method, ModuleType]] = {}
+    for folder in (own, *map(Path, extra_folders)):
+        if not folder.is_dir():
+            raise UserError(f"{folder}: no such folder of {Path(kind.folder).name}", code=2)
+        for path in sorted(folder.glob("[!_]*.py")):
+            if path.stem in found:
+                first = found[path.stem][0].path
+                raise UserError(f"{path}: {path.stem!r} is already {first}", "rename the file")
+            module = _module(kind, path, packaged=folder is own)
+            found[path.stem] = _method(kind, path, module), module
+    return dict(sorted(found.items()))
+
+
+class Tunable(Protocol):
+    """What has named parameters."""
+
+    @property
+    def name(self) -> str:
+        """What users call it."""
+
+    @property
+    def Params(self) -> type[Any]:
+        """The parameters."""
+
+
+def parameters(of: Tunable) -> list[tuple[str, Quantity, float]]:
+    """Name, `Quantity` and default of every parameter, in the order of `Params`."""
+    defaults = of.Params._field_defaults
+    return [(name, q, defaults[name]) for name, q in quantities(of.Params).items()]
+
+
+def validated(of: Tunable, overrides: Mapping[str, float]) -> Any:
+    """`of.Params` with `overrides` in place of defaults.
+
+    Raises:
+        UserError: for a name that is no parameter, or a value outside its range.
+    """
+    known = {name: quantity for name, quantity, _ in parameters(of)}
+    for name, value in overrides.items():
+        if name not in known:
+            raise unknown(f"parameter of {of.name}", name, list(known))
+        known[name].check(f"{of.name}.{name}", value)
+    return of.Params(**{name: float(value) for name, value in overrides.items()})
+
+
+def _module(kind: Kind, path: Path, packaged: bool) -> ModuleType:
+    """The module at `path`; one outside the package is loaded anew, under a name of its own."""
+    try:
+        if packaged:
+            place = kind.folder.replace("/", ".")
+            return importlib.import_module(f"adhesion_cli.{place}.{path.stem}")
+        # Named by what it holds, wherever it lies: machine code that is kept asks for the name.
+        sources = b"".join(p.read_bytes() for p in sorted(path.parent.glob("*.py")))
+        folder = sha256(sources).hexdigest()[:8]
+        spec = importlib.util.spec_from_file_location(
+            f"{Path(kind.folder).name}_{folder}.{path.stem}", path
+        )
+        assert spec is not None  # the name ends in .py
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module  # where annotations are looked up
+        spec.loader.exec_module(module)
+    except Exception as e:
+        text = f"{path}: cannot be loaded: {type(e).__name__}: {e}"
+        raise UserError(text, kind.remedy) from e
+    return module
+
+
+def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
+    names = ("ABOUT", "Params", "State", "init", "step")
+    missing = [name for name in names if not hasattr(module, name)]
+    if missing:
+        raise UserError(f"{path}: not {kind.called}, lacks {', '.join(missing)}", kind.remedy)
+    about, P, S = module.ABOUT, module.Params, module.State
+    if not isinstance(about, kind.about):
+        text = f"{path}: ABOUT must be a `{kind.about.__module__}.{kind.about.__name__}`"
+        raise UserError(text, kind.remedy)
+    if S._fields[-len(kind.answer) :] != kind.answer:
+        text = f"{path}: State must end with {', '.join(kind.answer)}: {kind.meaning}"
+        raise UserError(text, kind.remedy)
+    known = quantities(P)
+    for name in P._fields:
+        if name not in known or name not in P._field_defaults:
+            text = f"{path}: Params.{name} lacks its Quantity or its default"
+            raise UserError(text, kind.remedy)
+    return Method(path.stem, about.title, about.source, P, S, module.init, module.step, path)
+
+
+def bound(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
+    """A plain function with others in place of some that it names; `stand_ins` is by the latter."""
+    assert isinstance(f, FunctionType)
+    names = {
+        name: stand_ins.get(x, x) if isinstance(x, FunctionType) else x
+        for name, x in f.__globals__.items()
+    }
+    return FunctionType(f.__code__, names, f.__name__, f.__defaults__)

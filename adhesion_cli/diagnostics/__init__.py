@@ -1,0 +1,1 @@
+"""Checks of what channels say about each other; they change nothing."""

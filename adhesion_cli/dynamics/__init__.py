@@ -1,0 +1,1 @@
+"""The train's longitudinal model, and speeds on one even time axis."""

@@ -1,0 +1,1 @@
+"""How well an estimator follows truth or reference."""

@@ -1,0 +1,365 @@
+"""How well an estimate follows its target, one number per question, over brake applications only.
+
+Every metric is a function of a `Comparison`; None where the data cannot answer. A reference as the
+target has been smoothed without phase: it can judge accuracy, but response and lag of an online
+estimator only as far as it is itself quick enough.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ..core.model import AxleRecord, Floats, Reference, Score
+from ..core.signals import moving, true_runs, white_noise
+
+_SLIGHT, _LEAST = 200.0, 60.0  # clamping force that is braking, and that still belongs to it [N]
+_DUMP = 3.0  # longest release inside one application: wheel slide protection vents [s]
+_TAIL = 1.0  # time after the release that still counts [s]
+_SHORT = 0.5  # shorter is no application [s]
+_LAG = 5.0  # longest lag looked for, either way [s]
+_EARLY = 0.2  # an estimate this early knows the future: a periodic force fits late as well [s]
+_ALIKE = 0.05  # lags that leave so little more of the variance fit as well
+_VARIES = 0.02  # share of its peak by which a target must vary (rms) to show lag and gain
+_RIPPLE = 0.5  # what is quicker than this is ripple [s]
+_STEP = 0.1  # a step is over within this [s], or within one interval
+_STEADY = 1.0  # and followed by this much steady force [s]
+START_UP = 3.0  # response of the slowest published estimator, LESO in Table 2 [s]
+
+
+def applications(record: AxleRecord) -> tuple[slice, ...]:
+    """Brake applications: build-up, hold and release with a short tail; never across segments.
+
+    Found from K alone: above 5 % of its range (and clearly above its noise) the brake is applied,
+    and from there back and forth down to 2 %, however slowly it gets there. What stays on all the
+    time is a sensor's offset if it is less than a tenth of the peaks, else a drag brake. A wheel
+    that stands has no application: (1) says nothing about it.
+    """
+    if not record.segments:
+        return ()
+    runs = moving(record)
+    K = np.full(len(record), np.nan)
+    for s in runs:
+        K[s] = _median5(record.clamping_force[s])
+    if not runs:
+        return ()
+    low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
+    base = low if low < 0.1 * top else 0.0
+    # What bends from one sample to the next is noise, but on a slow log it is the brake itself.
+    bend = math.sqrt(white_noise((record.t[s], record.clamping_force[s]) for s in runs))
+    noise = min(bend, 0.025 * (top - base))
+    on = base + max(0.05 * (top - base), 8.0 * noise, _SLIGHT)
+    off = base + max(0.02 * (top - base), 4.0 * noise, _LEAST)
+    return tuple(a for s in runs for a in _applied(record, K, s, on, off))
+
+
+def _applied(record: AxleRecord, K: Floats, run: slice, on: float, off: float) -> Iterable[slice]:
+    t = (record.t[run] - record.t[run.start]) * 1e-9
+    found: list[tuple[int, int]] = []
+    for first, past in true_runs(K[run] > off):
+        if not (K[run][first:past] > on).any():
+            continue
+        if found and t[first] - t[found[-1][1] - 1] < _DUMP:
+            first = found.pop()[0]
+        found.append((first, past))
+    for i, (first, past) in enumerate(found):
+        if t[past - 1] - t[first] < _SHORT or past - first < 3:
+            continue
+        end = int(np.searchsorted(t, t[past - 1] + _TAIL, side="right"))
+        if i + 1 < len(found):
+            end = min(end, found[i + 1][0] - 1)
+        yield slice(run.start + max(first - 1, 0), run.start + end)  # the last sample released
+
+
+def _median5(x: Floats) -> Floats:
+    """Running median of five: no single sample starts or ends an application."""
+    wide = np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5)
+    median: Floats = np.median(wide, axis=-1)
+    return median
+
+
+def started(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
+    """Start-ups: the first `START_UP` of every application in the midst of which a segment begins.
+
+    Estimators start there at F̂ = 0 because the log does; on the train they would be running.
+    """
+    begun = {s.start for s in record.segments}
+    found = []
+    for s in applications:
+        if s.start in begun and record.clamping_force[s.start] > _SLIGHT:
+            until = record.t[s.start] + round(START_UP * 1e9)
+            found.append(slice(s.start, min(int(np.searchsorted(record.t, until)), s.stop)))
+    return found
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An estimate beside its target, one column per brake application; at least one sample each.
+
+    Only samples at which both are finite.
+    """
+
+    t: tuple[Floats, ...]  # [s]
+    estimate: tuple[Floats, ...]  # [N]
+    target: tuple[Floats, ...]  # [N]
+
+    @cached_property
+    def error(self) -> Floats:
+        """Estimate less target over all applications, shape (n,) [N]."""
+        return np.concatenate(self.estimate) - np.concatenate(self.target)
+
+    @cached_property
+    def fit(self) -> tuple[float, float] | None:
+        """Lag τ [s] and gain g of estimate(t) ≈ g target(t − τ) + c, least squares over all three.
+
+        None where the target hardly varies, or no lag within reach explains half of the estimate.
+        """
+        target = np.concatenate(self.target)
+        if np.std(target) <= _VARIES * np.max(np.abs(target)) or len(target) < 5:
+            return None
+        longest = max(float(t[-1] - t[0]) for t in self.t)
+        reach = min(_LAG, longest / 2.0)
+        coarse, fine = (max(len(target) // n, 1) for n in (5_000, 50_000))  # take every so many
+        lags = np.linspace(-reach, reach, 201)
+        left = [_unexplained(self, float(lag), coarse)[0] for lag in lags]
+        minima = [i for i in range(1, len(lags) - 1) if left[i] <= min(left[i - 1], left[i + 1])]
+        if not minima:
+            return None
+        fitting = [i for i in minima if left[i] <= min(left[i] for i in minima) + _ALIKE]
+        best = min(fitting, key=lambda i: (lags[i] < -_EARLY, left[i]))
+        lag = _golden(
+            lambda x: _unexplained(self, x, fine)[0], float(lags[best - 1]), float(lags[best + 1])
+        )
+        unexplained, gain = _unexplained(self, lag, fine)
+        return (lag, gain) if unexplained < 0.5 else None
+
+
+def _unexplained(c: Comparison, lag: float, every: int) -> tuple[float, float]:
+    """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
+
+    What goes against the target explains nothing.
+    """
+    x = np.concatenate(
+        [np.interp(t[::every] - lag, t, y) for t, y in zip(c.t, c.target, strict=True)]
+    )
+    y = np.concatenate([e[::every] for e in c.estimate])
+    x, y = x - np.mean(x), y - np.mean(y)
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    if xx == 0.0 or yy == 0.0 or xy <= 0.0:
+        return 1.0, 0.0
+    return 1.0 - xy * xy / (xx * yy), xy / xx
+
+
+def _golden(f: Callable[[float], float], low: float, high: float) -> float:
+    """Where f is least between `low` and `high`, golden section, to 1e-4 of the interval."""
+    ratio = (math.sqrt(5.0) - 1.0) / 2.0
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    fa, fb = f(a), f(b)
+    for _ in range(19):
+        if fa < fb:
+            high, b, fb = b, a, fa
+            a = high - ratio * (high - low)
+            fa = f(a)
+        else:
+            low, a, fa = a, b, fb
+            b = low + ratio * (high - low)
+            fb = f(b)
+    return (low + high) / 2.0
+
+
+def rmse(c: Comparison) -> float | None:
+    """Root mean square error."""
+    return math.sqrt(float(np.mean(c.error**2)))
+
+
+def bias(c: Comparison) -> float | None:
+    """Mean error."""
+    return float(np.mean(c.error))
+
+
+def max_error(c: Comparison) -> float | None:
+    """Largest error, with its sign."""
+    return float(c.error[np.argmax(np.abs(c.error))])
+
+
+def lag(c: Comparison) -> float | None:
+    """Time by which the estimate is late; see `Comparison.fit`."""
+    return c.fit and c.fit[0]
+
+
+def gain(c: Comparison) -> float | None:
+    """Amplitude of the estimate over that of the target, at the lag; see `Comparison.fit`."""
+    return c.fit and c.fit[1]
+
+
+def response(c: Comparison) -> float | None:
+    """Time from a step of the target until the estimate has made 95 % of it for good.
+
+    Of each application the largest step; the median of those the estimate made. It may overshoot.
+    A step is over within 0.1 s or one interval, is at least a fifth of the largest target, comes
+    from a steady force, which the estimate knew, and leads to one. A release is none: seldom does
+    a log go on for as long as a slow estimator needs.
+    """
+    peak = max(float(np.max(np.abs(y))) for y in c.target)
+    found = []
+    for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
+        step = _step(t, target, peak)
+        if step is None:
+            continue
+        first, end, before, after = step
+        done = (_median5(estimate) - before) / (after - before)
+        late = np.flatnonzero(done[first:end] < 0.95)
+        reached = first + (int(late[-1]) + 1 if len(late) else 0)
+        if reached < end and abs(float(np.median(done[max(first - 5, 0) : first]))) < 0.2:
+            found.append(float(t[reached] - t[first]))
+    return float(np.median(found)) if found else None
+
+
+def _step(t: Floats, y: Floats, peak: float) -> tuple[int, int, float, float] | None:
+    """The largest step of y: its first sample, the end of the steady time, level before and after.
+
+    The first sample is the first that has left the level before.
+    """
+    n = len(t)
+    past = np.maximum(np.searchsorted(t, t + _STEP, side="right") - 1, np.arange(n) + 1)
+    later = y[np.minimum(past, n - 1)]
+    change = np.where(np.abs(later) > 0.2 * peak, later - y, 0.0)  # less is a release
+    k = int(np.argmax(np.abs(change)))
+    if n < 3 or abs(change[k]) < 0.2 * peak:
+        return None
+    k += int(np.argmax(np.abs(y[k : past[k] + 1] - y[k]) > 0.05 * abs(change[k])))  # it leaves
+    before = y[np.searchsorted(t, t[k] - _STEADY) : k]
+    settled = int(np.searchsorted(t, t[k] + _STEP))
+    steady = y[settled : np.searchsorted(t, t[settled] + _STEADY) if settled < n else n]
+    if not len(before) or len(steady) < 2 or t[-1] - t[k] < _STEADY:
+        return None
+    level, after = float(np.median(before)), float(np.median(steady))
+    size = abs(after - level)
+    if size < 0.2 * peak or np.ptp(before) > 0.2 * size or np.ptp(steady) > 0.2 * size:
+        return None
+    left = np.flatnonzero(np.abs(y[settled:] - after) > 0.2 * size)
+    return k, settled + int(left[0]) if len(left) else n, level, after
+
+
+def ripple(c: Comparison) -> float | None:
+    """What moves in the estimate quicker than 0.5 s and is not in the target, rms.
+
+    What is left of the error after a centred moving mean over that time, median over stretches as
+    long, so that a step or a slide does not count.
+    """
+    squares = []
+    for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
+        error = estimate - target
+        half = max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
+        first, past = np.searchsorted(t, t - half), np.searchsorted(t, t + half, side="right")
+        sums = np.concatenate([[0.0], np.cumsum(error)])
+        quick = error - (sums[past] - sums[first]) / (past - first)
+        inside = (t - half >= t[0]) & (t + half <= t[-1])
+        block = ((t - t[0]) / (2.0 * half)).astype(int)[inside]
+        if len(block):
+            count = np.bincount(block)
+            squares += list(
+                (np.bincount(block, quick[inside] ** 2) / np.maximum(count, 1))[count > 0]
+            )
+    return math.sqrt(float(np.median(squares))) if squares else None
+
+
+METRICS: dict[str, Callable[[Comparison], float | None]] = {  # names as in `Score`
+    "rmse_n": rmse,
+    "bias_n": bias,
+    "max_error_n": max_error,
+    "lag_s": lag,
+    "gain": gain,
+    "response_s": response,
+    "ripple_n": ripple,
+}
+
+
+def compared(
+    record: AxleRecord, estimate: Floats, target: Floats, applications: Iterable[slice]
+) -> Comparison | None:
+    """Estimate [N] beside target [N], shape (n,), in the applications; None without a sample."""
+    used = [
+        (s, known)
+        for s in applications
+        if (known := np.isfinite(estimate[s]) & np.isfinite(target[s])).any()
+    ]
+    if not used:
+        return None
+    return Comparison(
+        tuple((record.t[s] - record.t[s.start])[known] * 1e-9 for s, known in used),
+        tuple(estimate[s][known] for s, known in used),
+        tuple(target[s][known] for s, known in used),
+    )
+
+
+def scores(
+    record: AxleRecord,
+    reference: Reference,
+    estimates: Mapping[str, Floats],
+    applications: Iterable[slice],
+) -> tuple[Score, ...]:
+    """Every estimate of one axle against the truth where the record has it, else the reference.
+
+    Args:
+        record: the axle's record.
+        reference: its reference.
+        estimates: F̂ [N] by algorithm, shape (n,).
+        applications: the brake applications to use, less what `started` finds in them.
+    """
+    applications = tuple(applications)
+    past = {s.start: s.stop for s in started(record, applications)}
+    applications = tuple(
+        slice(start, s.stop) for s in applications if (start := past.get(s.start, s.start)) < s.stop
+    )
+    against: Literal["truth", "reference"] = "reference"
+    target = reference.force
+    if record.truth is not None and any(np.isfinite(record.truth[s]).any() for s in applications):
+        against, target = "truth", record.truth
+    found = []
+    for algo, estimate in estimates.items():
+        c = compared(record, estimate, target, applications)
+        values = {name: None if c is None else metric(c) for name, metric in METRICS.items()}
+        found.append(Score(algo=algo, against=against, **values))
+    return ranked(found)
+
+
+def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
+    """The scores, least rmse first and those without one last, each with rmse over the least."""
+    order = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
+    best = order[0].rmse_n if order else None
+    return tuple(
+        replace(s, relative=s.rmse_n / best if best and s.rmse_n is not None else None)
+        for s in order
+    )
+
+
+def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
+    """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
+
+    Only axles on which it was scored count, those against truth and those against the reference
+    apart. What has no sound mean over axles is None.
+    """
+    found: list[Score] = []
+    every = [s for group in groups for s in group if s.rmse_n is not None]
+    for against in dict.fromkeys(s.against for s in every):
+        pooled = []
+        for algo in dict.fromkeys(s.algo for s in every):
+            own = [s for s in every if (s.algo, s.against) == (algo, against)]
+            if not own:
+                continue
+            errors = [s.max_error_n for s in own if s.max_error_n is not None]
+            pooled.append(
+                Score(
+                    algo, against,
+                    math.sqrt(float(np.mean([s.rmse_n**2 for s in own if s.rmse_n is not None]))),
+                    float(np.mean([s.bias_n for s in own if s.bias_n is not None])),
+                    max(errors, key=abs),
+                    lag_s=None, gain=None, response_s=None, ripple_n=None,
+                )
+            )  # fmt: skip
+        found += ranked(pooled)
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Log formats: bytes to named numeric fields, with everything lost on the way."""

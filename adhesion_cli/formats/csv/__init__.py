@@ -1,0 +1,1 @@
+"""Text logs: dialect, time column, rows."""

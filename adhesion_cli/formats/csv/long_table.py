@@ -1,0 +1,231 @@
+"""Long tables: rows of several devices, axles or signals by turns, told apart by key columns."""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import UserError
+from ...core.model import Finding, Floats, Times
+from ..source import ReadOptions
+from .clock import column_index, toml
+from .dialect import Dialect, is_null
+from .header_words import is_group_name, is_signal_name, is_units_name, is_units_row
+
+Key = tuple[str, ...]  # cells of the key columns
+Survey = Callable[[tuple[int, ...]], tuple[Times, NDArray[np.int64], list[Key]]]
+
+_MAX_GROUPS = 64  # devices or axles of one log
+_MAX_SIGNALS = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """What the rows of one key are."""
+
+    group: str = ""  # device or axle
+    signal: str = ""  # what the value column holds there, in a table of signals
+    unit: str = ""  # of it
+
+    @property
+    def title(self) -> str:
+        """As people are told it."""
+        return (
+            f"{self.signal} ({self.group})"
+            if self.signal and self.group
+            else (self.signal or self.group)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """The columns that tell the series of a long table apart; none in a wide one."""
+
+    columns: tuple[int, ...] = ()
+    series: dict[Key, Series] = field(default_factory=dict)  # those that are read
+    findings: tuple[Finding, ...] = ()
+
+
+def find_keys(
+    dialect: Dialect, taken: Sequence[int], options: ReadOptions, survey: Survey, path: Path
+) -> Keys:
+    """Finds the columns that tell series apart: stated, or known by their name and contents.
+
+    Args:
+        dialect: with the head's rows.
+        taken: columns that are the time.
+        options: `group_channel` and `group_equals` beat what the names suggest.
+        survey: reads columns of the whole file: times, the number of each row's key, the keys.
+        path: for messages.
+
+    Raises:
+        UserError: where a stated column or value is not there, or has too many values.
+    """
+    named = [i for i in range(len(dialect.names)) if i not in taken and _is_key(dialect, i)]
+    if options.group_channel is not None:
+        return _stated(dialect, named, options, survey, path)
+    attempts = [tuple(named)] if len(named) > 1 else []
+    for columns in [*attempts, *((i,) for i in named)]:
+        t, codes, keys = survey(columns)
+        if _is_long(t, codes, len(keys), _limit(dialect, columns)):
+            series = _series(dialect, columns, keys)
+            return Keys(columns, series, (_told(dialect, columns, series),))
+    return Keys()
+
+
+def _stated(
+    dialect: Dialect, named: list[int], options: ReadOptions, survey: Survey, path: Path
+) -> Keys:
+    """The stated column's series; those of its one value may be told apart by further columns."""
+    i = column_index(dialect, options.group_channel or "", path)
+    name, equals = dialect.names[i], options.group_equals
+    t, codes, keys = survey((i,))
+    groups = [g for (g,) in keys]
+    if equals is None:
+        if len(groups) > _MAX_GROUPS:
+            raise UserError(
+                f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
+                f'state one, as group = {{channel = {toml(name)}, equals = "…"}} under [channels]',
+            )
+        return Keys((i,), _series(dialect, (i,), keys))
+    if equals not in groups:
+        raise UserError(
+            f"{path}: no row has {equals!r} in column {name!r}",
+            f"values: {', '.join(groups[:20])}",
+        )
+    told = Finding(
+        "interleaved", "info",
+        f"rows of {len(groups)} devices alternate: column {name!r} holds "
+        f"{', '.join(sorted(groups))}; only {equals} is read, as stated",
+        name, len(groups),
+    )  # fmt: skip
+    if further := tuple(k for k in named if k != i):
+        columns = (i, *further)
+        t, codes, keys = survey(columns)
+        own = [k for k, key in enumerate(keys) if key[0] == equals]
+        rows = np.isin(codes, own)
+        if _is_long(t[rows], codes[rows], len(own), _limit(dialect, columns)):
+            series = _series(dialect, columns, [keys[k] for k in own])
+            return Keys(columns, series, (told, _told(dialect, further, series)))
+    return Keys((i,), {(equals,): Series(equals)}, (told,))
+
+
+def _is_key(dialect: Dialect, i: int) -> bool:
+    """Whether a column may tell series apart, by its name and its cells in the head."""
+    name, cells = dialect.names[i], dialect.column(i)
+    known = is_group_name(name) or is_signal_name(name) or _holds_units(dialect, i)
+    few = len(set(cells)) <= (_MAX_GROUPS if is_group_name(name) else _MAX_SIGNALS)  # no row number
+    return dialect.headed and known and few and len(cells) > len(dialect.rows) / 2
+
+
+def _holds_units(dialect: Dialect, i: int) -> bool:
+    return is_units_name(dialect.names[i]) and is_units_row(list(set(dialect.column(i))))
+
+
+def _limit(dialect: Dialect, columns: tuple[int, ...]) -> int:
+    signals = any(is_signal_name(dialect.names[i]) for i in columns)
+    return _MAX_SIGNALS if signals else _MAX_GROUPS
+
+
+def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict[Key, Series]:
+    """What each key stands for: as few of its cells as tell the series apart."""
+    places = range(len(columns))
+    unit = next((p for p in places if _holds_units(dialect, columns[p])), None)
+    signal = next((p for p in places if is_signal_name(dialect.names[columns[p]])), unit)
+    group = [p for p in places if p not in (unit, signal)]
+    apart = [p for p in places if p not in group]
+    for p in reversed(group):
+        rest = [q for q in group if q != p] + apart
+        if rest and len({tuple(key[q] for q in rest) for key in keys}) == len(keys):
+            group.remove(p)
+
+    def series(key: Key, brackets: str) -> Series:
+        name = key[signal] if signal is not None else ""
+        of = key[unit].strip(brackets) if unit is not None else ""
+        return Series(", ".join(key[p] for p in group), name, of)
+
+    bare = {key: series(key, "[](){}<>") for key in keys}
+    return bare if len(set(bare.values())) == len(keys) else {k: series(k, "") for k in keys}
+
+
+def _told(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, Series]) -> Finding:
+    names = " and ".join(repr(dialect.names[i]) for i in columns)
+    titles = "; ".join(x.title for x in series.values())
+    first = dialect.names[columns[0]]
+    hint = (
+        f"; to read the rows of one {first}, state group = {{channel = {toml(first)}, "
+        f"equals = {toml(next(iter(series))[0])}}} under [channels]"
+        if sum(", " in x.group for x in series.values()) > 1 else ""
+    )  # fmt: skip
+    return Finding(
+        "long-layout", "info",
+        f"{'column' if len(columns) == 1 else 'columns'} {names} tell{'s' * (len(columns) == 1)} "
+        f"{len(series)} series apart: {titles}; each value column is read once for each{hint}",
+        first, len(series),
+    )  # fmt: skip
+
+
+def _is_long(t: Times, codes: NDArray[np.int64], groups: int, limit: int) -> bool:
+    """Whether keys tell several series apart that share one table."""
+    if not 2 <= groups <= limit:
+        return False
+    order = np.argsort(codes, kind="stable")
+    within = np.diff(t[order])[np.diff(codes[order]) == 0]
+    if not len(within):
+        return False
+    overall = np.diff(t)
+    still_wrong = (within <= 0).sum()
+    if (overall <= 0).any():
+        return bool(still_wrong <= 0.5 * (overall <= 0).sum())
+    return bool((np.diff(codes) != 0).mean() >= 0.3)
+
+
+def interleaved(dialect: Dialect, time: Sequence[int]) -> tuple[str, str, int] | None:
+    """Message, column and number of values where rows of several devices seem to alternate.
+
+    A column of few values that keeps changing, while the others run smoothly only within one of
+    its values.
+    """
+    rows = dialect.rows
+    number = dialect.number()
+    numeric: dict[int, Floats] = {}
+    for i in range(len(dialect.names)):
+        cells = [row[i] for row in rows]
+        if i not in time and all(number.fullmatch(c) for c in cells):
+            value = np.array([float(c.replace(",", ".")) for c in cells])
+            if np.isfinite(value).all():
+                numeric[i] = value
+    for i, name in enumerate(dialect.names):
+        cells = [row[i] for row in rows]
+        counts = Counter(cells)
+        if i in time or not 2 <= len(counts) <= 32 or min(counts.values()) < 3:
+            continue
+        if any(is_null(c) or not re.fullmatch(r"\w{1,16}", c) for c in counts):
+            continue
+        if sum(a != b for a, b in pairwise(cells)) < 0.3 * len(cells):
+            continue
+        key = np.array(cells)
+        smooth, judged = 0, 0
+        for k, value in numeric.items():
+            if k == i or len(set(value)) < max(5, len(value) // 10):
+                continue
+            across = median(np.abs(np.diff(value)))
+            within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
+            judged += 1
+            smooth += within < 0.5 * across
+        if judged and smooth >= 0.5 * judged:
+            values = sorted(counts)
+            return (
+                f"rows of several devices alternate: column {name!r} holds {', '.join(values)}; "
+                f"state one, as group = {{channel = {toml(name)}, equals = {toml(values[0])}}} "
+                "under [channels]",
+                name,
+                len(values),
+            )
+    return None

@@ -1,0 +1,336 @@
+"""Delimited text logs: what they hold, and what is told of their rows and cells.
+
+`sniff` decides the dialect and `clock` the time, `longtable` which rows belong together; `scan`
+reads the wanted columns.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from ...core.errors import UserError
+from ...core.model import Column, Finding, Reject, Severity, Times
+from ...core.time_axis import earliest, unwrapped
+from ...core.units import in_name
+from ...core.units import unit as known_unit
+from ..source import Field, ReadOptions
+from .clock import Clock, backwards, find_clock, toml
+from .dialect import Dialect, is_null, number_grammar, sniff
+from .lines import read_head, read_tail
+from .long_table import Key, Series, find_keys, interleaved
+from .rows import CELLS, SKIPPED, Scan, quoted
+
+_NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
+_MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
+_HALF_DAY = 43_200 * 1_000_000_000
+
+
+def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
+    """Opens a delimited text log, plain or gzip.
+
+    Args:
+        path: the log.
+        options: what the user stated; it beats what the head of the file suggests.
+
+    Raises:
+        UserError: where the file is no such table, or can be read in more than one way.
+    """
+    head, complete, size = read_head(path)
+    dialect = sniff(head, complete, options, path)
+    if complete and len(dialect.rows) < 2:
+        raise UserError(
+            f"{path}: {len(dialect.rows)} data row, nothing to analyse",
+            "give a log of several rows",
+        )
+    if not dialect.headed and options.time_channel is None:
+        raise _headerless(dialect, path)
+    rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
+    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path), int(rows))
+
+
+class CsvSource:
+    """A delimited text log, opened; implements `Source`.
+
+    `lines` counts the lines of the file by what became of them, complete after `columns`.
+    """
+
+    format = "csv"
+
+    def __init__(
+        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, expected: int
+    ) -> None:
+        self.path = path
+        self.absolute = clock.absolute
+        self.time_reason = clock.reason
+        self.rows = 0
+        self.findings: list[Finding] = list(clock.findings)
+        self.metadata = {"preamble": dialect.metadata} if dialect.metadata else {}
+        self.account: dict[str, str] = {}
+        self.lines: Counter[str] = Counter()
+        self.rejects: Iterable[Reject] = ()
+        self._options, self._dialect, self._clock = options, dialect, clock
+        self._expected = expected  # rows, roughly
+        self._units: dict[int, str] = {}  # of columns whose cells carry it
+        self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
+        self._keys = find_keys(dialect, clock.columns, options, self._survey, path)
+        self._series = list(self._keys.series.values()) or [Series()]
+        self.findings += self._keys.findings
+        names = dialect.names
+        taken = {*clock.columns, *self._keys.columns}
+        self._tail = read_tail(path, dialect)
+        for i in range(len(names)):
+            if unit := _unit_in(dialect.column(i), dialect.decimal):
+                self._types[i], self._units[i] = (pa.string(),), unit
+        free = [i for i in range(len(names)) if i not in taken]
+        numeric = [i for i in free if self._is_numeric(i)]
+        self._places = self._fields(numeric)  # number of the series, and column
+        self.fields: list[Field] = list(self._places)
+        self.stated: dict[str, Any] = dict(dialect.why)
+        self.stated["time"] = clock.reason
+        if text := [i for i in free if i not in numeric]:
+            self.stated["not numeric"] = ", ".join(names[i] for i in text)
+        for i in text:
+            self._report_text(i)
+        if self._keys.columns:
+            keys = " and ".join(repr(names[i]) for i in self._keys.columns)
+            self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
+        if dialect.duplicates:
+            self._report(
+                "csv-duplicate-names", "info",
+                f"{', '.join(map(repr, dialect.duplicates))} stand above several columns; the "
+                'second is called "… (2)"', "", len(dialect.duplicates),
+            )  # fmt: skip
+        if not self._keys.columns and (found := interleaved(dialect, clock.columns)):
+            self._report("interleaved", "warning", *found)
+
+    def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
+        """What the columns of numbers hold of each series, and which of both it is."""
+        places = {}
+        for k, series in enumerate(self._series):
+            for i in numeric:
+                name = self._dialect.names[i]
+                channel = series.signal or name
+                if series.signal and len(numeric) > 1:
+                    channel += f" {name}"
+                unit, source = self._dialect.units[i], "units row"
+                if series.unit:
+                    unit, source = series.unit, "units column"
+                elif i in self._units:
+                    unit, source = self._units[i], "cells"
+                source = source if unit else ""
+                one = Field(
+                    channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
+                )
+                places[one] = k, i
+        return places
+
+    def _report_text(self, i: int) -> None:
+        """Tells of a column of words that looks as if it should hold numbers."""
+        name, cells = self._dialect.names[i], self._dialect.column(i)
+        if self._other_decimal(i):
+            self._report(
+                "csv-mixed-decimals", "warning",
+                f"left out: its decimal mark is not {self._dialect.decimal!r} as elsewhere; export "
+                "all columns with one", name, 1,
+            )  # fmt: skip
+        elif (
+            cells
+            and (unit := known_unit(self._dialect.units[i] or in_name(name)[1]))
+            and (unit.dimension in _MEASURED)
+        ):
+            self._report(
+                "csv-no-numbers", "warning",
+                f"left out: it has a unit, but its cells are no numbers, as {quoted(cells[0])}; "
+                "export them as 1.5 or 1.5e3", name, len(cells),
+            )  # fmt: skip
+
+    def columns(self, wanted: Sequence[Field]) -> list[Column]:
+        """The wanted fields, in that order, rows in the log's own order, time untouched.
+
+        A cell that holds no number is NaN with `valid` False; a row without a time is left out.
+        Fields of one group share one time array.
+
+        Raises:
+            UserError: where the log cannot be read, with file, place and remedy; with
+                `ReadOptions.strict` also where a row or cell cannot.
+        """
+        indices = sorted({self._places[f][1] for f in wanted})
+        scan = self._scan(indices, self._keys.columns, list(self._keys.series))
+        t, codes, values = scan.read()
+        self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
+        self.rows = scan.lines["used"] + scan.lines["other group"]
+        self.rejects = scan.rejects or ()
+        self._refuse_time(t)
+        start = earliest(t)
+        self._report_rows(scan, start)
+        self._report_cells(scan, start)
+        of_day = self._clock.pattern and not self.absolute
+        if of_day and (back := int((np.diff(unwrapped(t)[0]) < -_HALF_DAY).sum())):
+            self._report(
+                "time-of-day-wrapped", "warning",
+                "the time of day starts anew (midnight); there is no date to continue with",
+                self._dialect.names[self._clock.columns[0]], back,
+            )  # fmt: skip
+        order = np.argsort(codes, kind="stable")  # each series in the log's own order
+        bounds = np.searchsorted(codes, np.arange(len(self._series) + 1), sorter=order)
+        times: dict[int, Times] = {}
+        out = []
+        for f in wanted:
+            k, i = self._places[f]
+            value = values[i]
+            if len(codes):
+                rows = order[bounds[k] : bounds[k + 1]]
+                value = value[rows]
+                times.setdefault(k, t[rows])
+            whole = not any(scan.cells[i, state] for state in CELLS)
+            valid = np.ones(len(value), np.bool_) if whole else np.isfinite(value)
+            out.append(Column(times.get(k, t), value, valid))
+        return out
+
+    def _refuse_time(self, t: Times) -> None:
+        """Refuses times that never change, or fall all the time, or are hours and minutes, too."""
+        i = self._clock.columns[-1]
+        name, cells = self._dialect.names[i], self._dialect.column(i)
+        if self._clock.is_packed(t, cells):
+            raise UserError(
+                f"{self.path}: time column {name!r} writes hours, minutes and seconds as one "
+                f"number, as {cells[0]!r}",
+                "export it in seconds, or as 12:34:56.7",
+            )
+        falls = np.count_nonzero(t[1:] < t[:-1])
+        if not falls and t[0] == t[-1]:
+            what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
+            raise UserError(
+                f"{self.path}: the clock stands still: {what} {cells[0]!r} in column {name!r}",
+                "state another column, as time = {channel = …} under [channels], or log anew",
+            )
+        if falls > 0.9 * (len(t) - 1) > 1:
+            raise backwards(self.path, name, cells)
+
+    def _survey(self, columns: tuple[int, ...]) -> tuple[Times, NDArray[np.int64], list[Key]]:
+        """Times, the number of the key of each row, and the keys that these columns hold."""
+        scan = self._scan([], columns, None)
+        t, codes, _ = scan.read()
+        return t, codes, scan.met
+
+    def _scan(self, indices: list[int], keys: tuple[int, ...], wanted: list[Key] | None) -> Scan:
+        return Scan(
+            self.path, self._options, self._dialect, self._clock, self._types, self._units,
+            self._expected, indices, keys, wanted,
+        )  # fmt: skip
+
+    def _is_numeric(self, i: int) -> bool:
+        """Whether a column holds numbers, in the head or, where that is words, near the end."""
+        if i in self._units:
+            return True
+        cells = self._dialect.column(i)
+        if not cells and self._dialect.names[i] == f"column {i + 1}":
+            return not self._dialect.headed  # an empty column without a name
+        number = self._dialect.number()
+        late = [c for row in self._tail if not is_null(c := row[i])]
+        return any(
+            sum(bool(number.fullmatch(c)) for c in of) >= _NUMERIC * len(of) for of in (cells, late)
+        )
+
+    def _other_decimal(self, i: int) -> bool:
+        """Whether a column's numbers have the decimal mark that the other columns do not."""
+        mark = "." if self._dialect.decimal == "," else ","
+        cells = self._dialect.column(i)
+        found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
+        return len(found) > len(cells) / 2
+
+    def _report_rows(self, scan: Scan, start: int) -> None:
+        skipped = {c: scan.lines[c] for c in SKIPPED if scan.lines[c]}
+        if skipped:
+            assert scan.skipped_at is not None
+            parts = [f"{n} {SKIPPED[c]} ({scan.where(c)})" for c, n in skipped.items()]
+            self._report(
+                "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
+                sum(skipped.values()), (scan.skipped_at - start) / 1e9,
+            )  # fmt: skip
+        if scan.again:
+            text = f"{scan.again} rows are the header again ({scan.where('again')}): nothing lost"
+            self._report("csv-header-again", "info", text, "", scan.again)
+        if scan.damage:
+            self._report(
+                "csv-gzip-damaged", "warning", f"compressed data end early: {scan.damage}", "", 1
+            )
+        if scan.open_end:
+            self._report(
+                "csv-no-final-newline", "info",
+                "the last line has no line end; if the log was cut there, its last cell may be "
+                "incomplete", "", 1,
+            )  # fmt: skip
+
+    def _report_cells(self, scan: Scan, start: int) -> None:
+        for i in scan.indices:
+            name = self._dialect.names[i]
+            said = scan.used - scan.cells[i, 1]
+            for state, (code, severity, text) in CELLS.items():
+                if n := scan.cells[i, state]:
+                    line, shown, at = scan.first_cell[i, state]
+                    message = f"{n} cells {text} (first in line {line}: {quoted(shown)})"
+                    if state == 2 and not self._dialect.column(i) and n == said:
+                        severity = "info"  # words that begin late: nobody's channel
+                    self._report(code, severity, message, name, n, (at - start) / 1e9)
+
+    def _report(
+        self,
+        code: str,
+        severity: Severity,
+        message: str,
+        channel: str,
+        count: int,
+        first_s: float | None = None,
+    ) -> None:
+        """Adds a finding, in place of an earlier one of the same code and channel."""
+        if self._options.strict and severity != "info" and code != "interleaved":
+            raise UserError(
+                f"{self.path}: {channel + ': ' if channel else ''}{message}",
+                "mend the log, or read it without --strict",
+            )
+        found = Finding(code, severity, message, channel, count, first_s)
+        for k, old in enumerate(self.findings):
+            if (old.code, old.channel) == (code, channel):
+                self.findings[k] = found
+                return
+        self.findings.append(found)
+
+
+def _unit_in(cells: list[str], decimal: str) -> str:
+    """The unit that stands behind the number in most of a column's cells, "" where none does."""
+    number = re.compile(rf"(?:{number_grammar(decimal).pattern})\s*([^\s\d].*)")
+    found = Counter(m[1] for c in cells if (m := number.fullmatch(c)))
+    ((unit, n),) = found.most_common(1) or [("", 0)]
+    return unit if n > len(cells) / 2 and known_unit(unit) else ""
+
+
+def _headerless(dialect: Dialect, path: Path) -> UserError:
+    """The refusal of a table whose columns nobody named, with the mapping to write."""
+    if dialect.above:
+        return UserError(
+            f"{path}: the rows from line {dialect.first_line} on have no header, and those above, "
+            f"from line {dialect.above[0][0]} on, another delimiter or number of columns",
+            "split the log there, and read each part by itself",
+        )
+    first = dialect.rows[0]
+    found = interleaved(dialect, (0,))
+    group, hint, rest = "", "", list(range(2, len(first) + 1))
+    if found:
+        message, column, _ = found
+        group = f"; {message}"
+        hint = f'group = {{channel = {toml(column)}, equals = "…"}}, '
+        rest = [k for k in rest if column != f"column {k}"]
+    return UserError(
+        f"{path}: has no header row (line {dialect.first_line} is numbers: "
+        f"{', '.join(first[:4])}{', …' if len(first) > 4 else ''}){group}",
+        'map its columns by number under [channels], as time = {channel = "column 1", unit = "s"}, '
+        f'{hint}pressure."axle 1" = {{channel = "column {rest[0]}", unit = "bar"}}, '
+        f'speed."axle 1" = {{channel = "column {rest[-1]}", unit = "km/h"}}',
+    )

@@ -1,0 +1,271 @@
+"""JSON messages: parsed one by one, taken apart key by key."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from operator import itemgetter
+from typing import Any
+
+import numpy as np
+import orjson
+
+from ...core.model import Floats
+from .fields import (
+    EXACT,
+    LONG_ARRAY,
+    Bytes,
+    Fault,
+    Offsets,
+    Steps,
+    Tree,
+    UndecodableError,
+    Wanted,
+    at,
+    clipped,
+    label_fault,
+    length_faults,
+    microseconds,
+    path,
+    rounded_faults,
+    said_fault,
+)
+
+_MOST_LATE = 20  # new keys of one object that are told one by one, of each block
+_TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
+_NUMBERS = {int, float, bool}
+_MAY_HOLD = (int, float, dict, list)  # a number
+# Python writes these although JSON has none of them; strings are matched to be left alone.
+_NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
+
+
+def _loads(raw: bytes, no_number: bytes) -> Tree:
+    """A JSON text; NaN and Infinity in it are what `no_number` says."""
+    try:
+        return orjson.loads(raw)
+    except orjson.JSONDecodeError:
+        if (b"NaN" not in raw and b"Infinity" not in raw) or len(raw) > _TOGETHER:
+            raise
+        return orjson.loads(_NO_NUMBER.sub(lambda m: m[1] or no_number, raw))
+
+
+class JsonDecoder:
+    """JSON messages of one channel, with or without a JSON schema.
+
+    Args:
+        schema: the JSON schema, b"" where there is none.
+        most: bytes of one message: read it takes up to twenty times that.
+
+    Raises:
+        UndecodableError: where the schema is no JSON object.
+    """
+
+    def __init__(self, schema: bytes, most: int) -> None:
+        self._most = most
+        try:
+            self._schema = orjson.loads(schema) if schema.strip() else {}
+        except orjson.JSONDecodeError as e:
+            raise UndecodableError(f"JSON schema: {e}") from None
+        self._known: Tree = None  # all keys of the messages seen on opening
+
+    def tree(self, message: bytes) -> Tree:
+        """One message as plain values."""
+        try:
+            self._bounded(len(message))
+            return clipped(_loads(message, b"0"))  # a number, whichever
+        except orjson.JSONDecodeError as e:
+            raise UndecodableError(f"not JSON: {e}") from None
+
+    def _bounded(self, size: int) -> None:
+        if size > self._most:
+            raise UndecodableError(
+                f"a JSON message of {size} bytes, limit {self._most}; if the log is trusted, raise "
+                f"it with --set mcap.max_record={32 * size}"
+            )
+
+    def know(self, tree: Tree) -> None:
+        """States which keys messages have; others are a fault from then on."""
+        self._known = tree
+
+    def unit(self, steps: Steps) -> tuple[str, str]:
+        """The property `unit` (or `units`) that the JSON schema states beside the type."""
+        node: Any = self._schema
+        for step in steps:
+            if not isinstance(node, dict):
+                return "", ""
+            if isinstance(step, int):
+                node = node.get("items")
+            else:
+                properties = node.get("properties")
+                node = properties.get(step) if isinstance(properties, dict) else None
+        for key in ("unit", "units"):
+            if isinstance(node, dict) and isinstance(node.get(key), str):
+                return node[key], f"JSON schema {key!r}"
+        return "", ""
+
+    def columns(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
+        """Many messages at once, see Decoder: as many as may stand in memory together."""
+        batch = np.cumsum(end - start) // _TOGETHER
+        cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
+        if len(cuts) == 2:
+            return self._together(buffer, start, end, wanted)
+        values, faults = np.empty((len(wanted.leaves), len(start))), list[Fault]()
+        for a, b in pairwise(cuts):
+            values[:, a:b], found = self._together(buffer, start[a:b], end[a:b], wanted)
+            faults += [replace(fault, rows=fault.rows + a) for fault in found]
+        return values, faults
+
+    def _together(
+        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
+    ) -> tuple[Floats, list[Fault]]:
+        raw, loads = buffer.data, orjson.loads
+        spans = list(zip(start.tolist(), end.tolist(), strict=True))
+        faults: list[Fault] = []
+        rows = np.arange(len(spans))
+        try:
+            if len(spans) == 1:
+                self._bounded(int(end[0] - start[0]))
+            messages = [loads(raw[a:b]) for a, b in spans]
+        except (orjson.JSONDecodeError, UndecodableError):
+            messages, bad = [], {}
+            for i, (a, b) in enumerate(spans):
+                try:
+                    self._bounded(b - a)
+                    messages.append(_loads(bytes(raw[a:b]), b'"NaN"'))
+                except UndecodableError as e:
+                    bad[i] = str(e)
+                except orjson.JSONDecodeError as e:
+                    bad[i] = f"not JSON: {e.msg}"
+            faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
+            rows = np.delete(rows, list(bad))
+        values = np.full((len(wanted.leaves), len(spans)), np.nan)
+        spread = _Spread(wanted, values, faults)
+        if messages:
+            spread.walk(messages, rows, self._known, ())
+        for steps, named in wanted.labels.items():
+            other = np.zeros(len(spans), np.bool_)
+            other[rows] = [at(m, steps) != named for m in messages]
+            if other.any():
+                faults.append(label_fault(wanted, steps, other, values))
+        faults += rounded_faults(wanted, spread.rounded)
+        for steps, other in spread.other.items():
+            if other.any():
+                faults.append(said_fault(wanted, steps, other, values))
+        return values, faults
+
+
+class _Spread:
+    """Takes a list of trees apart, place by place."""
+
+    def __init__(self, wanted: Wanted, values: Floats, faults: list[Fault]) -> None:
+        self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
+        self._wanted, self._values, self._faults = wanted, values, faults
+        self.other = {steps: np.zeros(values.shape[1], np.bool_) for steps in wanted.said}
+        self.rounded = np.zeros(values.shape, np.bool_)
+        self._places = self._columns.keys() | self.other.keys()
+
+    def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        """Takes what the messages `rows` have at a place.
+
+        Args:
+            nodes: what they have there.
+            rows: their numbers in the batch.
+            known: what messages had there on opening.
+            steps: the place.
+        """
+        if isinstance(known, dict):
+            if found := self._only(dict, nodes, rows, steps):
+                self._object(*found, known, steps)
+        elif isinstance(known, list):
+            if len(known) <= LONG_ARRAY and (found := self._only(list, nodes, rows, steps)):
+                self._array(*found, known, steps)
+        elif steps in self.other:
+            text = self._wanted.said[steps].text
+            self.other[steps][rows] = [node != text and node not in ("", None) for node in nodes]
+        elif (i := self._columns.get(steps)) is not None:
+            if steps == self._wanted.iso:
+                self._values[i, rows] = list(map(microseconds, nodes))
+            else:
+                self._number(nodes, rows, i, steps)
+
+    def _only(
+        self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
+    ) -> tuple[list[Tree], Offsets] | None:
+        if set(map(type, nodes)) == {kind}:
+            return nodes, rows
+        is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
+        other = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
+        self._type_fault(rows[other], steps)
+        if not is_kind.any():
+            return None
+        return [node for node in nodes if type(node) is kind], rows[is_kind]
+
+    def _type_fault(self, rows: Offsets, steps: Steps) -> None:
+        if len(rows):
+            text = f"{path(steps) or 'message'} is of another type than at first"
+            self._faults.append(Fault("mcap-type-change", text, rows))
+
+    def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        keys = sorted(set().union(*nodes) - known.keys())
+        if len(keys) > _MOST_LATE:
+            late = np.array([not node.keys() <= known.keys() for node in nodes], np.bool_)
+            text = f"{path(steps) or 'message'} has ever new keys: not read, nor told one by one"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+            keys = []
+        for key in keys:
+            late = np.array([key in node for node in nodes], np.bool_)
+            text = f"{path((*steps, key))} is not in the channel's first messages and is not read"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+        for key, child in known.items():
+            place = (*steps, key)
+            if not isinstance(child, (dict, list)) and place not in self._places:
+                if child is None:
+                    self._late(nodes, rows, key, place)
+                continue
+            try:
+                self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
+            except KeyError:
+                has = np.array([key in node for node in nodes], np.bool_)
+                below = [node[key] for node in nodes if key in node]
+                if below:
+                    self.walk(below, rows[has], child, place)
+
+    def _late(self, nodes: list[Tree], rows: Offsets, key: str, steps: Steps) -> None:
+        """Tells of numbers where messages had none at first."""
+        late = np.array([isinstance(node.get(key), _MAY_HOLD) for node in nodes], np.bool_)
+        if late.any():
+            text = f"{path(steps)} is empty in the channel's first messages and is not read"
+            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+
+    def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
+        count = np.array(list(map(len, nodes)))
+        for fault in length_faults(self._wanted, steps, count, len(rows)):
+            self._faults.append(replace(fault, rows=rows[fault.rows]))
+        for k, child in enumerate(known):
+            place = (*steps, k)
+            if not isinstance(child, (dict, list)) and place not in self._places:
+                continue
+            has = count > k
+            below = [node[k] for node in nodes if len(node) > k]
+            if below:
+                self.walk(below, rows[has], child, place)
+
+    def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
+        if set(map(type, nodes)) <= _NUMBERS:
+            self._put(nodes, rows, i)
+            return
+        number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
+        self._put([node for node in nodes if type(node) in _NUMBERS], rows[number], i)
+        nan = np.array([node == "NaN" for node in nodes], np.bool_)
+        if nan.any():
+            text = f"{path(steps)} is NaN or infinite"
+            self._faults.append(Fault("mcap-not-a-number", text, rows[nan]))
+        other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
+        self._type_fault(rows[other], steps)
+
+    def _put(self, numbers: list[Tree], rows: Offsets, i: int) -> None:
+        self._values[i, rows] = numbers
+        for k in np.flatnonzero(np.abs(self._values[i, rows]) >= EXACT).tolist():
+            number = numbers[k]
+            self.rounded[i, rows[k]] = isinstance(number, int) and int(float(number)) != number

@@ -1,0 +1,87 @@
+"""What a log format must offer: named scalar fields first, columns of the wanted ones after."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from ..core.model import Column, Finding, Reject
+
+TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One scalar series a log can give, before anyone has said what it means."""
+
+    channel: str  # topic (MCAP) or column header (CSV), as in the log
+    path: str = ""  # place inside the message, "" in a CSV: "value", "pose.x", "position[1]"
+    label: str = ""  # a name the log itself gives the element, as JointState's `name` does
+    # long layouts: the device or axle this series was split off by, in the log's words; MCAP: the
+    # reader's own name for one of several channels on one topic, which says nothing else
+    group: str = ""
+    unit: str = ""  # as the log states it in a units row, a `unit` field or metadata; "" if silent
+    unit_from: str = ""  # where that stood
+    message_type: str = ""  # MCAP schema name, "" in a CSV
+    encoding: str = ""  # MCAP message encoding, "" in a CSV
+    signal: str = ""  # long layouts: what a row's only number is
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What the user stated about a log, and what reading may cost.
+
+    `time`, `rows` and `csv` come from the TOML's `[channels]` and `[csv]`.
+    """
+
+    time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
+    time_unit: str | None = None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, told
+    time_source: TimeSource | None = None  # MCAP; None: decided, told
+    group_channel: str | None = None  # CSV column that tells devices or axles apart (long layout)
+    group_equals: str | None = None  # keep only these rows of it
+    header: bool | None = None  # CSV: whether there is a header row; None: decided, told
+    delimiter: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    strict: bool = False  # damage is an error, not a finding
+    rejects: bool = False  # CSV: remember each row and cell left out
+    max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
+    max_inflated: int = 1 << 27  # bytes one MCAP chunk may inflate to; all: and 1000 x the file
+    max_record: int = 1 << 27  # bytes one MCAP record may declare
+    max_series: int = 1 << 13  # numbers of an MCAP log's messages that are offered
+
+    @property
+    def max_part(self) -> int:
+        """Bytes of one MCAP schema, channel or JSON message, which take many times that read."""
+        return max(self.max_record // 32, 1 << 16)
+
+
+class Source(Protocol):
+    """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
+
+    path: Path
+    format: str  # "csv", "mcap"
+    absolute: bool  # time stamps count from 1970
+    rows: int  # rows or messages in the log; final after `columns`
+    time_reason: str  # which clock was taken, and why
+    findings: list[Finding]  # grows while reading
+    metadata: dict[str, dict[str, str]]  # MCAP metadata records, {} elsewhere
+    account: dict[str, str]  # what an MCAP has lost, which what is made of it must say as well
+    stated: dict[str, Any]  # dialect decisions and why, for `inspect`
+    rejects: Iterable[Reject]  # rows and cells left out; complete after `columns`
+
+    @property
+    def fields(self) -> Sequence[Field]:
+        """Every scalar series it can give."""
+        ...
+
+    def columns(self, wanted: Sequence[Field]) -> list[Column]:
+        """The wanted fields, in that order, samples in the log's own order, time untouched.
+
+        A cell that holds no number is NaN with `valid` False. Fields of one row or message share
+        one time array object.
+
+        Raises:
+            UserError: where the log cannot be read, with file, place and remedy.
+        """
+        ...

@@ -1,0 +1,1 @@
+"""Slip, creep curve, slope, regions and the fit of a rail."""

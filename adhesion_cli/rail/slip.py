@@ -1,0 +1,545 @@
+"""Slip of every axle, its slope and region, slides, and what they say of the rail: [S1] to [S4].
+
+[S1], whose formula is lost in the text that we have: at the rim the brake holds the wheelset with
+φK, the rail turns it with F, so I ω̇ = (F − φK) R, which is (1), and
+
+    μ = F/(m g) = (φK + I ω̇/R)/(m g).                                                        [S1]
+
+F is the offline reference's: the estimators lag, and a lag in μ alone bends every slope. [S2], the
+curve through the points, is `railfit`'s; [S3] and [S4] are `slope`'s.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import compiled, physics, signals
+from ..core.model import (  # fmt: skip
+    Z95,
+    AxleRecord,
+    AxleResult,
+    Finding,
+    Floats,
+    Parameter,
+    Regions,
+    Severity,
+    Times,
+    Vehicle,
+)
+from ..core.physics import reference_speed
+from . import events, fit
+from .events import CAUGHT, Slide
+from .slope import REGIONS, Bands, Params, State, init, region, step
+
+_EVEN = 0.3  # a coasting train loses less of its speed than this [m/s²]
+_GAINS = 0.1  # and gains less: a motor may be at work, and its wheel creeps [m/s²]
+_FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
+_COASTING = 2.0  # of it are needed for a calibration [s]
+_LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
+_BEHIND = 0.03  # all axles this far below the reference speed slide together
+_BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
+_MOVES = 1.0  # a speed sensor may read zero below, without its noise [m/s]
+_NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
+_SMEARS = 0.1  # by so much the smoother of the force spreads an error [s]
+_SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
+_DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]; see `_slow`
+_CREEPS = 0.5  # a creep that is no swing of the speeds lasts longer [s]
+_CLEARLY = 2.0  # sigma that are more than noise
+_MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
+
+
+def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
+    """True over stated wheel radius, and its 1 sigma, from coasting; None where there is none.
+
+    A wheel that is neither braked nor driven rolls: v = ωR. A driven one creeps too, or spins; it
+    is left out by its acceleration, as far as that shows. What is not known of the train speed's
+    delay is one error of all readings.
+    """
+    if record.train_speed is None:
+        return None
+    v, rim = record.train_speed, record.wheel_speed * radius
+    ratios, late, seconds = [], [], 0.0
+    unknown = _delay_error(record, _DELAY)
+    for s in record.segments:
+        t = (record.t[s] - record.t[s.start]) * 1e-9
+        change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
+        free = (record.clamping_force[s] < physics.FREE) & (change > -_EVEN) & (change < _GAINS)
+        free &= (rim[s] > _FAST) & (v[s] > _FAST)
+        ratios.append(v[s][free] / rim[s][free])
+        late.append(unknown[s][free])
+        seconds += float(np.diff(t, prepend=t[0])[free].sum())
+    ratio = np.concatenate(ratios)
+    if seconds < _COASTING or len(ratio) < 10:
+        return None
+    # One independent value a second at most: what is held or interpolated repeats itself, a line
+    # between readings varies by 2/3 of what they do, and few do not know their own spread.
+    interval, step = record.train_speed_interval, seconds / len(ratio)
+    sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
+    sigma *= _student(seconds / max(interval, step) - 1.0)
+    sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+    return float(np.median(ratio)), math.hypot(sigma, float(np.median(np.concatenate(late))))
+
+
+def _student(freedom: float) -> float:
+    """By how much farther than normal 95 % of the means of few values lie, over their sigma."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(max(freedom, 1.0), (1.0 + 0.95) / 2.0)) / Z95
+
+
+def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
+    """Wheel radius [m] at which the axle coasts without slip, and what is told of it."""
+    stated = vehicle.radius(record.axle)
+    radius = stated.value
+    found = calibration(record, radius)
+    if found is None:
+        text = "no coasting: slip counts on the stated wheel diameter"
+        return stated, [Finding("wheel-not-calibrated", "info", text, f"axle {record.axle}")]
+    ratio, sigma = found
+    if abs(ratio - 1.0) > _LARGEST:
+        return stated, []
+    if abs(ratio - 1.0) <= 2.0 * sigma:
+        return Parameter(radius, min(radius * sigma, stated.tolerance)), []
+    what = (
+        f"one of {2e3 * radius * ratio:.1f} mm (± {2e3 * radius * sigma:.1f}), not "
+        f"{2e3 * radius:.1f}"
+    )
+    if record.train_speed_sigma is not None:  # which is held where wheels roll
+        what = (
+            f"one {100.0 * abs(ratio - 1.0):.2g} % {'larger' if ratio > 1.0 else 'smaller'} than "
+            "stated beside the other axles, by which the train speed is known"
+        )
+    text = f"while coasting the wheel rolls as {what}: slip counts on that"
+    rolling = Parameter(radius * ratio, radius * sigma)
+    return rolling, [Finding("wheel-calibrated", "info", text, f"axle {record.axle}")]
+
+
+# Train speed from the axles
+
+
+def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
+    """Fills v by `physics.reference_speed`, anew after what is not known."""
+    v[0] = fastest[0]
+    for i in range(1, len(t)):
+        v[i] = fastest[i]
+        if math.isfinite(v[i - 1]) and math.isfinite(fastest[i]):
+            v[i] = reference_speed(v[i - 1], fastest[i], braking[i], t[i] - t[i - 1])
+
+
+def with_reference_speed(
+    records: Sequence[AxleRecord], every: Sequence[AxleRecord], vehicle: Vehicle, start_ns: int
+) -> tuple[list[AxleRecord], list[Finding]]:
+    """Records without a train speed get one made of all axles: `physics.reference_speed`.
+
+    Args:
+        records: the axles that need it.
+        every: all axles of the log.
+        vehicle: for the brake's deceleration, and the radii.
+        start_ns: the log's start.
+    """
+    if any((np.diff(r.t) <= 0).any() for r in every):
+        text = "the clock jumps back: no train speed can be made of the axles"
+        return list(records), [Finding("no-train-speed", "warning", text)]
+    t = np.unique(np.concatenate([r.t for r in every]))
+    rim, K = (np.full((len(every), len(t)), np.nan) for _ in range(2))
+    for i, r in enumerate(every):
+        rim[i] = _at(t, r, r.wheel_speed * vehicle.radius(r.axle).value)
+        K[i] = _at(t, r, r.clamping_force)
+    middle = signals.finite_median(rim)
+    for i, r in enumerate(every):
+        own = replace(r, train_speed=np.interp(r.t, t, middle))
+        found = calibration(own, vehicle.radius(r.axle).value) if len(every) > 1 else None
+        if found and abs(found[0] - 1.0) < _LARGEST:
+            rim[i] *= found[0]
+    known = np.isfinite(rim).any(axis=0)
+    fastest = np.where(known, np.max(np.nan_to_num(rim, nan=-np.inf), axis=0), np.nan)
+    w = physics.wheelset(vehicle, every[0].axle)
+    braking = physics.braked(np.nan_to_num(signals.finite_median(K)), w)
+    v = np.empty(len(t))
+    seconds = (t - t[0]) * 1e-9
+    compiled.function(_follow)(seconds, fastest, braking, v)
+    count = f"{len(every)} axles" if len(every) > 1 else "one axle"
+    text = f"no train speed: made of {count}, the fastest one, falling no harder than braked"
+    findings = [Finding("reference-speed", "info", text)]
+    behind = (fastest < (1.0 - _BEHIND) * v) & (v > _FAST)
+    if behind.any():
+        findings.append(
+            Finding(
+                "all-axles-slide", "warning",
+                "every axle slows harder than the brakes can slow the train: the train speed, and "
+                "so slip, is a guess there", "", int(behind.sum()),
+                (int(t[np.argmax(behind)]) - start_ns) / 1e9,
+            )
+        )  # fmt: skip
+    made = [
+        replace(
+            r, train_speed=np.interp(r.t, t, v), train_speed_late=Parameter(0.0, 0.0),
+            train_speed_made=True,
+        )
+        for r in records
+    ]  # fmt: skip
+    return made, findings
+
+
+def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
+    """A column at other times, NaN outside the record's segments; shape of t."""
+    found = np.full(len(t), np.nan)
+    for s in record.segments:
+        inside = (t >= record.t[s.start]) & (t <= record.t[s.stop - 1])
+        found[inside] = np.interp(t[inside], record.t[s], values[s])
+    return found
+
+
+# Slope and region
+
+
+def _march(
+    p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slip_noise: Floats,
+    mu_noise: Floats, slope: Floats, sure: Floats, code: Regions,
+) -> None:  # fmt: skip
+    """`slope.step` over one segment."""
+    s: State = init(p, slip[0], mu[0])
+    for i in range(len(t)):
+        if i > 0:
+            h = (t[i] - t[i - 1]) * 1e-9
+            s = step(p, s, h, slip[i], mu[i], slip_noise[i], mu_noise[i])
+        slope[i] = s.slope
+        sure[i] = s.confidence
+        code[i] = region(slip[i], s.slope, bands)
+
+
+def speed_noise(record: AxleRecord, radius: float) -> Floats:
+    """1 sigma of the noise of v − ωR [m/s], shape (n,); one level, that while braked and moving.
+
+    The train speed's is what bends over three values a time apart, the largest of times up to
+    `_SLOWEST`: it may be sampled more slowly than the wheel's, and a receiver's own filter makes
+    noise slow. The train bends too, and so does a wheel in a slide: of v itself and of v − ωR of a
+    wheel that rolls, the one that bends less counts. Only where v bends more than noise makes it,
+    as when the train stops between two of its samples, the line between them is as wrong as that.
+    """
+    assert record.train_speed is not None
+    v, rim = record.train_speed, record.wheel_speed * radius
+    braked = (record.clamping_force > physics.FREE) & (v > _MOVES)
+    rolls = braked & (np.abs(v - rim) < np.maximum(CAUGHT * v, _NEAR))
+    h = float(np.median(np.diff(record.t))) * 1e-9
+    train = 0.0
+    for m in sorted({round(x) for x in np.geomspace(1, max(1, round(_SLOWEST / h)), 8)}):
+        levels = [
+            float(np.median(known)) / _MEDIAN
+            for x, used in ((v, braked), (v - rim, rolls))
+            if len(known := (bend := _bend(record, x, m))[used & np.isfinite(bend)]) > 10 * m
+        ]
+        train = max(train, min(levels, default=0.0))
+    wheel = np.nanmedian(np.where(v > _MOVES, _bend(record, rim, 1), np.nan)) / _MEDIAN
+    between = _bend(record, v, max(1, round(record.train_speed_interval / h))) / _CLEARLY
+    found: Floats = np.hypot(np.fmax(train, between), np.nan_to_num(wheel))
+    return found
+
+
+def slowing(record: AxleRecord) -> Floats:
+    """Deceleration of the train over about a second [m/s²], never negative, shape (n,)."""
+    assert record.train_speed is not None
+    found = np.zeros(len(record))
+    for s in record.segments:
+        t, v = (record.t[s] - record.t[s.start]) * 1e-9, np.nan_to_num(record.train_speed[s])
+        before, after = np.maximum(t - 0.5, t[0]), np.minimum(t + 0.5, t[-1])
+        found[s] = (np.interp(before, t, v) - np.interp(after, t, v)) / (after - before)
+    return np.maximum(found, 0.0)
+
+
+def _slow(record: AxleRecord) -> bool:
+    """Whether nothing tells how late a receiver is that may be so by two of its long intervals."""
+    return record.train_speed_late is None and record.train_speed_interval > _DELAY
+
+
+def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
+    """1 sigma of slip by the train speed, one error for all, shape (n,).
+
+    By what is not known of its delay, and of one that was integrated by its own.
+
+    Args:
+        record: of an axle.
+        unknown: σ_τ where nothing is known of it [s]; of a slow receiver it is its interval.
+    """
+    if record.train_speed is None:
+        return np.zeros(len(record))
+    own = record.train_speed_sigma
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_itself = 0.0 if own is None else own / record.train_speed
+    return np.hypot(_delay_error(record, unknown), of_itself)
+
+
+def _delay_error(record: AxleRecord, unknown: float) -> Floats:
+    """1 sigma of slip by what is not known of the train speed's delay, σ_τ (−v̇)/v, shape (n,)."""
+    assert record.train_speed is not None
+    late = record.train_speed_late
+    unknown = record.train_speed_interval if _slow(record) else unknown
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: Floats = (late.tolerance if late else unknown) * slowing(record) / record.train_speed
+    return found
+
+
+def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
+    """By what x bends about m samples before and behind, as 1 sigma of noise; shape (n,)."""
+    found = np.full(len(x), np.nan)
+    for s in record.segments:
+        if s.stop - s.start > 2 * m:
+            y = x[s]
+            found[s][m:-m] = np.abs(y[2 * m :] - 2.0 * y[m:-m] + y[: -2 * m]) / math.sqrt(6.0)
+    return found
+
+
+def observed(
+    axle: AxleResult, vehicle: Vehicle, slowest: float, p: Params, bands: Bands
+) -> tuple[AxleResult, list[Finding]]:
+    """The result of an axle with a train speed, with its slip, slope, regions and their events.
+
+    Noise of either speed, over v, raises the excitation that a slope needs.
+
+    Args:
+        axle: as far as it is computed.
+        vehicle: for μ and the wheel radius.
+        slowest: no slip below this train speed [m/s].
+        p: of the slope.
+        bands: of the AND-test.
+    """
+    record = axle.record
+    assert record.train_speed is not None
+    radius, findings = calibrated(record, vehicle)
+    slip = physics.slip(record.train_speed, record.wheel_speed, radius.value, slowest)
+    mu = physics.coefficient(axle.reference.force, vehicle)  # [S1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        of_speeds = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
+        lasting = _speed_error(record)
+        # Of an error that moves as −v̇/v does, the slope's filter leaves the change within 1/δ.
+        slip_noise = np.hypot(of_speeds, lasting * slowing(record) / record.train_speed / p.delta)
+    mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
+    n = len(record)
+    slope, sure, code = np.full(n, np.nan), np.zeros(n), np.zeros(n, np.int8)
+    march = compiled.function(_march)
+    for s in record.segments:
+        noise = slip_noise[s], mu_noise[s]
+        march(p, bands, record.t[s], slip[s], mu[s], *noise, slope[s], sure[s], code[s])
+    done = replace(
+        axle, slip=slip, slip_noise=of_speeds, slope=slope, slope_confidence=sure, region=code
+    )
+    if record.train_speed_late is None and any(
+        np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip)
+    ):
+        text = "neither wheels that roll while braked nor the forces of all tell whether the train "
+        severity: Severity = "info"
+        if _slow(record):
+            most = 2.0 * record.train_speed_interval
+            text += f"speed is late, and it may be by {most:.1f} s: slides are at least as told"
+            severity = "warning"
+        else:
+            text += "speed is late: slip in slides trusts its time stamps"
+        findings.append(Finding("train-clock-unknown", severity, text, f"axle {record.axle}"))
+    told = events.of_axle(record.axle, slides(done), record.segments, record.t, code)
+    return replace(done, events=told), findings
+
+
+# Slides and shares
+
+
+def slides(axle: AxleResult) -> list[Slide]:
+    """Slides of an axle, in the order of time; none reaches across segments.
+
+    What a train speed's error or noise may make of slip, as the train all but stands, is no slide,
+    nor is that of a wheel that no brake slows; of a receiver that nothing times they are what is
+    left of slip at least.
+    """
+    if axle.slip is None:
+        return []
+    clear = _clear(axle.record, axle.slip)
+    return _slides(axle, clear if _slow(axle.record) else axle.slip, clear)
+
+
+def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Slide]:
+    """The same of this slip, and of what is clearly so of it, shape (n,)."""
+    record = axle.record
+    if record.train_speed is None:
+        return []
+    columns = record.t, record.train_speed, s, s if clear is None else clear
+    at_least = record.train_speed_made or _slow(record)
+    F, noise = axle.reference.force, axle.slip_noise
+    depth = None if noise is None else _CLEARLY * noise
+    found = [
+        x for part in record.segments for x in events.slides(part, *columns, F, at_least, depth)
+    ]
+    return [x for x in found if _braked(record, x.where)]
+
+
+def _braked(record: AxleRecord, where: slice) -> bool:
+    """Whether the brake is on there, or was a second before."""
+    t = record.t
+    first = int(np.searchsorted(t[: where.start], t[where.start] - 1_000_000_000))
+    return bool((record.clamping_force[first : where.stop] > 0.0).any())
+
+
+def _clear(record: AxleRecord, s: Floats) -> Floats:
+    """Slip less what the train speed's error may make of it, shape (n,)."""
+    return s - 2.0 * _speed_error(record)
+
+
+def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
+    """When the rail first holds the wheel short, between two times [ns]; None where it does not.
+
+    That is before the first slide where slide protection keeps slip near the curve's peak: from
+    the first creep on that is none of a rolling wheel's, and lasts.
+    """
+    record, s = axle.record, axle.slip
+    if s is None or record.train_speed is None:
+        return None
+    runs = [x.where for x in slides(axle)] + _creeps(record, s)
+    starts = [int(record.t[x.start]) for x in runs]
+    return min((t for t in starts if begin <= t <= end), default=None)
+
+
+def _creeps(record: AxleRecord, s: Floats) -> list[slice]:
+    """Where slip is none of a rolling wheel's, and lasts; in the order of time.
+
+    Of a braked wheel: one without a brake rolls, and what slip it shows is its radius's error.
+    """
+    creeps, found = (_clear(record, s) > CAUGHT) & (record.clamping_force > 0.0), []
+    for part in record.segments:
+        for first, past in signals.true_runs(creeps[part]):
+            run = slice(part.start + first, part.start + past)
+            if record.t[run.stop - 1] - record.t[run.start] >= _CREEPS * 1e9:
+                found.append(run)
+    return found
+
+
+def shares(axle: AxleResult) -> dict[str, float]:
+    """Share of the braked time, above the speed limit for slip, in each region."""
+    if axle.region is None or axle.slip is None:
+        return {}
+    time = np.zeros(len(REGIONS))
+    for s in axle.applications:
+        h = np.diff(axle.record.t[s], append=axle.record.t[s.stop - 1]) * 1e-9
+        h = np.where(np.isfinite(axle.slip[s]), h, 0.0)
+        time += np.bincount(axle.region[s], weights=h, minlength=len(REGIONS))
+    total = float(time.sum())
+    if total == 0.0:
+        return {}
+    return {name: float(x) / total for name, x in zip(REGIONS, time, strict=True)}
+
+
+class Summary(NamedTuple):
+    """What `adhesion slip` says of one axle; None where the log does not show it."""
+
+    axle: int
+    regions: dict[str, float]  # shares of the braked time
+    slides: list[Slide]
+    rail: fit.RailFit | None
+    slip_rmse: float | None  # against the log's own true slip, while braked
+    late: Parameter | None  # by what the train speed was, taken out [s]; None: not known
+
+
+def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
+    """Slides, shares, rail, peak and adhesion utilisation of an axle."""
+    name, found = f"axle {axle.record.axle}", slides(axle)
+
+    def told(rail: fit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
+        findings = [Finding("rail-not-observable", "info", text, name)] if text else []
+        late = None if axle.record.train_speed_made else axle.record.train_speed_late
+        return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
+
+    if not found:
+        return told(None, "no slide: neither peak nor rail can be told")
+    if axle.record.train_speed_made:
+        return told(
+            None,
+            "the train speed is made of the axles, and all may creep by as much as the peak's slip "
+            "and more: log a train speed to be told peak and rail",
+        )
+    if _slow(axle.record):
+        return told(
+            None,
+            "nothing tells how late the train speed is: neither peak nor rail can be told; log its "
+            "time of measurement, or a stop in which wheels roll while braked",
+        )
+    radius = calibrated(axle.record, vehicle)[0]
+    points, mu_error = _points(axle, vehicle, found, radius.value)
+    if not fit.enough(points):
+        return told(
+            None,
+            f"slides too short: with the creep beside them less than {fit.SHORTEST:g} s in "
+            "which slip stands out of its noise: neither peak nor rail can be told",
+        )
+    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
+    if rail is None:
+        return told(None, "no curve goes through the points: the rail changed under the slides")
+    missing = [n for n in rail.best._fields if n not in rail.told]
+    text = ""
+    if rail.below is None:
+        text = "whether the slides went past the peak cannot be told. "
+    elif rail.peak_slip is None:
+        text = f"the peak lies below {rail.below:.2%} slip, the slides do not show where. "
+    if missing:
+        names = ", ".join(missing)
+        text += f"{names}: not to be told from the other constants or from the wheel's diameter"
+    return told(rail, text)
+
+
+def _rmse(axle: AxleResult) -> float | None:
+    """Rms of slip less the true slip that the log holds, while braked; None where it holds none."""
+    true, s = axle.record.true_slip, axle.slip
+    if true is None or s is None:
+        return None
+    error = np.concatenate([(s - true)[x] for x in axle.applications] or [np.empty(0)])
+    error = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(error**2))) if len(error) else None
+
+
+def _points(
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
+) -> tuple[fit.Points, float]:
+    """Operating points of the slides, of creep before and after, and between; 1 sigma of μ's scale.
+
+    What is no slide and neither creep is left out, from a long time before a slide to the next:
+    the rail may have been another one.
+    """
+    record, ref = axle.record, axle.reference
+    assert axle.slip is not None
+    assert record.train_speed is not None
+    sliding, near = np.zeros((2, len(record)), dtype=np.bool_)
+    for x in found:
+        sliding[x.where] = True
+    runs = {x.start: x for x in (*_creeps(record, axle.slip), *(x.where for x in found))}
+    for segment in record.segments:
+        inside = [runs[i] for i in sorted(runs) if segment.start <= i < segment.stop]
+        together = slice(0, 0)
+        for run, after in pairwise([*inside, slice(0, 0)]):
+            together = slice(together.start if together.stop else run.start, run.stop)
+            pause = record.t[after.start] - record.t[run.stop - 1]
+            if after.stop and pause < _BETWEEN * 1e9:
+                continue
+            near[together] = sliding[together].any()
+            together = slice(0, 0)
+    at = np.flatnonzero(near & np.isfinite(ref.force) & np.isfinite(axle.slip))
+    mu = physics.coefficient(ref.force[at], vehicle)
+    scale = ref.tolerance[at] / np.maximum(ref.force[at], 1.0)
+    mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
+    t = (record.t[at] - record.t[0]) * 1e-9
+    v, clock = record.train_speed[at], _speed_error(record, _DELAY)[at]
+    noise = speed_noise(record, radius)[at] / v  # of (2)
+    swing = physics.coefficient(_around(record, ref.sigma)[at], vehicle)
+    return fit.Points(t, v, axle.slip[at], mu, noise, swing, clock, sliding[at]), error
+
+
+def _around(record: AxleRecord, sigma: Floats) -> Floats:
+    """Largest sigma of the reference within `_SMEARS`, shape (n,).
+
+    Between two readings of a pressure that turns, K is not known, and ω̇ takes on its error: the
+    smoother smears it over readings that are themselves right.
+    """
+    h = float(np.median(np.diff(record.t))) * 1e-9
+    m = max(1, round(_SMEARS / h))
+    wide = np.pad(np.nan_to_num(sigma), m)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(wide, 2 * m + 1).max(axis=-1))

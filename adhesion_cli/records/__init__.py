@@ -1,0 +1,1 @@
+"""A log to one record per axle: screen, resample, synchronise."""

@@ -1,0 +1,1 @@
+"""Offline reference adhesion force and its uncertainty."""

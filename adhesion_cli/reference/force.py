@@ -1,0 +1,605 @@
+"""Offline reference of the adhesion force, F = φK + ω̇/a, with its uncertainty.
+
+Not causal and not truth: noise and smoothing leave `sigma`, the vehicle's tolerances widen it to
+the 95 % band. Where the wheel stands there is no reference: friction then is anything up to φK, and
+(1) does not say what.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..core.errors import unknown
+from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
+from ..core.physics import rolling_deceleration, wheelset
+from ..core.signals import driven, moving, true_runs, white_noise
+from . import run_out, smoother
+
+_SHORTEST = 8  # samples of a run: fewer do not tell their own noise
+_FIT = 20_000  # samples that the noise levels are fitted to
+_BLOCK = 2_000  # consecutive samples fitted together
+_PULSES = 24.0  # of a counter that tell a speed to a few percent
+_COUNTED = 0.18  # noise of its counts in pulses²; 0.28 where all phases occur, rounding 0.08
+_BRIEF = 0.1  # a slide hardly changes within [s]
+_KNOTS = 6  # samples of a run of equal speeds that are used
+_ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
+_FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
+_SMALL = 100.0  # clamping force below which nothing is braked [N]
+_SURE: tuple[float, ...] = (0.5, 0.5)  # how far `smoother.fit` loosens coupling and rolling [nats]
+_DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown what varies
+_SLOWEST = 0.2  # longest interval at which slides are looked for [s]
+_CLEARLY = 15.0  # nats by which they must be likelier
+_NATS = 3.0  # of a likelihood that knows no error alike from sample to sample count as one
+_OFTEN = 0.75  # of the speed's samples: a pressure is measured as often
+_NEVER, _LIKELY = 1e-3, 0.8  # less likely, it is not; and more so, it is taken for it
+_LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
+_CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
+_START = np.array([0.9, 0.05, 0.05])
+_DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
+_SHARE = 1e-3  # square of what rolling misses of φK's whole rise; known to a factor of ten
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What a method finds for one run of a rolling or sliding wheel; columns of shape (n,)."""
+
+    clamping_force: Floats  # K [N], its noise removed as far as the method does that
+    acceleration: Floats  # ω̇ [rad/s²]
+    sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
+    averaged: float = 0.0  # how likely a speed is the mean since the last one
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A way to compute the reference."""
+
+    text: str
+    source: str
+    # Takes the runs, what run-out adds to the wheel speed of each, and the wheelset's constants.
+    parts: Callable[[list[AxleRecord], list[Floats], Wheelset], list[Parts]]
+
+
+def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> Reference:
+    """Reference adhesion force over all segments, each on its own.
+
+    Force, sigma and band are NaN where there is none: in a segment of too few samples, where the
+    wheel stands, and where a motor drives it. What a tone ring's run-out adds to the wheel speed is
+    taken out first. Where the pressure is late, sigma holds what K is off by.
+
+    Args:
+        record: one axle's record; takes K interpolated, the steps as they are.
+        vehicle: its values give F, its tolerances the band.
+        method: a name from `METHODS`.
+
+    Raises:
+        UserError: the method is not known.
+    """
+    if method not in METHODS:
+        raise unknown("reference", method, list(METHODS))
+    w = wheelset(vehicle, record.axle)
+    slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
+    runs = [record.cut(s) for s in slices]
+    ripples = [run_out.found(_seconds(r), r.wheel_speed) for r in runs]
+    late = record.pressure_late.value
+    force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
+    found = METHODS[method].parts(runs, [part for part, _ in ripples], w)
+    for s, parts in zip(slices, found, strict=True):
+        force[s] = w.phi * parts.clamping_force + parts.acceleration / w.a  # (1)
+        sigma[s] = parts.sigma
+        tolerance[s] = _tolerance(record, vehicle, parts)
+        if late:
+            t = (record.t[s] - record.t[s.start]) * 1e-9
+            off = np.interp(t + late, t, parts.clamping_force) - parts.clamping_force
+            sigma[s] = np.hypot(sigma[s], w.phi * off)
+    unknown_torque = driven(record, vehicle.radius(record.axle).value)
+    for column in (force, sigma, tolerance):
+        column[unknown_torque] = np.nan
+    largest = max((share for _, share in ripples), default=0.0)
+    averaged = found[0].averaged if found else 0.0
+    pulses = _pulses(max(runs, key=len)) if runs else math.inf
+    return Reference(
+        method,
+        METHODS[method].source,
+        force,
+        sigma,
+        tolerance,
+        record.saturated,
+        largest,
+        pulses,
+        averaged,
+    )
+
+
+def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
+    """1 sigma of F = φK + I ω̇/R from the vehicle's tolerances, first order [N].
+
+    Every parameter varies on its own, at measured ω and p (or K, where the log has that itself:
+    then the cylinder does not matter). A speed in m/s or km/h is ω R already: the reader has
+    divided by R, and an error in R counts twice there.
+    """
+    K, dw = parts.clamping_force, parts.acceleration
+    R, I, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction  # noqa: E741
+    terms: list[Any] = [
+        K * phi.tolerance,
+        dw / R.value * I.tolerance,
+        (2.0 if record.of_rim else 1.0) * dw * I.value / R.value**2 * R.tolerance,
+    ]
+    if record.pressure is not None:
+        chain = [vehicle.discs, vehicle.efficiency, vehicle.lever_ratio, vehicle.radius_ratio]
+        ratio = math.prod(x.value for x in chain)  # K over the piston's force          (15)
+        piston = K + np.where(K > 0.0, ratio * vehicle.spring_force.value, 0.0)
+        d = vehicle.cylinder_diameter
+        terms += [phi.value * K * x.tolerance / x.value for x in chain]
+        terms += [
+            phi.value * piston * 2.0 * d.tolerance / d.value,
+            phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0),
+        ]
+    total: Floats = np.sqrt(np.sum(np.square(terms), axis=0))
+    return total
+
+
+# Smoother: rolling, sliding, changing
+
+
+def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
+    """Rauch, Tung and Striebel's smoother for a wheel that rolls or slides, its noise fitted.
+
+    What is smooth depends on the wheel. While it rolls, the train's mass holds ω̇ and F follows
+    φK at once: ω̇ = −aφK(1 − rolling) + δ with a slow δ. While it slides, the rail's adhesion is
+    slow and ω̇ follows φK: δ takes up every change of aφK·rolling. In between (adhesion found or
+    lost) F changes within milliseconds. Nothing is assumed about where: the data decide. A wrong
+    φ, I or m only makes δ rougher; F is φK + ω̇/a of the estimated ω̇ in every regime.
+    """
+    if not runs:
+        return []
+    clamping = _clamping(runs)
+    scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
+    together, step = _counted(max(runs, key=len)), runs[0].wheel_speed_step
+    every = zip(runs, ripples, clamping, strict=True)
+    wheel = [_rolling(r, x, k, w) for r, x, k in every]
+    if together:  # counts that share an end err against each other: every second one is white
+        telling = [
+            _pulsed(r, x, run, together) for r, x, run in zip(runs, ripples, wheel, strict=True)
+        ]
+        fitted_to = [smoother.Run(*(column[::2].copy() for column in run)) for run in telling]
+        rounding, slack, white = step**2 / 6.0 / together**2, _DOUBT, fitted_to
+    else:
+        telling = fitted_to = [_telling(run) for run in wheel]
+        rounding = float(np.mean([np.mean(r.wheel_speed_steps**2) for r in runs])) / 12.0
+        slack, white = _SURE, wheel
+    noise = max(white_noise((r.t, r.y) for r in white) - rounding, 1e-3 * rounding)
+    prior = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0]))
+    fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, prior, slack)
+    rates = [_rate(*both, regimes, fitted) for both in zip(wheel, telling, strict=True)]
+    averaged = 0.0
+    if not together and not runs[0].pressure_late.value:
+        means = [_averaged(run) for run in wheel]
+        averaged, noise_of = 0.5, fitted
+        if not _sparse(runs):
+            averaged, noise_of = _half_late(telling, means, fitted, regimes, prior)
+        if averaged > _NEVER:
+            late = [_rate(*both, regimes, noise_of) for both in zip(wheel, means, strict=True)]
+            rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
+    return [
+        Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma), averaged)
+        for k, (rate, sigma) in zip(clamping, rates, strict=True)
+    ]
+
+
+def _rate(
+    whole: smoother.Run, run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise
+) -> tuple[Floats, Floats]:
+    """ω̇ and its 1 sigma at the times of `whole`, by what `run` tells of it; shape (n,)."""
+    x = smoother.smooth(run, regimes, noise)
+    if run.t is whole.t:
+        return x.rate, x.rate_sigma
+    missed = _missed(whole.t, run.t, x.rate)
+    rate: Floats = whole.u + np.interp(whole.t, run.t, x.rate)
+    return rate, np.hypot(np.interp(whole.t, run.t, x.rate_sigma), missed)
+
+
+def _sparse(runs: list[AxleRecord]) -> bool:
+    """Whether K is measured less often than the speed.
+
+    What straight lines between its samples miss where valves turn looks like half an interval of
+    the speed, earlier or later: nothing tells then which it is.
+    """
+    measured, between = (
+        sum(int(np.count_nonzero(np.diff(column))) for column in columns)
+        for columns in zip(
+            *((r.clamping_force, r.clamping_force_smooth) for r in runs), strict=True
+        )
+    )
+    return measured < _OFTEN * between
+
+
+def _averaged(run: smoother.Run) -> smoother.Run:
+    """The samples that tell something, each as the mean since the one before; without ∫u."""
+    t, told = run.t, np.isfinite(run.known)
+    h = np.diff(t, prepend=t[0] - np.median(np.diff(t)))
+    begin = t - np.minimum(h, 1.5 * np.median(h))
+    gained = [np.interp(x, t, _gained(t, run.u)) for x in (begin, t)]
+    middle = (begin + t) / 2.0
+    lost = np.interp(middle, t, np.cumsum(run.lost))[told]
+    return smoother.Run(
+        middle[told], (run.y - np.mean(gained, axis=0))[told], np.zeros(np.sum(told)),
+        np.interp(middle, t, run.s)[told], np.diff(lost, prepend=0.0), run.known[told],
+        (t - begin)[told],
+    )  # fmt: skip
+
+
+def _half_late(
+    now: list[smoother.Run],
+    means: list[smoother.Run],
+    noise: smoother.Noise,
+    regimes: smoother.Regimes,
+    prior: smoother.Noise,
+) -> tuple[float, smoother.Noise]:
+    """How likely readings are means since the one before, with the noise levels of that.
+
+    What K does to ω̇ tells: at once, or half an interval late.
+    """
+    first, some = _sample(now), _sample(means)
+    known = smoother.likelihood(first, regimes, noise)
+    if smoother.likelihood(some, regimes, noise) < known - _CLEARLY:
+        return 0.0, noise
+    noise, _ = _fit(some, regimes, prior, _SURE, noise)
+    gain = smoother.likelihood(some, regimes, noise) - known
+    return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
+
+
+def _mixed(
+    one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: float
+) -> tuple[Floats, Floats]:
+    """The first one, the other where that is clearly likelier; 1 sigma about it of either."""
+    chosen = other[0] if share > _LIKELY else one[0]
+    variances = [sigma**2 + (x - chosen) ** 2 for x, sigma in (one, other)]
+    return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
+
+
+def _rolling(
+    run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset
+) -> smoother.Run:
+    """The run as a wheel that rolls: its ω̇ known from K but for δ."""
+    K, t = clamping.level, _seconds(run)
+    u = -rolling_deceleration(w) * K
+    lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
+    y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_steps)
+    s = w.a * w.phi * w.rolling * K
+    return smoother.Run(t, y - ripple, u, s, lost**2, known, np.zeros(len(t)))
+
+
+def _counted(run: AxleRecord) -> int:
+    """How many samples of a pulse counter to take together; 0 for anything else.
+
+    So many that they hold `_PULSES`, but no longer than a slide takes to change.
+    """
+    y, step, t = run.wheel_speed, run.wheel_speed_step, _seconds(run)
+    if step == 0.0 or len(y) < 100:
+        return 0
+    if not (run.of_totals or _dithers(t, y / step)):
+        return 0
+    interval = float(np.median(np.diff(t)))
+    m = min(_PULSES * step / max(float(np.median(y)), step), _BRIEF / interval)
+    return max(round(m), 1)
+
+
+def _dithers(t: Floats, y: Floats) -> bool:
+    """Whether whole numbers y change from sample to sample as counts of pulses do.
+
+    Of pulses none is lost: what is rounded down now is rounded up later, and sums over four samples
+    vary no more than one of them does; rounded noise varies four times as much. A rounded ramp may
+    look alike, but errs by half a step only, where a count errs at both ends. Judged where y does
+    change: a wheel that turns evenly gives equal counts for long.
+    """
+    found = []
+    for first in np.linspace(0, len(y) - 100, min(len(y) // 50, 100)).astype(int):
+        at, some = t[first : first + 100], y[first : first + 100]
+        one = np.mean([white_noise([(at[i : i + 50], some[i : i + 50])]) for i in (0, 50)])
+        if one >= 1.0 / 24.0:
+            sums = np.convolve(some, np.ones(4), "valid")
+            four = np.mean([white_noise([(at[i:-3:4], sums[i::4])]) for i in range(4)])
+            found.append((one, four / one))
+    if len(found) < 2:
+        return False
+    one, more = np.median(found, axis=0)
+    return bool(one >= _COUNTED and more <= 2.0)
+
+
+def _pulses(run: AxleRecord) -> float:
+    """Mean number of a counter's pulses in `_BRIEF`; inf where `_PULSES` come, or it is no counter.
+
+    A speed that is less than its step is a counter's: no display rounds like that.
+    """
+    step, mean = run.wheel_speed_step, float(np.mean(run.wheel_speed))
+    if step == 0.0:
+        return math.inf
+    pulses = mean / step * _BRIEF / float(np.median(np.diff(_seconds(run))))
+    return pulses if pulses < _PULSES and (mean < step or _counted(run) > 0) else math.inf
+
+
+def _pulsed(run: AxleRecord, ripple: Floats, whole: smoother.Run, m: int) -> smoother.Run:
+    """A counter's run in means over m samples, at their middle, of the level without ∫u.
+
+    All pulses between the first and the last: what is rounded at both ends is all the error there
+    is. A sample counts the interval before it, or that about it, where the log has totals.
+    """
+    m = min(m, len(run) // 4)
+    n, t = len(run) // m * m, whole.t
+    interval = float(np.median(np.diff(t)))
+    end = t + interval / 2.0 if run.of_totals else t
+    begin = np.maximum(np.concatenate([end[:1], end[:-1]]), end - 1.5 * interval)
+    begin[0] = end[0] - interval
+    gained = [np.interp(x, t, _gained(t, whole.u)) for x in (begin, end)]
+    y = np.mean((run.wheel_speed - ripple - np.mean(gained, axis=0))[:n].reshape(-1, m), axis=1)
+    begin, end = begin[:n:m], end[m - 1 : n : m]
+    middle = (begin + end) / 2.0
+    lost = np.diff(np.interp(middle, t, np.cumsum(whole.lost)), prepend=0.0)
+    known = np.full(len(y), run.wheel_speed_step**2 / 6.0 / m**2)
+    s = np.interp(middle, t, whole.s)
+    return smoother.Run(middle, y, np.zeros(len(y)), s, lost, known, end - begin)
+
+
+def _gained(t: Floats, u: Floats) -> Floats:
+    """∫u from the first sample on, shape (n,)."""
+    mean = (u + np.concatenate([u[:1], u[:-1]])) / 2.0
+    gained: Floats = np.cumsum(np.diff(t, prepend=t[0]) * mean)
+    return gained
+
+
+def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """What a signal rounded to these steps (n,) tells, and its variance (n,); inf: nothing new.
+
+    Rounding errors are independent only where the signal moves a step per sample. Where it stays on
+    a level for several, it is known best as it passes to the next: half way between both, to within
+    what it moves in one interval; the run of equal values besides counts as one sample. Back and
+    forth between two levels the errors are independent again: noise, or a pulse counter. One that
+    goes by the period of pulses, so that its steps differ, repeats its last while it waits for one.
+    """
+    n, variance = len(y), step**2 / 12.0
+    first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
+    if len(first) == n or not step.any():
+        return y, variance
+    length = np.diff(first, append=n)
+    jump = np.diff(y[first])
+    back = np.zeros(len(first) + 2, dtype=bool)  # runs that end where they came from
+    back[2:-2] = jump[1:] * jump[:-1] < 0.0
+    dither = np.repeat(back[1:-1] & (back[:-2] | back[2:]), length)
+
+    long, count = np.repeat(length, length), np.repeat(np.minimum(length, _KNOTS), length)
+    knot = (np.arange(n) - np.repeat(first, length)) * (count - 1) // np.maximum(long - 1, 1)
+    used = np.diff(knot, prepend=-1) != 0
+    used[first] = True
+    level, told = y.copy(), np.where(used, count * variance, np.inf)
+
+    far = np.abs(np.concatenate([[0.0], jump, [0.0]])) >= 1.5 * step[[*first, -1]]
+    at, lasts = first[1:], np.diff(t[first], append=t[-1])
+    slow = (np.minimum(length[1:], length[:-1]) > 1) & (np.abs(jump) < 1.5 * step[at])
+    told[at[~slow]], told[at[~slow] - 1] = variance[at[~slow]], variance[at[~slow] - 1]
+    at, jump, lasts = at[slow], jump[slow], np.minimum(lasts[1:], lasts[:-1])[slow]
+    share = np.minimum((t[at] - t[at - 1]) / lasts, 1.0)  # of a step in one interval
+    level[at] -= 0.5 * jump * (1.0 - share)
+    told[at] = variance[at] * share**2
+    if np.ptp(step) > 0.0:
+        waits = (length > 1) & (far[1:] | far[:-1])
+        told[np.repeat(waits, length)] = np.inf
+        told[first[waits]] = variance[first[waits]]
+    return np.where(dither, y, level), np.where(dither, variance, told)
+
+
+def _telling(run: smoother.Run) -> smoother.Run:
+    """The samples that tell something, of the level without ∫u; the run itself where all do.
+
+    A step of the smoother without a measurement would only blur its regimes.
+    """
+    told = np.isfinite(run.known)
+    if told.all():
+        return run
+    return smoother.Run(
+        run.t[told], (run.y - _gained(run.t, run.u))[told], np.zeros(np.sum(told)), run.s[told],
+        np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told], run.span[told],
+    )  # fmt: skip
+
+
+def _bend(x: Floats) -> Floats:
+    """How far the straight line through two samples misses those around them, shape (n,).
+
+    At i: the larger second difference at i − 1 and i.
+    """
+    bend = np.abs(np.diff(x, 2, prepend=x[0], append=x[-1])) if len(x) else x
+    larger: Floats = np.maximum(bend, np.concatenate([bend[:1], bend[:-1]]))
+    return larger
+
+
+def _fit_either(
+    runs: list[smoother.Run], interval: float, scale: float, prior: smoother.Noise,
+    slack: tuple[float, ...],
+) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
+    """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
+
+    A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
+    """
+    some = _sample(runs)
+    one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
+    only, likely = _fit(some, one, prior, slack)
+    if interval > _SLOWEST:
+        return only, one
+    three = smoother.Regimes(np.array([0.0, 1.0, 1.0]), _LEAVE, _START, scale + 1.0)
+    both, likelier = _fit(some, three, prior, slack)
+    return (both, three) if likelier - likely > _CLEARLY else (only, one)
+
+
+def _fit(
+    runs: list[smoother.Run], regimes: smoother.Regimes, prior: smoother.Noise,
+    slack: tuple[float, ...], near: smoother.Noise | None = None,
+) -> tuple[smoother.Noise, float]:  # fmt: skip
+    """Noise levels of these regimes, of the prior's first ones, and their log posterior."""
+    M = len(regimes.start)
+    guess = prior._replace(rough=prior.rough[:M])
+    return smoother.fit(runs, regimes, _FLOOR, guess, _DECADES[: 2 + M], slack, near)
+
+
+def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
+    """K without its noise: held, moving, or stepping (then it is taken as measured).
+
+    K = 0 is a bound of (15), not a measurement with noise: there it is exact.
+    """
+    pieces = [[_piece(r, s) for s in _pressed(r)] for r in runs]
+    every = [piece for some in pieces for piece in some]
+    if not every:
+        zero = [np.zeros((4, len(r))) for r in runs]
+        return [smoother.Smooth(*z) for z in zero]
+    scale = max(max(float(np.max(np.abs(r.y))) for r in every), _SMALL)
+    step = _step(every)
+    floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
+    rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
+    guess = smoother.Noise(max(white_noise((r.t, r.y) for r in every), floor), 0.0, rough)
+    regimes = smoother.Regimes(np.zeros(3), _LEAVE, _START, 3.0 * scale)
+    noise, _ = smoother.fit(_sample(every), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
+    found = []
+    for r, some in zip(runs, pieces, strict=True):
+        whole = smoother.Smooth(*np.zeros((4, len(r))))
+        for s, piece in zip(_pressed(r), some, strict=True):
+            t = _seconds(r)[s]
+            part = _between(t - t[0], piece.t, smoother.smooth(piece, regimes, noise))
+            for column, values in zip(whole, part, strict=True):
+                column[s] = values
+        found.append(whole)
+    return found
+
+
+def _pressed(run: AxleRecord) -> list[slice]:
+    """Where K > 0, with one sample of the zero on either side; short zeros are noise."""
+    off = run.clamping_force_smooth <= 0.0
+    for first, past in true_runs(off):
+        off[first:past] = past - first >= _ZEROS or first == 0 or past == len(run)
+    n = len(run)
+    spans = [slice(max(a - 1, 0), min(b + 1, n)) for a, b in true_runs(~off)]
+    return [s for s in spans if s.stop - s.start > 1]
+
+
+def _piece(run: AxleRecord, s: slice) -> smoother.Run:
+    """The pressure's own samples of a piece, not those interpolated to the wheel's times.
+
+    Of a slow pressure that repeats its value no one can tell how often it was sampled: as often as
+    where it changes.
+    """
+    held, K, t = run.clamping_force[s], run.clamping_force_smooth[s], _seconds(run)[s]
+    own = np.diff(held, prepend=np.nan) != 0.0
+    same = held == K
+    changes = t[own]
+    if same.all() or len(changes) < 3:
+        own |= same
+    else:
+        interval = float(np.median(np.diff(changes)))
+        for first, past in true_runs(same):
+            count = max(round((t[past - 1] - t[first]) / interval), 1) + 1
+            own[first + np.round(np.linspace(0, past - 1 - first, count)).astype(int)] = True
+    own[[0, -1]] = True
+    return smoother.Run((t - t[0])[own], K[own], *np.zeros((5, np.sum(own))))
+
+
+def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:
+    """Found at the times `known`, at the times t: straight lines, sigma with what they may miss."""
+    return smoother.Smooth(
+        np.interp(t, known, found.level),
+        np.hypot(np.interp(t, known, found.level_sigma), _missed(t, known, found.level)),
+        np.interp(t, known, found.rate),
+        np.interp(t, known, found.rate_sigma),
+    )
+
+
+def _missed(t: Floats, known: Floats, x: Floats) -> Floats:
+    """What straight lines between x at the times `known` may miss at the times t, shape (n,)."""
+    after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
+    part = (t - known[after - 1]) / (known[after] - known[after - 1])
+    missed: Floats = _bend(x)[after] * part * (1.0 - part)
+    return missed
+
+
+def _seconds(run: AxleRecord) -> Floats:
+    since: Floats = (run.t - run.t[0]) * 1e-9
+    return since
+
+
+def _peak(clamping: list[smoother.Smooth]) -> float:
+    return max(float(np.max(np.abs(k.level))) for k in clamping)
+
+
+def _step(runs: list[smoother.Run]) -> float:
+    """Median interval [s]."""
+    return float(np.median(np.concatenate([np.diff(r.t) for r in runs])))
+
+
+def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
+    """The runs, or of a long log blocks for the fit: half of them spread evenly, half the roughest.
+
+    Slides and dumps are rare; noise levels found without them would be wrong for them.
+    """
+    if sum(len(r.t) for r in runs) <= _FIT:
+        return runs
+    blocks = [
+        smoother.Run(*(column[i : i + _BLOCK] for column in r))
+        for r in runs
+        for i in range(0, len(r.t), _BLOCK)
+    ]
+    half = min(_FIT // _BLOCK // 2, len(blocks))
+    rough = np.argsort([-np.sum(np.diff(b.y, 2) ** 2) for b in blocks], kind="stable")[:half]
+    even = np.linspace(0, len(blocks) - 1, half).astype(int)
+    return [blocks[i] for i in sorted({*rough, *even})]
+
+
+# Butterworth: the paper's way
+
+
+def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
+    """Zero-phase Butterworth low pass on ω, differentiated; K as the smoother has it.
+
+    Each run is resampled to its median interval, filtered forwards and backwards, and put back to
+    its own times. Sigma is what the filter lets through of the noise it removed, taken as white,
+    and K's own.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    found = []
+    for run, ripple, k in zip(runs, ripples, _clamping(runs), strict=True):
+        t, y = _seconds(run), run.wheel_speed - ripple
+        n = len(t)
+        even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
+        rate = (len(even) - 1) / t[-1]
+        cutoff = min(_CUTOFF, 0.4 * rate)
+        sos = butter(2, cutoff, fs=rate, output="sos")
+        pad = min(len(even) - 1, round(3.0 * rate / cutoff))
+        speed = np.interp(even, t, y)
+        smooth = sosfiltfilt(sos, speed, padlen=pad)
+        pulse = np.zeros(2 * pad + 3)
+        pulse[pad + 1] = 1.0
+        kernel = np.gradient(sosfiltfilt(sos, pulse, padlen=0), 1.0 / rate)
+        removed = float(np.std(y - np.interp(t, even, smooth)))
+        noise = max(removed, math.sqrt(float(np.mean(run.wheel_speed_steps**2)) / 12.0))
+        speed_sigma = noise * math.sqrt(kernel @ kernel)
+        found.append(
+            Parts(
+                k.level,
+                np.interp(t, even, np.gradient(smooth, 1.0 / rate)),
+                np.hypot(speed_sigma / w.a, w.phi * k.level_sigma),
+            )
+        )
+    return found
+
+
+METHODS: dict[str, Method] = {
+    "smoother": Method(
+        "Rauch-Tung-Striebel smoother with rolling, sliding and changing regimes",
+        "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
+        _smoother,
+    ),
+    "butterworth": Method(
+        "zero-phase Butterworth low pass on the wheel speed, differentiated",
+        "Wu, Peng, Li, section 4",
+        _butterworth,
+    ),
+}

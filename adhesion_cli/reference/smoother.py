@@ -1,0 +1,402 @@
+"""Offline smoother for a level and its rate on irregular steps, with changing roughness.
+
+The level x is measured with white noise of variance r; its rate is a known input u plus an unknown
+part δ: ẋ = u + δ, δ a random walk. How rough δ is depends on a hidden regime that switches at
+random (a Markov chain in continuous time). In the calm one δ also follows another signal s, by a
+variance per |Δs|, so that a ramp of s does the same at any rate of samples. Within each regime the
+smoother is Rauch, Tung and Striebel's, and after each step the regimes' mixtures are merged to one
+Gaussian each, forwards as Kim does. Backwards, Kim weighs the regime before a step by its filtered
+probability alone; then a regime can be chosen whose state does not fit what came after it. Barber's
+correction adds how well it fits: regime i before j weighs
+
+    w_ij ∝ p_i T_ij N(x̂_j; m_ij, P_ij),
+
+x̂_j smoothed mean after the step, m_ij and P_ij what i and j predict for it; the spread of x̂_j is
+neglected there. All noise levels are those that make the measurements most likely.
+
+Sources: Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Kim, J. Econometrics 60 (1994) 1; Barber,
+J. Machine Learning Research 7 (2006) 2515.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import compiled
+from ..core.model import Z95, Floats
+
+
+class Run(NamedTuple):
+    """Measurements without interruption; columns of shape (n,)."""
+
+    t: Floats  # [s], rising strictly
+    y: Floats  # measured level
+    u: Floats  # known part of the rate
+    s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
+    lost: Floats  # variance of ∫u from the sample before, which u at the samples does not show
+    known: Floats  # variance of y's own that adds to the fitted noise
+    span: Floats  # y is the mean over this time about t [s]; 0 where it is the level at t
+
+
+class Regimes(NamedTuple):
+    """What the regimes are; M of them, the first is the calm one."""
+
+    follow: Floats  # (M,) share of −Δs that δ takes up: 1 where the whole rate minus s is smooth
+    leave: Floats  # (M, M) rate of switching from row to column [1/s]
+    start: Floats  # (M,) probability at the first sample
+    spread: float  # standard deviation of δ at the first sample
+
+
+class Noise(NamedTuple):
+    """Noise levels: what `fit` finds."""
+
+    measurement: float  # r, variance of y
+    coupling: float  # calm regime: variance of what δ takes up of s as s changes, per |Δs|
+    rough: Floats  # (M,) variance rate of δ in each regime: [y²/s³]; of a wheel speed rad²/s⁵
+
+
+class Smooth(NamedTuple):
+    """The smoothed run; columns of shape (n,). A sigma is the 95 % half-width over 1.96."""
+
+    level: Floats
+    level_sigma: Floats
+    rate: Floats  # u + δ
+    rate_sigma: Floats
+
+
+def fit(
+    runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float],
+    slack: Sequence[float] = (0.5, 0.5), near: Noise | None = None,
+) -> tuple[Noise, float]:  # fmt: skip
+    """The most likely noise levels and their log posterior.
+
+    Args:
+        runs: what was measured.
+        regimes: the regimes.
+        floor: least variance of the measurement noise; its excess over that is fitted.
+        guess: centre of the prior, which is log-normal and wide: it decides only what the
+            measurements leave open (a regime that never occurs).
+        decades: 1 sigma of the prior, for measurement, coupling and each regime; 0 holds a value.
+        slack: nats below the maximum, for coupling and the first regimes: what binds δ there is
+            loosened as far as that allows. 0.5 is one standard deviation of the likelihood.
+        near: levels that fit nearly the same measurements, to begin at; without, at the guess.
+    """
+    width = np.array(decades) * math.log(10.0)
+
+    def logarithms(noise: Noise) -> Floats:
+        excess = max(noise.measurement - floor, 1e-3 * floor)
+        return np.log(np.maximum([excess, noise.coupling, *noise.rough], 1e-300))
+
+    centre = logarithms(guess)
+
+    def noise(x: Floats) -> Noise:
+        e = np.exp(x)
+        return Noise(floor + float(e[0]), float(e[1]), e[2:])
+
+    def posterior(x: Floats) -> float:
+        free = width > 0.0
+        prior = -0.5 * float(np.sum(((x - centre)[free] / width[free]) ** 2))
+        return prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
+
+    if near is None:
+        best, value = _climb(posterior, centre, width / 2.0)
+    else:
+        best, value = _climb(posterior, logarithms(near), width / 8.0)
+    return noise(_loosened(posterior, best, value, width, slack)), value
+
+
+def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
+    """Logarithm of how likely the measurements are at these noise levels."""
+    return sum(_forward(run, regimes, noise, None) for run in runs)
+
+
+def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
+    """Level and rate at every sample, from all samples."""
+    n, M = len(run.t), len(regimes.follow)
+    kept = np.empty((n, M, 6))
+    _forward(run, regimes, noise, kept)
+    out = np.empty((n, 4))
+    compiled.function(_backward)(*_arguments(run, regimes, noise), kept, out)
+    return Smooth(out[:, 0], out[:, 1], run.u + out[:, 2], out[:, 3])
+
+
+def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
+    """Maximum of f by search along the axes, the first steps halved down to 0.2."""
+    known: dict[bytes, float] = {}  # a fifth of the points come up again
+
+    def at(x: Floats) -> float:
+        key = x.tobytes()
+        if key not in known:
+            known[key] = f(x)
+        return known[key]
+
+    x, best = start.copy(), at(start)
+    while steps.max() > 0.2:
+        moved = False
+        for i in np.flatnonzero(steps):
+            for sign in (1.0, -1.0):
+                trial = x.copy()
+                trial[i] += sign * steps[i]
+                value = at(trial)
+                while value > best:  # downhill is left: go on
+                    x, best, moved = trial.copy(), value, True
+                    trial[i] += sign * steps[i]
+                    value = at(trial)
+        if not moved:
+            steps = steps / 2.0
+    return x, best
+
+
+def _loosened(
+    f: Callable[[Floats], float], x: Floats, best: float, width: Floats, slack: Sequence[float]
+) -> Floats:
+    """The point x with what binds δ loosened: coupling, then each regime, as far as `slack` allows.
+
+    Where hardly anything varies, likelihood is flat towards no roughness at all, and its maximum
+    there would be certain of what it merely has not seen.
+    """
+    x = x.copy()
+    for i, nats in zip(range(1, len(x)), slack, strict=False):
+        step = width[i] / 16.0
+        while step > 0.0:
+            x[i] += step
+            if f(x) < best - nats:
+                x[i] -= step
+                break
+        best = f(x) if step > 0.0 else best
+    return x
+
+
+def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:
+    return (
+        run.t, run.u, run.s, run.lost, noise.rough, noise.coupling,
+        regimes.follow, regimes.leave,
+    )  # fmt: skip
+
+
+def _forward(run: Run, regimes: Regimes, noise: Noise, kept: Floats | None) -> float:
+    """Log-likelihood of the run; fills `kept` (n, M, 6) where given."""
+    table = np.empty((0, len(regimes.follow), 6)) if kept is None else kept
+    value: float = compiled.function(_filter)(
+        *_arguments(run, regimes, noise), run.y, noise.measurement + run.known,
+        run.span**3 / 320.0, regimes.start, regimes.spread**2, table,
+    )  # fmt: skip
+    return value
+
+
+# Everything below is compiled. Per regime: level, δ, their variances and covariance as
+# (m0, m1, P00, P01, P11) and the probability p.
+
+
+def _switching(leave: Floats, h: float, T: Floats) -> None:
+    """Fill T (M, M): probability of each regime after a step h, at most one switch."""
+    M = len(leave)
+    for i in range(M):
+        out = 0.0
+        for j in range(M):
+            out += leave[i, j]
+        stay = math.exp(-out * h)
+        for j in range(M):
+            T[i, j] = stay if i == j else leave[i, j] / out * (1.0 - stay)
+
+
+def _predict(
+    m0: float, m1: float, P00: float, P01: float, P11: float,
+    h: float, gain: float, ds: float, c: float, q: float,
+) -> tuple[float, float, float, float, float]:  # fmt: skip
+    """One step of ẋ = u + δ in the regime with follow c and roughness q."""
+    return (
+        m0 + h * m1 + gain - 0.5 * h * c * ds,
+        m1 - c * ds,
+        P00 + 2.0 * h * P01 + h * h * P11 + q * h * h * h / 3.0,
+        P01 + h * P11 + q * h * h / 2.0,
+        P11 + q * h,
+    )
+
+
+def _filter(
+    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
+    follow: Floats, leave: Floats,
+    y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats,
+) -> float:  # fmt: skip
+    """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
+    n, M = len(t), len(follow)
+    now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
+    T, off = np.empty((M, M)), np.empty((M, M))
+    for j in range(M):
+        now[j, 0], now[j, 1] = y[0], 0.0
+        now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
+    if len(kept) == n:
+        kept[0] = now
+    total, last_h = 0.0, -1.0
+    for k in range(1, n):
+        h, ds = t[k] - t[k - 1], s[k] - s[k - 1]
+        gain = h * (u[k - 1] + u[k]) / 2.0
+        if h != last_h:
+            _switching(leave, h, T)
+            last_h = h
+        least = math.inf
+        for i in range(M):
+            for j in range(M):
+                q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
+                m0, m1, P00, P01, P11 = _predict(
+                    now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4],
+                    h, gain, ds, follow[j], q,
+                )  # fmt: skip
+                P00 += lost[k]
+                noise = r[k] + q * blur[k]  # a mean's, about the middle of a random walk's integral
+                e, S = y[k] - m0, P00 + noise
+                g0, g1 = P00 / S, P01 / S
+                pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
+                pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * noise, g1 * noise, P11 - g1 * P01
+                off[i, j] = 0.5 * e * e / S
+                W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
+                least = min(least, off[i, j])
+        mass = 1e-300
+        for i in range(M):
+            for j in range(M):
+                W[i, j] *= math.exp(least - off[i, j])
+                mass += W[i, j]
+        total += math.log(mass) - least
+        for j in range(M):
+            _merge(pair, W, j, new)
+            new[j, 5] /= mass
+        now, new = new, now
+        if len(kept) == n:
+            kept[k] = now
+    return total
+
+
+def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:
+    """Replace column j of a mixture (k, M, 5) with weights w (k, M) by its mean and covariance.
+
+    They go into row j, with p = sum of the weights. Whole arrays: a view costs a third more time.
+    """
+    p = 1e-300
+    for i in range(len(w)):
+        p += w[i, j]
+    m0 = m1 = P00 = P01 = P11 = 0.0
+    for i in range(len(w)):
+        share = w[i, j] / p
+        m0 += share * parts[i, j, 0]
+        m1 += share * parts[i, j, 1]
+    for i in range(len(w)):
+        share = w[i, j] / p
+        d0, d1 = parts[i, j, 0] - m0, parts[i, j, 1] - m1
+        P00 += share * (parts[i, j, 2] + d0 * d0)
+        P01 += share * (parts[i, j, 3] + d0 * d1)
+        P11 += share * (parts[i, j, 4] + d1 * d1)
+    into[j, 0], into[j, 1], into[j, 2] = m0, m1, P00
+    into[j, 3], into[j, 4], into[j, 5] = P01, P11, p
+
+
+def _backward(
+    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
+    follow: Floats, leave: Floats, kept: Floats, out: Floats,
+) -> None:  # fmt: skip
+    """Backward pass over what `_filter` kept; fills out (n, 4): level, its sigma, δ, its sigma."""
+    n, M = len(t), len(follow)
+    now, new, pair, W = kept[n - 1].copy(), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
+    T = np.empty((M, M))
+    last_h = -1.0
+    for k in range(n - 1, -1, -1):
+        if k < n - 1:
+            h, ds = t[k + 1] - t[k], s[k + 1] - s[k]
+            gain = h * (u[k + 1] + u[k]) / 2.0
+            if h != last_h:
+                _switching(leave, h, T)
+                last_h = h
+            for j in range(M):  # the regime after the step
+                q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
+                top = -math.inf
+                for i in range(M):  # before it
+                    f0, f1, F00, F01, F11 = (
+                        kept[k, i, 0], kept[k, i, 1], kept[k, i, 2], kept[k, i, 3], kept[k, i, 4],
+                    )  # fmt: skip
+                    m0, m1, P00, P01, P11 = _predict(
+                        f0, f1, F00, F01, F11, h, gain, ds, follow[j], q
+                    )
+                    P00 += lost[k + 1]
+                    det = P00 * P11 - P01 * P01
+                    c0, c1 = F00 + h * F01, F01 + h * F11  # covariance with the predicted level
+                    G00, G01 = (c0 * P11 - F01 * P01) / det, (F01 * P00 - c0 * P01) / det
+                    G10, G11 = (c1 * P11 - F11 * P01) / det, (F11 * P00 - c1 * P01) / det
+                    e0, e1 = now[j, 0] - m0, now[j, 1] - m1
+                    D00, D01, D11 = _gained(
+                        now[j, 2] - P00, now[j, 3] - P01, now[j, 4] - P11, P00, P01, P11, det
+                    )
+                    pair[j, i, 0] = f0 + G00 * e0 + G01 * e1
+                    pair[j, i, 1] = f1 + G10 * e0 + G11 * e1
+                    pair[j, i, 2] = F00 + G00 * G00 * D00 + 2.0 * G00 * G01 * D01 + G01 * G01 * D11
+                    pair[j, i, 3] = (
+                        F01 + G00 * G10 * D00 + (G00 * G11 + G01 * G10) * D01 + G01 * G11 * D11
+                    )
+                    pair[j, i, 4] = F11 + G10 * G10 * D00 + 2.0 * G10 * G11 * D01 + G11 * G11 * D11
+                    off = (e0 * e0 * P11 - 2.0 * e0 * e1 * P01 + e1 * e1 * P00) / det
+                    W[j, i] = math.log(kept[k, i, 5] * T[i, j] + 1e-300) - 0.5 * (
+                        math.log(det) + off
+                    )
+                    top = max(top, W[j, i])
+                mass = 0.0
+                for i in range(M):
+                    W[j, i] = math.exp(W[j, i] - top)
+                    mass += W[j, i]
+                for i in range(M):
+                    W[j, i] *= now[j, 5] / mass
+            for i in range(M):
+                _merge(pair, W, i, new)
+            now, new = new, now
+        mass = 0.0
+        for j in range(M):
+            mass += now[j, 5]
+        for i in range(2):
+            mean = 0.0
+            for j in range(M):
+                mean += now[j, 5] / mass * now[j, i]
+            out[k, 2 * i] = mean
+            out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
+
+
+def _gained(
+    D00: float, D01: float, D11: float, P00: float, P01: float, P11: float, det: float
+) -> tuple[float, float, float]:
+    """What later samples change of the covariance P (its determinant `det`): D without growth.
+
+    Knowing more never widens what one regime before and one after it leave open; a merged mixture
+    can be wider all the same, and passed on it would grow without end where y tells little. Of
+    D = λ₁PvvᵀP + λ₂PwwᵀP the positive part is left out.
+    """
+    half = (P11 * D00 - 2.0 * P01 * D01 + P00 * D11) / (2.0 * det)
+    root = math.sqrt(max(half * half - (D00 * D11 - D01 * D01) / det, 0.0))
+    high, low = half + root, half - root
+    if high <= 0.0:
+        return D00, D01, D11
+    part = min(low, 0.0) / (high - low + 1e-300)
+    return part * (high * P00 - D00), part * (high * P01 - D01), part * (high * P11 - D11)
+
+
+def _half_width(now: Floats, i: int, mean: float, mass: float) -> float:
+    """Half-width about `mean` that holds 95 % of the mixture's level (i 0) or δ (i 1)."""
+    M = len(now)
+    low, high = math.inf, 0.0
+    for j in range(M):
+        if now[j, 5] > 1e-4 * mass:
+            width = Z95 * math.sqrt(max(now[j, 4 if i else 2], 0.0))
+            low, high = min(low, width), max(high, width + abs(now[j, i] - mean))
+    while high > 1.01 * low and high > 0.0:
+        middle, outside = math.sqrt(low * high) if low > 0.0 else 0.5 * high, 0.0
+        for j in range(M):
+            scale = math.sqrt(2.0 * max(now[j, 4 if i else 2], 1e-300))
+            d = now[j, i] - mean
+            outside += (
+                0.5
+                * (math.erfc((middle - d) / scale) + math.erfc((middle + d) / scale))
+                * (now[j, 5] / mass)
+            )
+        if outside > 0.05:
+            low = middle
+        else:
+            high = middle
+    return high

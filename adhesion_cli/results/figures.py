@@ -1,0 +1,155 @@
+"""What `--figure` draws: an axle's slip, a stop under every controller, the stops of a sweep."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core import physics
+from ..core.controller import APPLY, HOLD, VENT
+from ..core.model import AxleResult, Floats, Result, Vehicle
+from ..core.stop import Stop
+from ..rail.fit import RailFit, curve
+from ..rail.slip import Summary
+from ..rail.slope import REGIONS, Bands
+from .svg import BLACK, COLOURS, GREY, Band, Line, Panel
+
+if TYPE_CHECKING:
+    from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
+
+_BLUE, _ORANGE, _RED, _GREEN = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[4]
+_OF_REGION = dict(zip(REGIONS, (GREY, _BLUE, _GREEN, _RED), strict=True))
+_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("vent", VENT, _RED))
+_SLIP, _TIME = "slip [%]", "time [s]"
+_MU = "adhesion coefficient µ [-]"
+_SLOPES = -0.3, 0.5  # drawn: those of a wheel that rolls are far larger
+_DOT = 2.2  # diameter of a point of many
+
+
+def of_slip(result: Result, summaries: Sequence[Summary], bands: Bands) -> list[Panel]:
+    """Curve, slope and confidence of every axle that slid, or of all if none did."""
+    pairs = list(zip(result.axles, summaries, strict=True))
+    shown = [(a, s) for a, s in pairs if s.slides] or pairs
+    return [p for axle, s in shown for p in _axle(axle, s, result.vehicle, bands)]
+
+
+def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) -> list[Panel]:
+    record, name = axle.record, f"axle {axle.record.axle}"
+    t = (record.t - record.t[0]) * np.float64(1e-9)
+    slip = np.full(len(t), np.nan) if axle.slip is None else axle.slip
+    slope, sure = (np.full(len(t), np.nan) if x is None else x
+                   for x in (axle.slope, axle.slope_confidence))  # fmt: skip
+    code = np.zeros(len(t), np.int8) if axle.region is None else axle.region
+    mu = physics.coefficient(axle.reference.force, vehicle)
+    braked = np.zeros(len(t), np.bool_)
+    for s in axle.applications:
+        braked[s] = True
+    slip = np.where(braked, slip, np.nan)
+    points = [
+        Line(region, 100.0 * np.where(code == i, slip, np.nan), mu, _OF_REGION[region], dots=_DOT)
+        for i, region in enumerate(REGIONS)
+    ]
+    spans, curves = [], []
+    if summary.rail and (v := record.train_speed) is not None:
+        speeds = np.concatenate([v[x.where] for x in summary.slides])
+        most = max(x.max_slip for x in summary.slides)
+        curves = list(_fitted(summary.rail, speeds, vehicle, most))
+        if peak := summary.rail.peak_slip:
+            spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, _ORANGE)]
+    told = Line("slope dµ/ds", t, slope, BLACK)
+    return [
+        Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
+        Panel(f"{name}: slope", _TIME, "dµ/ds [-]", [told], y_range=_SLOPES,
+              bands=_slope_band(bands)),
+        Panel(f"{name}: confidence", _TIME, "confidence [-]", [Line("", t, sure, BLACK)],
+              y_range=(0.0, 1.0)),
+    ]  # fmt: skip
+
+
+def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Iterator[Line]:
+    """The likeliest curve up to a slip, at the peak's speed and near the ends of the slides'."""
+    slip = np.geomspace(1e-4, most, 200)
+    low, high = np.quantile(speeds, [0.05, 0.95]).tolist()
+    for v, colour in ((rail.speed, BLACK), (low, GREY), (high, GREY)):
+        mu, name = curve(rail.best, v, slip, vehicle), f"fit at {v:.1f} m/s"
+        yield Line(name, 100.0 * slip, mu, colour, dashed=colour == GREY)
+
+
+def _slope_band(bands: Bands) -> list[Band]:
+    return [Band("slope band of [S4]", bands.slope_low, bands.slope_high, _GREEN, of_x=False)]
+
+
+def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -> list[Panel]:
+    """Speeds, pressure with valves, operating points and slope of the first axle, a row each.
+
+    Args:
+        stops: one per controller.
+        weight: of an axle on the rail [N].
+        bands: of the AND-test, by the controllers that make it.
+    """
+    longest = max(float(s.t[-1]) * 1e-9 for s in stops)
+    time, most = (0.0, longest), max(float(np.nanmax(s.demand)) for s in stops) * 1.05e-5
+    rows: list[list[Panel]] = [[], [], [], []]
+    for stop in stops:
+        t, who, of = stop.t * np.float64(1e-9), stop.controller, bands.get(stop.controller)
+        slip, mu, bar = stop.slip[:, 0], stop.force[:, 0] / weight, stop.pressure[:, 0] * 1e-5
+        speeds = [
+            Line("train", t, stop.train_speed * 3.6, GREY),
+            Line("wheel", t, stop.rim_speed[:, 0] * 3.6, _BLUE),
+        ]
+        rows[0].append(Panel(f"{who}: speed, axle 1", _TIME, "km/h", speeds, x_range=time))
+        pressures = [
+            Line("demand", t, stop.demand * 1e-5, GREY, dashed=True),
+            *(
+                Line(name, t, np.where(stop.valve[:, 0] == code, bar, np.nan), colour, dots=_DOT)
+                for name, code, colour in _OF_VALVE
+            ),
+        ]
+        rows[1].append(
+            Panel(f"{who}: cylinder, by valve", _TIME, "bar", pressures, x_range=time,
+                  y_range=(0.0, most))
+        )  # fmt: skip
+        points = [
+            Line("operating point", 100.0 * slip, mu, _BLUE, dots=_DOT),
+            Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, _RED),
+        ]
+        span = [Band("slip band", 100.0 * of.slip_low, 100.0 * of.slip_high, _GREEN)] if of else []
+        ends = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
+        rows[2].append(Panel(f"{who}: µ over slip", _SLIP, _MU, points, x_range=ends, bands=span))
+        rows[3].append(
+            Panel(f"{who}: slope, confidence", _TIME, "[-]",
+                  [Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
+                   Line("confidence", t, stop.confidence[:, 0], _ORANGE)],
+                  x_range=time, y_range=(-0.3, 1.0), bands=_slope_band(of) if of else [])
+        )  # fmt: skip
+    return [panel for row in rows for panel in row]
+
+
+_OF_SWEEP = (
+    ("stopping_distance_m", "Stopping distance", "m"),
+    ("utilisation", "Use of the rail's adhesion", "share"),
+    ("air_nl", "Air", "normal litres"),
+)
+
+
+def of_sweep(rows: "Sequence[Row]") -> list[Panel]:
+    """Distance, utilisation and air on every rail: means with 2.5 to 97.5 % over the seeds."""
+    rails = list(dict.fromkeys(r.rail for r in rows))
+    laws = list(dict.fromkeys(r.controller for r in rows))
+    panels = []
+    for key, title, unit in _OF_SWEEP:
+        lines = []
+        for n, law in enumerate(laws):
+            places, means, ends = [], [], []
+            for r in rows:
+                if r.controller == law and (value := r.values[key]):
+                    at = rails.index(r.rail) + 0.2 * (n - (len(laws) - 1) / 2)
+                    places.append(at)
+                    means.append(value[0])
+                    ends += [(at, value[1]), (at, value[2]), (np.nan, np.nan)]
+            colour, spread = COLOURS[n % len(COLOURS)], np.array(ends).reshape(-1, 2)
+            lines.append(Line("", spread[:, 0], spread[:, 1], colour))
+            lines.append(Line(law, np.array(places), np.array(means), colour, dots=4.5))
+        x = (-0.5, len(rails) - 0.5)
+        panels.append(Panel(title, "", unit, lines, x_range=x, x_names=rails))
+    return panels

@@ -1,0 +1,258 @@
+"""An MCAP file around its messages: chunks, indexes, statistics and summary, every CRC on.
+
+The records are the mcap package's own, their order and what they say of the file stand here.
+Specification: https://mcap.dev/spec
+"""
+
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+import numpy as np
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+from numpy.typing import NDArray
+
+from ..core.model import RECOVERED
+from .verified import crc, damaged
+
+_MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
+_DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
+_END = struct.Struct("<BQQQI8s")  # footer record and closing magic
+
+Offsets = NDArray[np.int64]
+
+
+class Container:
+    """A file that is written front to back: definitions before the chunks that use them.
+
+    Args:
+        file: empty, open for writing.
+        profile: what the header says of the messages.
+        library: what the header says of the program.
+    """
+
+    def __init__(self, file: BinaryIO, profile: str, library: str) -> None:
+        self._file, self._at, self._crc = file, 0, 0
+        self._schemas: list[Schema] = []
+        self._channels: list[Channel] = []
+        self._chunks: list[ChunkIndex] = []
+        self._attachments: list[AttachmentIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._counts: Counter[int] = Counter()
+        self._append(_MAGIC)
+        self._append(_record(Header(profile, library)))
+
+    def define(self, schemas: Collection[Schema], channels: Collection[Channel]) -> None:
+        """Adds definitions."""
+        self._append(_record(*schemas, *channels))
+        self._schemas += schemas
+        self._channels += channels
+
+    def metadata(self, name: str, entries: dict[str, str]) -> None:
+        """Adds named texts."""
+        at, length = self._append(_record(Metadata(name=name, metadata=entries)))
+        self._metadata.append(MetadataIndex(at, length, name))
+
+    def record(self, index: AttachmentIndex | MetadataIndex, pieces: Iterable[bytes]) -> None:
+        """Adds the record of another file, which need not fit into memory.
+
+        Args:
+            index: what the other file's index says, or should say, of it.
+            pieces: the whole record, in order.
+        """
+        index = replace(index, offset=self._at)
+        for piece in pieces:
+            self._append(piece)
+        if isinstance(index, AttachmentIndex):
+            self._attachments.append(index)
+        else:
+            self._metadata.append(index)
+
+    def chunk(self, messages: bytes, index: Mapping[int, Offsets]) -> None:
+        """Adds a chunk of messages.
+
+        Args:
+            messages: whole records.
+            index: log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
+        """
+        compressed = zstandard.ZstdCompressor(level=3).compress(messages)
+        chunk = Chunk(
+            compression="zstd",
+            data=compressed,
+            message_start_time=int(min(entries[:, 0].min() for entries in index.values())),
+            message_end_time=int(max(entries[:, 0].max() for entries in index.values())),
+            uncompressed_crc=zlib.crc32(messages),
+            uncompressed_size=len(messages),
+        )
+        start, length = self._append(_record(chunk))
+        places = {}
+        for channel, entries in index.items():
+            self._counts[channel] += len(entries)
+            raw = entries.astype("<u8").tobytes()
+            head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(raw), channel, len(raw))
+            places[channel], _ = self._append(head + raw)
+        self._chunks.append(
+            ChunkIndex(
+                chunk_start_offset=start,
+                chunk_length=length,
+                compression=chunk.compression,
+                compressed_size=len(compressed),
+                message_start_time=chunk.message_start_time,
+                message_end_time=chunk.message_end_time,
+                message_index_length=self._at - start - length,
+                message_index_offsets=places,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+
+    def finish(self) -> None:
+        """Adds the summary and the end."""
+        self._append(_record(DataEnd(self._crc)))
+        statistics = Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self._channels),
+            channel_message_counts=dict(sorted(self._counts.items())),
+            chunk_count=len(self._chunks),
+            message_count=self._counts.total(),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+        groups: dict[Opcode, Sequence[McapRecord]] = {
+            Opcode.SCHEMA: self._schemas,
+            Opcode.CHANNEL: self._channels,
+            Opcode.STATISTICS: [statistics],
+            Opcode.CHUNK_INDEX: self._chunks,
+            Opcode.ATTACHMENT_INDEX: self._attachments,
+            Opcode.METADATA_INDEX: self._metadata,
+        }
+        start, summary, offsets = self._at, b"", []
+        for opcode, records in groups.items():
+            if records:
+                group = _record(*records)
+                offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
+                summary += group
+        footer = Footer(start, start + len(summary), 0)
+        summary += _record(*offsets)
+        footer.summary_crc = zlib.crc32(summary + _record(footer)[:-4])
+        self._append(summary + _record(footer) + _MAGIC)
+
+    def _append(self, data: bytes) -> tuple[int, int]:
+        """Writes; returns where it went, as (offset, length)."""
+        at = self._at
+        self._file.write(data)
+        self._crc = zlib.crc32(data, self._crc)
+        self._at += len(data)
+        return at, len(data)
+
+
+def _record(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+class Whole(Protocol):
+    """What is whole in a file."""
+
+    profile: str
+    library: str
+    schemas: dict[int, Schema]
+    channels: dict[int, Channel]
+    attachments: list[AttachmentIndex]
+    metadata_records: list[MetadataIndex]
+
+    def account(self) -> dict[str, str]:
+        """What the copy has to say of itself, {} for nothing."""
+
+    def raw(self, at: int, length: int) -> Iterator[bytes]:
+        """Bytes of the file, a piece at a time."""
+
+    def messages(self) -> Iterator[tuple[bytes, Offsets, Offsets, Offsets]]:
+        """Some records of messages at a time, end to end; of each channel, log time and length."""
+
+
+def copy(path: Path, whole: Whole) -> None:
+    """Writes what is whole in a file as a new one, reads it back and checks it.
+
+    Records of messages, attachments and metadata are kept to the byte; of a channel whose schema
+    is unknown the copy says that it has none. Metadata say what was damaged and what no checksum
+    guarded, as the copy's own CRCs would let all of it look sound.
+
+    Args:
+        path: file to write; its old content is lost.
+        whole: of the other file; a block of it at a time is in memory.
+
+    Raises:
+        UserError: the copy does not read back.
+        OSError: it cannot be written.
+    """
+    with path.open("wb") as file:
+        out = Container(file, whole.profile, whole.library)
+        indexes: list[AttachmentIndex | MetadataIndex] = [
+            index for index in whole.metadata_records if index.name != RECOVERED
+        ]
+        for index in indexes + whole.attachments:
+            out.record(index, whole.raw(index.offset, index.length))
+        if account := whole.account():
+            out.metadata(RECOVERED, account)
+        channels = whole.channels.values()
+        known = [c if c.schema_id in whole.schemas else replace(c, schema_id=0) for c in channels]
+        out.define(whole.schemas.values(), known)
+        for messages, channel, log_time, length in whole.messages():
+            entries = np.stack([log_time, np.cumsum(length) - length], axis=1)
+            order = np.argsort(channel, kind="stable")
+            ids, first = np.unique(channel[order], return_index=True)
+            parts = np.split(entries[order], first[1:])
+            out.chunk(messages, dict(zip(ids.tolist(), parts, strict=True)))
+        out.finish()
+    verify(path)
+
+
+def verify(path: Path) -> None:
+    """Read a file of ours back: its CRCs cover every byte of it.
+
+    Raises:
+        UserError: the file is not what was written.
+    """
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - _END.size))
+        try:
+            opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
+        except struct.error:
+            raise damaged("it is too short") from None
+        if (opcode, magic) != (Opcode.FOOTER, _MAGIC):
+            raise damaged("it has no end")
+        data = summary_start - _DATA_END.size  # bytes of the data section before its last record
+        if not 0 <= data <= size:
+            raise damaged("its footer points nowhere")
+        told = _DATA_END.pack(Opcode.DATA_END, 4, crc(file, 0, data))
+        if file.read(_DATA_END.size) != told:
+            raise damaged("CRC of the data")
+        if crc(file, summary_start, size - summary_start - 12) != summary_crc:
+            raise damaged("CRC of the summary")

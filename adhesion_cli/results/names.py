@@ -1,0 +1,57 @@
+"""What channels and logs are called in a written file, and the unit of what is written."""
+
+import json
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any
+
+from ..core.model import Channel, Log, Meaning, Result
+from ..core.text import distinct, printable
+
+SETTINGS = "adhesion.settings"  # metadata record with every parameter used
+
+SI: dict[Meaning, str] = {
+    "time": "s",
+    "pressure": "Pa",
+    "wheel_speed": "rad/s",
+    "train_speed": "m/s",
+    "clamping_force": "N",
+    "truth": "N",
+    "true_slip": "-",
+}
+
+
+def channels(log: Log) -> list[tuple[str, str]]:
+    """Name and unit of each channel's values, in order; both printable, names distinct.
+
+    A channel with a meaning holds SI; one without still has the unit the log states.
+    """
+    units = [SI[c.meaning] + "/s" * c.is_rate if c.meaning else c.unit for c in log.channels]
+    names = [_name(c, unit) for c, unit in zip(log.channels, units, strict=True)]
+    return list(zip(distinct(names), map(printable, units), strict=True))
+
+
+def logs(results: Sequence[Result]) -> list[str]:
+    """A short name for each log: its file's stem; printable and distinct."""
+    return distinct([printable(PurePath(r.log.path).stem) for r in results])
+
+
+def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """Nested settings as dotted keys with JSON values, sorted."""
+    dotted: dict[str, str] = {}
+    for key, value in sorted(settings.items()):
+        if isinstance(value, dict):
+            dotted |= flat(value, f"{prefix}{key}.")
+        else:
+            dotted[prefix + key] = json.dumps(value, ensure_ascii=False)
+    return dotted
+
+
+def _name(channel: Channel, unit: str) -> str:
+    name = channel.name if channel.field in ("", "value") else f"{channel.name}.{channel.field}"
+    if channel.unit and channel.unit != unit:  # "p [kPa]" must not stay the name of pascals
+        for bracketed in (f"[{channel.unit}]", f"({channel.unit})"):
+            name = name.removesuffix(bracketed).rstrip()
+    if channel.label:  # whose axle an element of a list is, only its label may say
+        name = f"{name} {channel.label}"
+    return printable(name)

@@ -1,0 +1,183 @@
+"""Slip over adhesion: Rerun has no such chart, so its axes are drawn as lines and labels."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...core.model import Bools, Floats, Times, Vehicle
+from ...rail import fit
+from ...rail.slope import Bands
+from .parts import REGION_STATES, Clock
+
+_SCATTER = 20_000  # points of one slip-adhesion scatter
+_POINTS = 4_000  # places of its moving operating point
+_WIDTH, _HEIGHT = 200.0, 100.0  # of the plotted area, in scene units; y points down
+_LABEL = 6.0  # by which the viewer puts a label below its point, about
+_LEAST, _MOST = -0.1, 1.0  # slips shown; a wheel at the limit of observation can say anything
+_BACKGROUND = [16, 18, 20]
+_LINES = 17.0, 29.0  # heights of what stands below it
+_NOW, _PEAK, _FIT = 0xFFFFFFFF, 0xE45756FF, 0xF2A33AFF
+_ABOVE = 60.0  # of what is drawn above the scatter
+_TEXT = 0xD0D0D0FF
+_AGES = ([70, 70, 255], [110, 200, 210], [230, 150, 70])  # red, green, blue over time
+
+
+class Fitted(NamedTuple):
+    """A rail that was fitted to slides, and the vehicle that was on it."""
+
+    rail: fit.RailFit
+    vehicle: Vehicle
+
+
+class _Frame(NamedTuple):
+    """The plotted area: slip from left to right, µ from low to high."""
+
+    left: float
+    right: float
+    low: float
+    high: float
+
+    def place(self, slip: Floats, mu: Floats) -> Floats:
+        """Points of the picture, shape (n, 2)."""
+        x = (slip - self.left) / (self.right - self.left) * _WIDTH
+        return np.stack([x, (mu - self.low) / (self.low - self.high) * _HEIGHT], axis=-1)
+
+    def holds(self, slip: Floats, mu: Floats) -> Bools:
+        """Which of the points lie inside; none that is NaN."""
+        inside: Bools = (slip >= self.left) & (slip <= self.right)
+        return inside & (mu >= self.low) & (mu <= self.high)
+
+
+def send_curve(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, slip: Floats, mu: Floats,
+    bands: Bands | None, peak: tuple[Floats, Floats] | None = None, fitted: Fitted | None = None,
+    judged: str = "",
+) -> int:  # fmt: skip
+    """The scatter, the slip band of the AND-test, the operating point as it moves.
+
+    Args:
+        rec: where to.
+        path: of the picture.
+        times: of `t`.
+        t: times [ns], shape (n,).
+        slip: s [-], shape (n,).
+        mu: [-], shape (n,).
+        bands: whose slip band is drawn; None for none.
+        peak: slip and µ of the curve's peak, shape (n,) each, where they are known.
+        fitted: whose curve and peak are drawn; None for none.
+        judged: what is said of the slip that the band judges.
+
+    Returns:
+        How many rows on a timeline.
+    """
+    frame = _send_scatter(rec, path, slip, mu)
+    notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")
+    if fitted:
+        notes += _send_fit(rec, path, frame, fitted)
+    below = [notes]
+    if bands:
+        ends = np.array([bands.slip_low, bands.slip_high])
+        low, high = (100.0 * ends).tolist()
+        below.append(f"green: slip band {low:g} to {high:g} %{judged}")
+        drawn = ends[(ends > frame.left) & (ends < frame.right)]
+        edges = [frame.place(np.full(2, s), np.array([frame.low, frame.high])) for s in drawn]
+        band = rr.LineStrips2D(edges, colors=REGION_STATES[2][1], radii=0.3)
+        rec.log(f"{path}/band", band, static=True)
+    spots = [(_WIDTH / 2, y) for y in _LINES[: len(below)]]
+    told = rr.Points2D(spots, labels=below, radii=0.0, show_labels=True, colors=_TEXT)
+    rec.log(f"{path}/notes", told, static=True)
+    rows = 0
+    moving = [("peak", 2.0, _PEAK, peak)] if peak else []
+    moving += [("now", 2.4, _NOW, (slip, mu))]
+    for name, size, colour, (s, m) in moving:
+        style = rr.Points2D.from_fields(radii=size, colors=colour, draw_order=_ABOVE)
+        rec.log(f"{path}/{name}", style, static=True)
+        at = np.flatnonzero(np.isfinite(s) & np.isfinite(m))
+        at = at[:: max(1, -(-len(at) // _POINTS))]
+        inside = frame.holds(s[at], m[at])  # outside there is nothing to see
+        if inside.any():
+            seen = at[inside]
+            points = rr.Points2D.columns(positions=frame.place(s[seen], m[seen]))
+            points = points.partition(inside.astype(np.int64))
+            rec.send_columns(f"{path}/{name}", times(t[at]), points)
+            rows += len(at)
+    return rows
+
+
+def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted) -> str:
+    """The likeliest curve, and the peak with its 95 % interval; returns what they are."""
+    rail = fitted.rail
+    slip = np.geomspace(1e-4, frame.right, 200)
+    mu = fit.curve(rail.best, rail.speed, slip, fitted.vehicle)
+    inside = frame.holds(slip, mu)
+    strips, note = [frame.place(slip[inside], mu[inside])], f", orange: fit at {rail.speed:.1f} m/s"
+    if rail.peak_slip and rail.peak_mu:
+        ends = np.clip(np.array(rail.peak_slip), frame.left, frame.right)
+        height = np.full(3, min(max(rail.peak_mu.value, frame.low), frame.high))
+        value, *interval = frame.place(ends, height)
+        strips.append(np.array(interval))
+        dot = rr.Points2D([value], radii=1.6, colors=_PEAK, draw_order=_ABOVE)
+        rec.log(f"{path}/fit/peak", dot, static=True)
+        note += ", red: its peak, 95 %"
+    drawn = rr.LineStrips2D(
+        strips, colors=[_FIT, _PEAK][: len(strips)], radii=0.4, draw_order=_ABOVE
+    )
+    rec.log(f"{path}/fit/curve", drawn, static=True)
+    return note
+
+
+def curve_view(origin: str, who: str) -> rrb.View:
+    """The picture that `send_curve` sends."""
+    return rrb.Spatial2DView(
+        origin=origin, name=f"{who}: adhesion coefficient µ over slip [%]",
+        visual_bounds=_bounds(), background=_BACKGROUND,
+    )  # fmt: skip
+
+
+def _bounds() -> rrb.VisualBounds2D:
+    return rrb.VisualBounds2D(x_range=[-20, _WIDTH + 6], y_range=[-_HEIGHT - 16, 46])
+
+
+def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) -> _Frame:
+    """Points of µ over slip on their axes; returns what these hold."""
+    known = np.flatnonzero(np.isfinite(slip) & np.isfinite(mu))
+    shown = known[(slip[known] >= _LEAST) & (slip[known] <= _MOST)]
+    outside = len(known) - len(shown)
+    shown = shown[:: max(1, -(-len(shown) // _SCATTER))]
+    s, mu = slip[shown], mu[shown]
+    (left, right, xs), (low, high, ys) = _axis(s, 0.05), _axis(mu, 0.05)
+    frame = _Frame(left, right, low, high)
+
+    x = frame.place(xs, np.full(len(xs), low))[:, 0]
+    y = frame.place(np.full(len(ys), left), ys)[:, 1]
+    border = [(0, 0), (0, -_HEIGHT), (_WIDTH, -_HEIGHT), (_WIDTH, 0), (0, 0)]
+    grid = [[(a, 0), (a, -_HEIGHT)] for a in x] + [[(0, b), (_WIDTH, b)] for b in y]
+    strips = rr.LineStrips2D([*grid, border], colors=0x4A4A4AFF, radii=0.15)
+    rec.log(f"{path}/grid", strips, static=True)
+    texts = [f"{100.0 * v:g}" for v in xs] + [f"{v:g}" for v in ys]
+    places = [(a, 2.0) for a in x] + [(-9.0, b - _LABEL) for b in y]
+    if outside:
+        texts.append(f"{outside} points outside {_LEAST:.0%} to {_MOST:.0%} slip not shown")
+        places.append((_WIDTH / 2, -_HEIGHT - 7.0 - _LABEL))
+    labels = rr.Points2D(places, labels=texts, radii=0.0, show_labels=True, colors=_TEXT)
+    rec.log(f"{path}/labels", labels, static=True)
+    age = np.linspace(0.0, 1.0, len(s))
+    colours = np.stack([np.interp(age, [0.0, 0.5, 1.0], c) for c in _AGES], axis=1)
+    points = rr.Points2D(frame.place(s, mu), radii=0.45, colors=colours.astype(np.uint8))
+    rec.log(f"{path}/points", points, static=True)
+    return frame
+
+
+def _axis(values: Floats, least: float) -> tuple[float, float, Floats]:
+    """Ends of an axis that holds all values and 0, at least `least` long, and its round numbers."""
+    low = min(0.0, float(values.min(initial=0.0)))
+    high = max(least, float(values.max(initial=0.0)))
+    rough = (high - low) / 5
+    step = 10.0 ** math.floor(math.log10(rough))
+    step *= next(m for m in (1.0, 2.0, 5.0, 10.0) if m * step >= rough)
+    low, high = low - 0.02 * (high - low), high + 0.03 * (high - low)
+    numbers = np.arange(math.ceil(low / step), math.floor(high / step) + 1, dtype=np.float64)
+    return low, high, numbers * step

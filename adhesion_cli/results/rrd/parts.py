@@ -1,0 +1,255 @@
+"""What every recording is made of: one way to write it, charts, states, the window's layout."""
+
+import hashlib
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+from rerun.error_utils import RerunWarning
+
+from ...core.model import Floats, Times
+from ...rail.slope import REGIONS, Bands
+from ..verified import verified
+
+REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
+TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
+SLOPE = 0xF2A33AFF
+ESTIMATORS = (
+    0x2F6FD0FF, 0xF2A33AFF, 0xE45756FF, 0xB98AE0FF, 0x3FBFB2FF,
+    0xEBD03CFF, 0x6FB7FFFF, 0xA8794FFF, 0xE070E8FF, 0x7C83FFFF,
+)  # fmt: skip
+MARKDOWN = rr.MediaType.MARKDOWN
+_PIPED = 1 << 20  # bytes copied at a time
+JUDGED = 1 << 18  # values of a series that its chart's range is judged by
+GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
+
+
+class Page(Protocol):
+    """What a recording shows: its data and the views of them."""
+
+    def send(self, rec: rr.RecordingStream) -> int:
+        """Sends everything; returns the number of rows on a timeline."""
+
+    def layout(self) -> rrb.Container:
+        """The views."""
+
+
+def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
+    """Writes a recording; its old content is lost.
+
+    Args:
+        path: the file.
+        name: shown for it.
+        made_from: whatever tells it from other recordings.
+        pages: a tab for each.
+
+    Raises:
+        OSError: the file cannot be written, or is not what was sent.
+        UserError: it does not read back.
+    """
+    rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
+    identity = hashlib.sha256(made_from.encode()).hexdigest()
+    rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
+    source, sink = os.pipe()  # the SDK waits for ever for its writing thread, which errors end
+    with ThreadPoolExecutor(1) as pool:
+        copied = pool.submit(_copy, source, path)
+        try:
+            try:
+                rec.save(f"/dev/fd/{sink}", default_blueprint=Layout(pages))
+            finally:
+                os.close(sink)  # the SDK has opened it for itself
+            rec.send_recording_name(name)
+            rows = sum(page.send(rec) for page in pages)
+            rec.flush()
+        except RuntimeError as error:  # the binding's word for what cannot be written
+            raise OSError(str(error)) from error
+        finally:
+            rec.disconnect()
+        copied.result()
+    verify(path, rows)
+
+
+def _copy(source: int, path: Path) -> None:
+    """From a pipe to a file; whatever becomes of the file, the pipe is read to its end."""
+    with open(source, "rb", buffering=0) as pipe:
+        try:
+            with verified(path) as file:
+                shutil.copyfileobj(pipe, file, _PIPED)
+        finally:
+            while pipe.read(_PIPED):
+                pass
+
+
+def verify(path: Path, rows: int) -> None:
+    """Read the file once: not every mistake of the SDK is an error."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a missing footer is only a warning
+            chunks = RrdReader(path).stream().filter(is_static=False)
+            found = sum(chunk.num_rows for chunk in chunks)
+    except (RuntimeError, RerunWarning) as error:
+        raise OSError(f"the recording does not read back as written ({error})") from error
+    if found != rows:
+        raise OSError(f"the recording does not read back as written ({found} of {rows} rows)")
+
+
+# ---- data
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Series that share an entity: values of shape (n, k), as a band where `half` is given."""
+
+    name: str
+    series: tuple[str, ...]
+    colours: tuple[int, ...]
+    values: Floats
+    half: Floats | None = None  # half width of a band around the values, shape (n, k)
+    widths: tuple[float, ...] = ()
+
+
+def lines(name: str, columns: list[tuple[str, int, Floats]], width: float = 1.5) -> Plot:
+    """Plain lines, each of (what the legend says, colour, values of shape (n,))."""
+    series, colours, values = zip(*columns, strict=True)
+    matrix = np.stack(values, axis=1)
+    return Plot(name, series, colours, matrix, widths=(width,) * len(series))
+
+
+Clock = Callable[[Times], list[rr.TimeColumn]]
+
+
+def send_plot(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, plot: Plot, styled: bool = True
+) -> int:
+    """Sends a plot, and with `styled` what it looks like; returns its rows."""
+    if styled:
+        style = rr.SeriesLines if plot.half is None else rr.Measurements.from_fields
+        series, colours = list(plot.series), np.array(plot.colours, np.uint32)
+        rec.log(path, style(names=series, colors=colours, widths=list(plot.widths)), static=True)
+    if plot.half is None:
+        data = rr.Scalars.columns(scalars=plot.values)
+    else:
+        data = rr.Measurements.columns(values=plot.values.ravel(), variances=plot.half.ravel() ** 2)
+    rec.send_columns(path, times(t), data)
+    return len(t)
+
+
+_State = tuple[str, int]  # name and colour
+OFF = 0x4A4E54FF  # of a state in which nothing is the matter
+BRAKE: tuple[_State, ...] = (("released", OFF), ("applied", 0x4C78A8FF))
+REGION_STATES: tuple[_State, ...] = tuple(
+    zip(REGIONS, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
+)
+WHEELS: tuple[_State, ...] = (("rolls", OFF), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
+VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))
+
+
+def send_states(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, codes: NDArray[np.int8],
+    states: Sequence[_State],
+) -> int:  # fmt: skip
+    """States by their code, −1 for none, a row per change; returns how many."""
+    names_, colours = zip(*states, strict=True)
+    style = rr.StateConfiguration(values=list(names_), colors=np.array(colours, np.uint32))
+    rec.log(path, style, static=True)
+    at = np.flatnonzero(np.diff(codes, prepend=-2))
+    told = [states[c][0] if c >= 0 else "" for c in codes[at].tolist()]
+    rec.send_columns(path, times(t[at]), rr.StateChange.columns(state=told))
+    return len(at)
+
+
+def send_band(
+    rec: rr.RecordingStream, path: str, times: Clock, t: Times, low: float, high: float
+) -> int:
+    """Sends the edges of a band of [S4], from the first time to the last; returns its rows."""
+    colour, ends = REGION_STATES[2][1], np.ones(2)
+    edges = [("least", colour, low * ends), ("most", colour, high * ends)]
+    return send_plot(rec, f"{path}/band", times, t[[0, -1]], lines("", edges, 1.0))
+
+
+# ---- views
+
+
+class Layout(rrb.Blueprint):
+    """The whole window: paused, side panels shut, every chart on the same time axis, all of it."""
+
+    def __init__(self, pages: Sequence[Page]) -> None:
+        layouts = [page.layout() for page in pages]
+        super().__init__(
+            layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
+            auto_views=False,
+            auto_layout=False,
+        )
+
+    def _log_to_stream(self, stream: rr.RecordingStream) -> None:
+        # Linked charts take the range of a view that has no name in the API; the default of that
+        # one is half a minute around the cursor.
+        super()._log_to_stream(stream)
+        everything = rr.encodings.TimeRange(
+            start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
+        )
+        stream.log(f"{GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
+
+
+def chart(
+    origin: str,
+    name: str,
+    span: tuple[float, float] | None = None,
+    *,
+    legend: Literal["LeftTop", "RightTop", "RightBottom"] | None = "LeftTop",
+) -> rrb.View:
+    """The plots below an entity over time; `span` is the range of values."""
+    return rrb.TimeSeriesView(
+        origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_y=None if span is None else rrb.ScalarAxis(range=span),
+        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
+    )  # fmt: skip
+
+
+def slope_charts(path: str, who: str, slope: Floats, bands: Bands | None) -> list[rrb.View]:
+    """Slope and confidence; the steep slopes, at next to no slip, would flatten the rest."""
+    green = f", green: band {bands.slope_low:g} to {bands.slope_high:g}" if bands else ""
+    known = slope[np.isfinite(slope)]
+    ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
+    span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.25, 0.25])], [])
+    return [
+        chart(f"{path}/slope", f"{who}: slope of µ over slip{green}", span, legend=None),
+        chart(f"{path}/confidence", f"{who}: confidence in it", (0.0, 1.05), legend=None),
+    ]
+
+
+def states_view(origin: str, name: str) -> rrb.View:
+    """Lanes of states over time."""
+    axis = rrb.TimeAxis(link="LinkToGlobal")
+    return rrb.StateTimelineView(origin=origin, name=name, time_view=axis)
+
+
+def span_of(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, float] | None:
+    """Range of a chart: all of some series, and of others all but their rarest spikes.
+
+    The viewer's own range leaves out the bands, and one wild sample flattens everything else.
+    """
+
+    def ends(values: Floats, quantiles: list[float]) -> Floats:
+        finite = values[np.isfinite(values)]
+        return np.quantile(finite, quantiles) if len(finite) else np.empty(0)
+
+    extremes = [ends(v, [0.0, 1.0]) for v in whole]
+    extremes += [ends(v[:: max(1, len(v) // JUDGED)], [0.001, 0.999]) for v in most]
+    every = np.concatenate([*extremes, [0.0]])
+    low, high = float(every.min()), float(every.max())
+    margin = 0.05 * (high - low)
+    return (low - margin, high + margin) if margin > 0.0 else None

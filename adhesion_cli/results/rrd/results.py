@@ -1,0 +1,473 @@
+"""Analysed logs: a tab for each axle with its forces, and its slip where it has one."""
+
+import hashlib
+import math
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from ...core import physics, signals
+from ...core.model import AxleResult, Bools, Finding, Floats, Result, Score, Times
+from ...core.stop import SLIDES
+from ...core.text import printable
+from ...rail import fit
+from ...rail.slope import Bands
+from .. import names
+from . import parts
+from .curve import Fitted, curve_view, send_curve
+from .parts import (
+    BRAKE,
+    CLAMPING,
+    ESTIMATORS,
+    JUDGED,
+    MARKDOWN,
+    PRESSURE,
+    REFERENCE,
+    REGION_STATES,
+    SLOPE,
+    TRAIN,
+    TRUTH,
+    WHEEL,
+    WHEELS,
+    Plot,
+    chart,
+    lines,
+    send_band,
+    send_plot,
+    send_states,
+    slope_charts,
+    span_of,
+    states_view,
+)
+
+OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
+_OVERVIEW_ROWS = 20_000  # rows of an overview
+_EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
+_LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
+_ROWS = 1 << 16  # rows sent at once
+Note = tuple[str, fit.RailFit | None]
+_NO_NOTE: Note = "`adhesion slip` tells peak, rail and slides.", None
+
+
+def write_result(
+    path: Path, result: Result, algorithms: Sequence[str], notes: Sequence[Note] = ()
+) -> None:
+    """Write one analysed log.
+
+    Args:
+        path: file to write; its old content is lost.
+        result: the analysed log.
+        algorithms: every estimator there is, in a fixed order: each keeps its colour whatever the
+            selection.
+        notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    _write(path, [("", result)], algorithms, notes)
+
+
+def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
+    """Write several analysed logs into one recording, each in a tab of its own.
+
+    Time counts from each log's own brake start, so that they lie over one another.
+
+    Args:
+        path: file to write; its old content is lost.
+        results: the analysed logs.
+        algorithms: every estimator there is, in a fixed order.
+
+    Raises:
+        OSError: the file cannot be written or does not read back.
+    """
+    _write(path, list(zip(names.logs(results), results, strict=True)), algorithms)
+
+
+def _write(
+    path: Path,
+    logs: list[tuple[str, Result]],
+    algorithms: Sequence[str],
+    notes: Sequence[Note] = (),
+) -> None:
+    known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
+    colours = _colours(known)
+    pages = [_Page(name, result, colours, notes) for name, result in logs]
+    title = ", ".join(page.title for page in pages)
+    parts.write(path, title, " ".join(r.log.sha256 for _, r in logs), pages)
+
+
+def _colours(algorithms: Sequence[str]) -> dict[str, int]:
+    """A colour for each name, by the name: another estimator shifts only what it collides with.
+
+    Where two names fall on one colour, the later in the alphabet moves on to the next free one.
+    """
+    places: dict[str, int] = {}
+    n = len(ESTIMATORS)
+    for name in sorted(set(algorithms)):
+        wanted = int(hashlib.sha256(name.encode()).hexdigest(), 16) % n
+        taken = set(places.values())
+        places[name] = next((p for i in range(n) if (p := (wanted + i) % n) not in taken), wanted)
+    return {name: ESTIMATORS[places[name]] for name in dict.fromkeys(algorithms)}
+
+
+class _Page:
+    """One log: its entities under `root` and the views that show them."""
+
+    def __init__(
+        self, name: str, result: Result, colours: dict[str, int], notes: Sequence[Note]
+    ) -> None:
+        self.result, self.colours, self.notes = result, colours, notes
+        self.title = printable(Path(result.log.path).name)
+        self.root = rr.new_entity_path([name]) if name else ""
+        self.start, self.zero = result.log.start_ns(), result.brake_ns()
+        points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
+        self.large = points > OVERVIEW_FROM
+        stated = result.settings.get("bands")
+        self.bands = Bands(**stated) if stated else None
+
+    # -- data
+
+    def send(self, rec: rr.RecordingStream) -> int:
+        """Send everything; returns the number of rows on a timeline."""
+        rows = 0
+        for n, axle in enumerate(self.result.axles):
+            path = f"axle/{axle.record.axle}"
+            t, index, inside = _rows(axle)
+            span = -(-2 * len(t) // _OVERVIEW_ROWS)
+            step = max(_ROWS // span, 1) * span
+            for at in range(0, len(t), step):
+                part = slice(at, at + step)
+                for plot in self._plots(axle, index[part], inside[part]):
+                    whole = f"{self.root}/{path}/{plot.name}"
+                    rows += send_plot(rec, whole, self._times, t[part], plot, at == 0)
+                    if self.large:
+                        over = f"{self.root}/overview/{path}/{plot.name}"
+                        short = _envelope(t[part], plot, span)
+                        rows += send_plot(rec, over, self._times, *short, at == 0)
+                rec.flush()  # or the SDK queues the whole log
+            scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=MARKDOWN)
+            rec.log(f"{self.root}/{path}/scores", scores, static=True)
+            if axle.slip is not None:
+                note, rail = self.notes[n] if self.notes else _NO_NOTE
+                rows += self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
+                fixed = rr.TextDocument(note, media_type=MARKDOWN)
+                rec.log(f"{self.root}/{path}/note", fixed, static=True)
+        rows += self._send_events(rec)
+        for name, text in (
+            ("summary", _summary(self.result)),
+            ("about", _about(self.result, self.large)),
+        ):
+            rec.log(f"{self.root}/{name}", rr.TextDocument(text, media_type=MARKDOWN), static=True)
+        return rows
+
+    def _times(self, t: Times) -> list[rr.TimeColumn]:
+        columns = [rr.TimeColumn("time", duration=(t - self.zero).astype("timedelta64[ns]"))]
+        if self.result.log.absolute:
+            columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
+        return columns
+
+    def _plots(self, axle: AxleResult, index: NDArray[np.int64], inside: Bools) -> Iterator[Plot]:
+        """What is drawn of some rows, see `_rows`."""
+        record, reference = axle.record, axle.reference
+
+        def column(values: Floats, factor: float = 1.0) -> Floats:
+            return np.where(index < 0, np.nan, values[index] * factor)
+
+        def computed(values: Floats) -> Floats:
+            return np.where(inside, column(values), np.nan)
+
+        radius = self.result.vehicle.radius(record.axle).value
+        speeds = [("wheel", WHEEL, column(record.wheel_speed, radius * 3.6))]
+        if record.train_speed is not None:
+            speeds.insert(0, ("train", TRAIN, column(record.train_speed, 3.6)))
+        yield lines("speed", speeds)
+        brake = [("clamping force K [10 kN]", CLAMPING, column(record.clamping_force, 1e-4))]
+        if record.pressure is not None:
+            bar = column(record.pressure, 1e-5)
+            brake.insert(0, ("brake cylinder pressure [bar]", PRESSURE, bar))
+        yield lines("braking", brake)
+
+        lower, upper = computed(reference.lower), computed(reference.upper)
+        yield Plot(
+            "force/band", ("95 % band",), (REFERENCE,),
+            (lower + upper)[:, None] / 2, (upper - lower)[:, None] / 2, (0.0,),
+        )  # fmt: skip
+        yield Plot(
+            "force/reference", ("reference ± 1 sigma",), (REFERENCE,),
+            computed(reference.force)[:, None], computed(reference.sigma)[:, None], (1.0,),
+        )  # fmt: skip
+        if record.truth is not None:
+            yield lines("force/truth", [("truth", TRUTH, computed(record.truth))])
+        algos = [a for a in self.colours if a in axle.estimates]
+        estimates = [(a, self.colours[a], computed(axle.estimates[a])) for a in algos]
+        errors = [
+            (a, self.colours[a], np.where(inside, axle.error(a, index), np.nan)) for a in algos
+        ]
+        if algos:
+            yield lines("force/estimates", estimates)
+            yield lines("error", errors)
+        if axle.slope is not None and axle.slope_confidence is not None:
+            yield lines("slope", [("slope dµ/ds", SLOPE, computed(axle.slope))])
+            sure = computed(axle.slope_confidence)
+            yield lines("confidence", [("confidence", REFERENCE, sure)])
+
+    def _send_slip(
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats,
+        rail: fit.RailFit | None,
+    ) -> int:  # fmt: skip
+        """The operating point on its curve; brake, region and wheel as states."""
+        vehicle = self.result.vehicle
+        mu = physics.coefficient(axle.reference.force, vehicle)
+        t, index, inside = _rows(axle)
+        rows = send_curve(
+            rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands,
+            fitted=Fitted(rail, vehicle) if rail else None,
+        )  # fmt: skip
+        if axle.slope is not None and self.bands:
+            for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
+                of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
+                rows += send_band(rec, of, self._times, axle.record.t, b.slope_low, b.slope_high)
+        n = len(axle.record)
+        braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
+        for s in axle.applications:
+            braked[signals.pressed(axle.record, s)[0]] = 1
+        for e in axle.events:
+            if e.until is not None:
+                slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
+        region = np.zeros(n, np.int8) if axle.region is None else axle.region
+        for name, codes, states in (
+            ("brake", braked, BRAKE), ("region", region, REGION_STATES), ("wheel", slides, WHEELS),
+        ):  # fmt: skip
+            shown = np.where(inside, codes[index], -1)
+            lane = f"{path}/state/{name}"
+            rows += send_states(rec, lane, self._times, t, shown, states)
+        return rows
+
+    def _send_events(self, rec: rr.RecordingStream) -> int:
+        events = [
+            (self.start + round((f.first_s or 0.0) * 1e9), _LEVEL[f.severity], _finding(f))
+            for f in self.result.findings
+        ]
+        for axle in self.result.axles:
+            for s in axle.applications:
+                on, gone = signals.pressed(axle.record, s)
+                for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
+                    text = f"axle {axle.record.axle}: brake {what}"
+                    events.append((int(axle.record.t[i]), "INFO", text))
+            events += [(x.t, "INFO", x.message) for x in axle.events]
+        if not events:
+            return 0
+        events.sort(key=lambda e: e[0])
+        rows = [  # of a text with several lines, the viewer shows the first
+            (t, level, line)
+            for t, level, text in events
+            for line in textwrap.wrap(
+                f"{(t - self.zero) / 1e9:+.2f} s  {text}", _EVENT_WIDTH, subsequent_indent=" " * 6
+            )
+        ]
+        times, levels, told = zip(*rows, strict=True)
+        data = rr.TextLog.columns(text=told, level=levels)
+        rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
+        return len(rows)
+
+    # -- layout
+
+    def layout(self) -> rrb.Container:
+        """Tabs: one per axle, then the summary; a second set of axles with full data if large."""
+        tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in self.result.axles]
+        if self.large:
+            full = [self._axle_tab(a, "") for a in self.result.axles]
+            tabs.append(rrb.Tabs(*full, name="Full data"))
+        summary = rrb.Horizontal(
+            rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings"),
+            self._about(),
+            name="Summary",
+        )
+        return rrb.Tabs(*tabs, summary, name=self.title)
+
+    def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
+        N = axle.record.axle
+        path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
+        against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
+        reference, estimates = axle.reference, axle.estimates
+        force = span_of([reference.lower, reference.upper], list(estimates.values()))
+        rows = [
+            chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
+            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
+            chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
+        ]
+        shares = [3.0, 3.0, 6.0]
+        if estimates:
+            braking = np.concatenate([np.arange(s.start, s.stop) for s in _applications(axle)])
+            braking = braking[:: max(1, len(braking) // JUDGED)]
+            error = span_of([], [axle.error(a, braking) for a in estimates])
+            title = f"Axle {N}: estimate minus {against} [N]"
+            rows.append(chart(f"{path}/error", title, error, legend=None))
+            shares.append(3.0)
+        title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
+        forces = rrb.Horizontal(
+            rrb.Vertical(*rows, row_shares=shares),
+            rrb.Vertical(
+                rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
+                self._events(), self._about(), row_shares=[2.5, 4.0, 5.0],
+            ),
+            column_shares=[2, 1], name=title if axle.slip is None else "Force",
+        )  # fmt: skip
+        if axle.slip is None:
+            return forces
+        slip = self._slip_tab(axle, path, exact)
+        return rrb.Tabs(forces, slip, active_tab=1 if self.notes else 0, name=title)
+
+    def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
+        N = axle.record.axle
+        rows: list[rrb.View] = [
+            chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
+            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
+        ]
+        shares = [3.0, 3.0]
+        if axle.slope is not None:
+            rows += slope_charts(path, f"Axle {N}", axle.slope, self.bands)
+            shares += [2.5, 1.5]
+        rows.append(states_view(f"{exact}/state", f"Axle {N}: brake, region on the curve, wheel"))
+        return rrb.Horizontal(
+            rrb.Vertical(*rows, row_shares=[*shares, 3.0]),
+            rrb.Vertical(
+                curve_view(f"{exact}/slip", f"Axle {N}"),
+                rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
+                self._events(), row_shares=[4.5, 5.0, 2.0],
+            ),
+            column_shares=[6, 4], name="Slip",
+        )  # fmt: skip
+
+    def _about(self) -> rrb.View:
+        return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made")
+
+    def _events(self) -> rrb.View:
+        columns = rrb.TextLogColumns(
+            timeline_columns=[rrb.encodings.TimelineColumn("time", visible=False)],  # in the body
+            text_log_columns=["LogLevel", "Body"],
+        )
+        return rrb.TextLogView(origin=f"{self.root}/events", name="Events", columns=columns)
+
+
+def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
+    """Rows to draw: each sample, and one without values wherever a segment begins or ends.
+
+    Returns:
+        time [ns], index into the record's columns (−1 for a break), and whether the row lies in a
+        segment; shape (m,).
+    """
+    t = axle.record.t
+    inside = np.zeros(len(t), bool)
+    for s in axle.record.segments:
+        inside[s] = True
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} - {0, len(t)}
+    edges = np.array(sorted(bounds), np.int64)
+    index = np.insert(np.arange(len(t)), edges, -1)
+    return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
+
+
+def _envelope(t: Times, plot: Plot, step: int) -> tuple[Times, Plot]:
+    """The lowest and the highest value of each span of `step` rows, as two rows a span."""
+    at = np.arange(0, len(t), step)
+    below, above = plot.values, plot.values
+    if plot.half is not None:
+        below, above = below - plot.half, above + plot.half
+    low = np.fmin.reduceat(below, at, axis=0)  # fmin, fmax pass over NaN
+    high = np.fmax.reduceat(above, at, axis=0)
+    values, half = np.stack([low, high], axis=1).reshape(-1, low.shape[1]), None
+    if plot.half is not None:
+        values, half = (
+            np.repeat((low + high) / 2, 2, axis=0),
+            np.repeat((high - low) / 2, 2, axis=0),
+        )
+    middle = np.minimum(at + step // 2, len(t) - 1)
+    return np.stack([t[at], t[middle]], axis=1).ravel(), replace(plot, values=values, half=half)
+
+
+def _applications(axle: AxleResult) -> Sequence[slice]:
+    return axle.applications or (slice(0, len(axle.record)),)
+
+
+# ---- text
+
+
+def _summary(result: Result) -> str:
+    lines = [f"# {_plain(Path(result.log.path).name)}", ""]
+    lines += ["## Findings", ""]
+    lines += [f"- **{f.severity}** {_plain(_finding(f))}" for f in result.findings] or ["none"]
+    for axle in result.axles:
+        lines += ["", f"## Axle {axle.record.axle}", "", *_scores(axle.scores)]
+    return "\n".join(lines)
+
+
+def _about(result: Result, large: bool) -> str:
+    methods = sorted({a.reference.method for a in result.axles})
+    lines = [
+        "## What the lines mean",
+        "",
+        "Grey is the reference: the wide band holds the truth with 95 %, vehicle tolerances "
+        "included; the narrow one is one sigma of its noise. Green is the truth, where the log "
+        "has it. Each estimator has its own colour everywhere. A gap in a line is a gap in the "
+        "data.",
+        "",
+        "Time counts from the first brake application; the timeline `clock` is the log's own.",
+        "",
+        f"Reference: {', '.join(map(_plain, methods))}.",
+        "",
+        *([_OVERVIEW, ""] if large else []),
+        "## Settings",
+        "",
+        "| setting | value |",
+        "|---|---|",
+        *(f"| {_plain(k)} | {_plain(v)} |" for k, v in names.flat(result.settings).items()),
+        "",
+        "## Sources",
+        "",
+        *(f"- {_plain(s)}" for s in result.sources),
+        "",
+        f"SHA-256 of the log: `{result.log.sha256}`",
+    ]
+    return "\n".join(lines)
+
+
+_OVERVIEW = (
+    f"The log is long: the overviews show the lowest and the highest value of each of "
+    f"{_OVERVIEW_ROWS // 2} spans of time, the tab Full data every sample."
+)
+
+
+def _scores(scores: Sequence[Score]) -> list[str]:
+    head = ["estimator", "against", "RMSE [N]", "bias [N]", "max error [N]", "lag [s]", "gain",
+            "response [s]", "relative"]  # fmt: skip
+    rows = [
+        [
+            _plain(s.algo), s.against, _number(s.rmse_n, 1), _number(s.bias_n, 1),
+            _number(s.max_error_n, 0), _number(s.lag_s, 2), _number(s.gain, 3),
+            _number(s.response_s, 2), _number(s.relative, 2),
+        ]
+        for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
+    ]  # fmt: skip
+    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _finding(finding: Finding) -> str:
+    where = f"{finding.channel}: " if finding.channel else ""
+    often = f" ({finding.count} ×)" if finding.count > 1 else ""
+    return printable(f"{finding.code}: {where}{finding.message}{often}")
+
+
+def _plain(text: str) -> str:
+    """Text from a log that must not become markup, a link or a picture."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))

@@ -1,0 +1,66 @@
+"""Files that are read back: what a disk, or its cable, changed on the way is no result."""
+
+import io
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from ..core.errors import UserError
+
+_BLOCK = 1 << 20  # bytes read at once
+
+
+@contextmanager
+def verified(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to, front to back; on leaving it is read back and checked.
+
+    Args:
+        path: file to write; its old content is lost.
+
+    Raises:
+        UserError: it does not read back.
+        OSError: it cannot be written.
+    """
+    with path.open("wb") as file:
+        checked = _Checked(file)
+        yield cast("BinaryIO", checked)  # as far as writing goes
+    with path.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        if size != checked.size or crc(file, 0, size) != checked.crc:
+            raise damaged("its CRC")
+
+
+def crc(file: BinaryIO, start: int, length: int) -> int:
+    """The CRC of a part of a file, or of as much of it as there is."""
+    file.seek(start)
+    of = 0
+    while length > 0 and (block := file.read(min(length, _BLOCK))):
+        of = zlib.crc32(block, of)
+        length -= len(block)
+    return of
+
+
+def damaged(what: str) -> UserError:
+    """The error for a file that is not what was written."""
+    return UserError(
+        f"the result does not read back as written ({what})", "check the disk, then run again"
+    )
+
+
+class _Checked(io.BufferedIOBase):
+    """Passes everything on and keeps its CRC."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self.size, self.crc = file, 0, 0
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: "bytes | memoryview") -> int:  # type: ignore[override]
+        self._file.write(data)
+        self.crc = zlib.crc32(data, self.crc)
+        size = memoryview(data).nbytes
+        self.size += size
+        return size

@@ -1,0 +1,1 @@
+"""Wheel-slide protection: plant, scenarios, controllers, closed loop."""

@@ -1,0 +1,429 @@
+"""Closed loop: a train stops while a controller works the valves of each brake cylinder.
+
+Around the simulated train of `plant` stands its `unit`: at each of its ticks it is given train
+speed, wheel speeds and cylinder pressures, late and noisy, and sets the valves, which answer after
+their dead time.
+
+A stop is told in the terms of EN 15595: stopping distance and its extension over that on dry rail,
+use of the adhesion there was, depth and time of slides, standing wheels, air. The limits of the
+standard are not built in: no copy of it could be read.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import physics
+from ..core.controller import registry
+from ..core.errors import UserError
+from ..core.estimator import check_step
+from ..core.model import Floats, Vehicle
+from ..core.physics import clamping
+from ..core.stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
+from ..rail import slope
+from ..rail.creep_law import Patch
+from ..rail.slope import region
+from .plant import (
+    Demand,
+    Plant,
+    Track,
+    Train,
+    Wheels,
+    adhesion,
+    advance_to,
+    demand_of,
+    plant_of,
+    rail_at,
+    rolling,
+    track_of,
+)
+from .scenario import Limit, Rail, Scenario, Section
+from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, stated, tick
+
+DRY = Rail((Section(0.0, "dry"),))
+ESTIMATOR = "kalman"  # in the loop where none is chosen
+LONGEST = 600.0  # of a stop [s]
+_NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
+_HALVINGS = 30  # in the search for the peak
+
+
+# --- the loop: plain Python that compiles ---------------------------------------------------------
+
+
+class _Unit(NamedTuple):
+    """Times in steps of the plant, and what the unit knows."""
+
+    every: int  # between ticks
+    delay: int  # age of measured values
+    dead: int  # until the valves answer
+    measured: bool  # the train speed; else it is made of the axles
+
+
+class _Noise(NamedTuple):
+    """Of what is measured, shapes (ticks,) and (ticks, axles)."""
+
+    train_speed: Floats  # [m/s]
+    wheel_speed: Floats  # [rad/s]
+    pressure: Floats  # [Pa]
+
+
+class _Past(NamedTuple):
+    """What was, as long as it is still to be measured: step k in row k modulo the rows."""
+
+    v: Floats  # [m/s]
+    w: Floats  # [rad/s], shape (rows, axles)
+    p: Floats  # [Pa]
+
+
+class _Trace(NamedTuple):
+    """Columns of `Stop`, a row per tick."""
+
+    train_speed: Floats  # shape (ticks,), as the next four
+    distance: Floats
+    demand: Floats
+    measured_train_speed: Floats
+    train_speed_doubt: Floats
+    rim_speed: Floats  # shape (ticks, axles), as the others
+    pressure: Floats
+    measured_wheel_speed: Floats
+    measured_pressure: Floats
+    measured_clamping_force: Floats
+    measured_slip: Floats
+    judged_slip: Floats
+    estimate: Floats
+    slope: Floats
+    confidence: Floats
+    valve: NDArray[np.int8]
+    region: NDArray[np.int8]
+
+
+class _World(NamedTuple):
+    """All that a unit has to do with, and knows only by what it measures."""
+
+    plant: Plant
+    track: Track
+    demand: Demand
+    wheels: Wheels
+    unit: _Unit
+    noise: _Noise
+    past: _Past
+    trace: _Trace
+    dt: float  # of the plant [s]
+
+
+def _drive(world: _World, train: Train, j: int) -> Train:
+    """The train at tick j, if it does not stand before; fills row j but for what the unit makes.
+
+    It comes from the tick before with the valves of the rows until then. No part of a unit is in
+    here: one compiled piece serves all.
+    """
+    unit, trace, wheels = world.unit, world.trace, world.wheels
+    if j == 0:
+        _remember(world, train, 0)
+    for k in range(max(j - 1, 0) * unit.every, j * unit.every):
+        if k >= unit.dead:
+            for i in range(len(wheels.w)):
+                wheels.valve[i] = trace.valve[(k - unit.dead) // unit.every, i]
+        train = advance_to(
+            world.plant, world.track, world.demand, train, wheels, (k + 1) * world.dt
+        )
+        if not train.v > 0.0:
+            return train
+        _remember(world, train, k + 1)
+    trace.train_speed[j], trace.distance[j], trace.demand[j] = train.v, train.x, train.asked
+    for i in range(len(wheels.w)):
+        trace.rim_speed[j, i], trace.pressure[j, i] = wheels.w[i], wheels.p[i]
+    _measure(world, j)
+    return train
+
+
+def _remember(world: _World, train: Train, k: int) -> None:
+    """The state at step k, to be measured when its time has come."""
+    past, wheels = world.past, world.wheels
+    row = k % len(past.v)
+    past.v[row] = train.v
+    for i in range(len(wheels.w)):
+        past.w[row, i] = wheels.w[i] / world.plant.radius[i]
+        past.p[row, i] = wheels.p[i]
+
+
+def _measure(world: _World, j: int) -> None:
+    """Row j of what is measured of v, ω and p; a sensor at rest gives no pulses."""
+    unit, noise, past, trace = world.unit, world.noise, world.past, world.trace
+    row = max(j * unit.every - unit.delay, 0) % len(past.v)
+    y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], past.v[row]
+    for i in range(len(y)):
+        w = past.w[row, i]
+        y[i] = max(w + noise.wheel_speed[j, i], 0.0) if w > 0.0 else 0.0
+        trace.measured_pressure[j, i] = past.p[row, i] + noise.pressure[j, i]
+        K[i] = clamping(world.plant.brake, trace.measured_pressure[j, i])
+    if not unit.measured:
+        v = math.nan
+    elif v > 0.0:
+        v = max(v + noise.train_speed[j], 0.0)
+    trace.measured_train_speed[j] = v
+
+
+def _march(
+    drive: Callable[[_World, Train, int], Train],
+    world: _World,
+    train: Train,
+    c: Constants,
+    bands: slope.Bands,
+) -> int:
+    """Brakes until the train stands, or the trace is full.
+
+    Args:
+        drive: `_drive`.
+        world: train, rail, sensors; its trace is filled.
+        train: at the start.
+        c: constants of the unit.
+        bands: that regions are told by.
+
+    Returns:
+        Ticks done; −j where Newton's iteration failed on the way to tick j.
+    """
+    trace, h = world.trace, world.unit.every * world.dt
+    y, K = trace.measured_wheel_speed, trace.measured_clamping_force
+    for j in range(len(trace.demand)):
+        train = drive(world, train, j)
+        if not train.v > 0.0:
+            return -j if math.isnan(train.v) else j
+        if j == 0:
+            wheels = stated(c, y.shape[1])
+            known, axles = start(c, wheels, trace.measured_train_speed[0], y[0], K[0])
+        else:
+            known, axles = tick(c, known, axles, h, trace.measured_train_speed[j], y[j], K[j])
+        trace.measured_train_speed[j], trace.train_speed_doubt[j] = known.v, known.doubt
+        for i in range(len(axles)):
+            k, judged = axles[i].slope, axles[i].controller.judged
+            trace.measured_slip[j, i] = slip_of(axles[i].wheel.radius, known.v, y[j, i])
+            trace.judged_slip[j, i], trace.estimate[j, i] = judged, axles[i].estimator.F
+            trace.slope[j, i], trace.confidence[j, i] = k.slope, k.confidence
+            trace.region[j, i] = region(judged, k.slope, bands)
+            trace.valve[j, i] = axles[i].controller.valve
+    return len(trace.demand)
+
+
+def _given(
+    plant: Plant, track: Track, h: float, v: Floats, x: Floats, w: Floats,
+    force: Floats, peak: Floats, peak_slip: Floats,
+) -> None:  # fmt: skip
+    """What the rail gave at each tick, and the most it could have; shapes (ticks,) and w's."""
+    rail = np.zeros(5)
+    for i in range(w.shape[1]):
+        knot = 0
+        for j in range(len(v)):
+            z = j * h if track.timed else x[j] - plant.positions[i]
+            knot = rail_at(track, i, z, knot, rail)
+            force[j, i] = adhesion(v[j] - w[j, i], v[j], rail, plant.patch)[0]
+            sliding = _peak(v[j], rail, plant.patch)
+            peak[j, i] = adhesion(sliding, v[j], rail, plant.patch)[0]
+            peak_slip[j, i] = sliding / v[j]
+
+
+def _peak(v: float, rail: Floats, patch: Patch) -> float:
+    """Sliding speed [m/s] of the greatest adhesion force: where its slope changes sign."""
+    low, high = math.log(1e-6 * v), math.log(v)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if adhesion(math.exp(middle), v, rail, patch)[1] > 0.0:
+            low = middle
+        else:
+            high = middle
+    return math.exp(low)
+
+
+# --- stops ----------------------------------------------------------------------------------------
+
+
+def run(
+    scenario: Scenario,
+    controller: str,
+    seed: int | None = None,
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    track: Track | None = None,
+) -> Stop:
+    """One stop.
+
+    Args:
+        scenario: train, brake, rail and unit; its sensors and its simple slide protection are the
+            log's and play no part.
+        controller: a name in `controller.registry()`.
+        seed: of the sensors' noise, in place of the scenario's.
+        algo: online estimator in the loop.
+        settings: as in `unit.choose`.
+        track: the rail, in place of the scenario's.
+
+    Raises:
+        UserError: no such controller or estimator, a parameter unknown, out of range or unstable,
+            a scenario that does not end in a stop.
+    """
+    from ..core import compiled
+
+    if scenario.rig or not scenario.brake.command or not scenario.train.speed:
+        raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
+    known, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
+    settings = settings or {}
+    if dt > known.period:
+        text = f"{scenario.name}: dt is longer than the unit's period"
+        raise UserError(text, "a shorter dt", code=2)
+    every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
+    h = every * dt
+    chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
+    check_step(chosen.estimator, chosen.constants.estimator, h)
+    plant, demand, track = plant_of(scenario), demand_of(scenario), track or track_of(scenario)
+    _stops(scenario, plant, demand)
+    plant = plant._replace(
+        valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
+    )
+    ticks = round(LONGEST / h)
+    shape = (ticks, axles)
+    seed = scenario.seed if seed is None else seed
+    random = np.random.Generator(np.random.PCG64(seed))
+    noise = _Noise(
+        *(
+            math.sqrt(variance) * random.standard_normal(size)
+            for variance, size in (
+                (known.train_noise, ticks), (known.wheel_noise, shape),
+                (known.pressure_noise, shape),
+            )
+        )
+    )  # fmt: skip
+    columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
+    trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
+    train, wheels = rolling(scenario.train.speed, axles)
+    unit = _Unit(every, delay, dead, known.train_speed == "measured")
+    past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
+    c = chosen.constants
+    world = _World(plant, track, demand, wheels, unit, noise, past, trace, dt)
+    drive = compiled.by_address(_drive, world, train, 0)
+    march = compiled.function(_march, chosen.stand_ins())
+    done = march(drive, world, train, c, bands(settings))
+    if done < 0:
+        raise UserError(f"{scenario.name}: no solution at {-done * h:g} s", "take a shorter dt")
+    if done == ticks:
+        text = f"{scenario.name}: the train does not stand after {LONGEST:g} s"
+        raise UserError(text, "a stronger brake, or a better rail")
+    trace = _Trace._make(column[:done].copy() for column in trace)
+    v, rim = trace.train_speed, trace.rim_speed
+    force, peak, peak_slip = (np.empty(rim.shape) for _ in range(3))
+    compiled.function(_given)(plant, track, h, v, trace.distance, rim, force, peak, peak_slip)
+    stop = Stop(
+        controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
+        **trace._asdict(), force=force, peak=peak, peak_slip=peak_slip,
+        slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
+        air=float(wheels.air.sum()) * known.volume / _NORMAL * 1e3,
+    )  # fmt: skip
+    if not _stopping_distance(stop, scenario) > 0.0:
+        raise UserError(f"{scenario.name}: the train stands at once", "a faster train")
+    return stop
+
+
+def taken_for(s: Scenario) -> Vehicle:
+    """The vehicle that the unit of a scenario takes it for."""
+    known, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
+    factors = known.radius * (s.train.axles // len(known.radius))
+    return replace(
+        v,
+        friction=v.friction._replace(value=known.friction * v.friction.value),
+        wheel_radius=tuple(
+            (R := v.radius(i))._replace(value=factor * R.value)
+            for i, factor in zip(axles, factors, strict=True)
+        ),
+        axle_mass=v.axle_mass._replace(value=known.mass * v.axle_mass.value),
+    )
+
+
+def speed_noise(s: Scenario) -> float:
+    """1 sigma of v − ωR as the unit of a scenario measures it [m/s]."""
+    rim = s.vehicle.radius(1).value ** 2 * s.antiskid.wheel_noise
+    train = s.antiskid.train_noise if s.antiskid.train_speed == "measured" else rim
+    return math.sqrt(train + rim)
+
+
+def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:
+    """Refuses a brake that never takes hold, or is released before any rail can stop the train.
+
+    With (1) from v0 to standstill, (m + I/R²) v0 = ∫φK dt while the wheel turns, on any rail. K
+    follows the demand, and at its release lasts no longer than the cylinder needs to vent.
+    """
+    w = physics.wheelset(s.vehicle, 1)
+    K, t = clamping(plant.brake, demand.p[:-1]), demand.t[:-1]
+    if not K.any():
+        text = f"{s.name}: {demand.p.max() * 1e-5:.2g} bar, the most demanded, moves no brake pad"
+        raise UserError(
+            text, "a pressure that overcomes the cylinder's spring, [vehicle] spring_force"
+        )
+    venting = plant.vent_time + demand.p.max() / plant.vent_rate
+    impulse = float(np.sum(np.diff(t) * (K[1:] + K[:-1]) / 2.0) + K.max() * venting)
+    if K[-1] == 0.0 and w.rolling * w.phi * impulse < w.mass * s.train.speed:
+        raise UserError(
+            f"{s.name}: the brake is released at {t[-1]:g} s, while the train still moves",
+            "antiskid needs a brake that stays applied until the train stands",
+        )
+
+
+def dry_distance(scenario: Scenario) -> float:
+    """Stopping distance of the same train and brake on dry rail, without controller [m]."""
+    dry = replace(scenario, rail=DRY, train=replace(scenario.train, cleaning=()))
+    return _stopping_distance(run(dry, "none"), dry)
+
+
+def side_by_side(
+    scenario: Scenario,
+    seed: int | None,
+    algo: str,
+    settings: Settings,
+    tell: Callable[[str], None],
+) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
+    """Dry distance [m], and the stop under every controller by name; arguments as of `run`.
+
+    `tell` is told the progress.
+    """
+    tell("dry rail")
+    dry, stops = dry_distance(scenario), {}
+    for law in registry():
+        tell(law)
+        stop = run(scenario, law, seed, algo, settings)
+        stops[law] = stop, verdict(stop, scenario, dry)
+    return dry, stops
+
+
+def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
+    """What a stop is worth; `dry` is the stopping distance on dry rail [m]."""
+    h = float(stop.t[1] - stop.t[0]) * 1e-9
+    wheel = physics.wheelset(scenario.vehicle, 1)
+    asked = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
+    counted = stop.train_speed >= JUDGED_FROM
+    limited = counted[:, None] & (asked[:, None] > stop.peak)
+    distance, some = _stopping_distance(stop, scenario), bool(limited.any())
+    error, sliding = np.abs(stop.slip - stop.peak_slip)[limited], stop.sliding()
+    return Verdict(
+        stopping_distance_m=distance,
+        extension=distance / dry - 1.0,
+        utilisation=float(stop.force[limited].sum() / stop.peak[limited].sum()) if some else None,
+        max_slip=float(stop.slip[counted].max()) if counted.any() else None,
+        locked_s=float((sliding == LOCKED).sum()) * h,
+        air_nl=stop.air,
+        mean_slip_error=float(error.mean()) if some else None,
+        slide_s=float((sliding != ROLLS).sum()) * h,
+        limited_s=float(limited.sum()) * h,
+    )
+
+
+def _stopping_distance(stop: Stop, scenario: Scenario) -> float:
+    demanded = scenario.brake.command[0].at
+    return float(stop.distance[-1] - np.interp(demanded, stop.t * 1e-9, stop.distance))
+
+
+def against(limits: Sequence[Limit], v: Verdict) -> Iterator[tuple[Limit, bool]]:
+    """Each limit, and whether the stop keeps it; what did not take place breaks none."""
+    for limit in limits:
+        value = getattr(v, limit.quantity)
+        yield limit, value is None or limit.least <= value <= limit.most

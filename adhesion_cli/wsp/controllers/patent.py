@@ -1,0 +1,76 @@
+"""The patent's law: slip and slope of the operating point judged together by AND.
+
+[S3] The point that is judged is where slip will be a short time ahead: valves and cylinder need
+that time, and the estimated force says at once where the wheel is going (1); nothing is
+differentiated.
+[S4] True where slip is in its band **and** slope in its band, see `slope.region`.
+Where the train speed is doubtful, so is slip: it is taken for as much as it may be.
+[S5] True: hold. False: move the point along the curve; beyond the bands vent, below them apply.
+[S6] At every tick until the train stands.
+
+The patent does not say which way each valve goes, nor what to do where the slope cannot be
+observed. Within the slip band the pressure is then held, and raised for a moment now and then: that
+moves the point, and a point that moves shows its slope; to hold for good would leave a wheel that
+rolls on a good rail with the pressure of the bad rail before it.
+"""
+
+from typing import Annotated, NamedTuple
+
+from ...core.controller import APPLY, HOLD, VENT, Observed
+from ...core.methods import About
+from ...core.model import Quantity
+from ...rail.slope import Bands, region
+
+
+class Params(NamedTuple):
+    """Bands of [S4]; found by search, see docs/antiskid.md."""
+
+    slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.018
+    slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.3
+    slope_low: Annotated[float, Quantity("-", "least slope of the band", -10.0, 0.0)] = -0.005
+    slope_high: Annotated[float, Quantity("-", "most slope of the band", 0.0, 50.0)] = 0.0136
+    horizon: Annotated[float, Quantity("s", "how far ahead slip is judged", 0.0, 2.0)] = 1.08
+    patience: Annotated[
+        float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
+    ] = 0.192
+    probe: Annotated[
+        float, Quantity("s", "how long to fill then, until the slope shows", 0.0, 10.0)
+    ] = 0.0245
+    guard: Annotated[
+        float, Quantity("-", "slip over its noise from which it is one", 0.0, 100.0)
+    ] = 2.5
+
+
+class State(NamedTuple):
+    """Clock, judged slip and valve command."""
+
+    blind: float  # so long without a slope, since the last probe [s]
+    judged: float  # slip that the AND-test had [-]
+    valve: int
+
+
+def init(p: Params, o: Observed) -> State:
+    """Both valves at rest."""
+    return State(0.0, o.slip, APPLY)
+
+
+def step(p: Params, s: State, h: float, o: Observed) -> State:
+    """One tick on."""
+    bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
+    judged = o.slip + o.slip_doubt
+    # Slip that is no more than its noise is none: the wheel rolls.
+    judged = judged + p.horizon * o.slip_rate if judged > p.guard * o.slip_noise else 0.0
+    where = region(judged, o.slope, bands)  # [S4]
+    blind = s.blind + h if where == 0 else 0.0  # unknown
+    looks = where == 0 and blind >= p.patience  # for the slope
+    valve = VENT if where == 3 else APPLY if where == 1 or looks else HOLD  # [S5]
+    if blind >= p.patience + p.probe:
+        blind = 0.0
+    return State(blind, judged, max(valve, o.at_least))
+
+
+ABOUT = About(
+    "Slip and slope judged together",
+    "Patent on slip-adhesion slope anti-skid control, Shanghai University of Engineering Science, "
+    "published 2024-10",
+)

@@ -1,0 +1,339 @@
+"""A braked train in motion: cylinders, wheels on the rail, car body; one step of its equations.
+
+One car body of mass M = Σ m shared by every wheelset, each with its own brake cylinder; (1) per
+wheelset with Polach's adhesion force (3):
+
+    M v̇ = −Σ F_i,    ω̇_i = a (F_i − φK_i) while the wheel turns.
+
+A wheel that stands is held by its brake up to φK; a train that stands stays (level track, F = 0).
+The equations are stiff: near adhesion the slip settles within 1/(a R ∂F/∂Δv), 2 ms at 20 m/s and
+20 µs at walking pace. They are integrated by the two-stage, L-stable, stiffly accurate SDIRK
+method of order 2 (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2), whose
+last stage is the new state: F in the output satisfies (3) at the sample it stands beside.
+
+Everything below `track_of` is plain Python that compiles; loops over `advance_to` set the valves.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import physics
+from ..core.controller import APPLY, HOLD, VENT
+from ..core.model import Floats
+from ..core.physics import ForceLine, clamping
+from ..rail.creep_law import Condition, Patch, condition, creep_force
+from .scenario import INF, Scenario, Wave, Wsp
+
+GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2
+STANDSTILL = 1e-3  # a braked train slower than this stands [m/s]
+SOON = 1e-10  # events closer than this count as one [s]
+CONVERGED = 1e-11  # last Newton correction [m/s]
+PATIENCE = 60  # Newton iterations
+
+
+class Plant(NamedTuple):
+    """What the loop needs of train, brakes and valves; arrays of shape (axles,)."""
+
+    radius: Floats
+    inertia: float
+    mass: float  # of the train
+    phi: float
+    brake: ForceLine
+    patch: Patch
+    positions: Floats
+    fill_time: float
+    vent_time: float
+    fill_rate: float
+    vent_rate: float
+    valve_period: float  # inf: no wheel slide protection
+    valve_time: float
+    hold_slip: float
+    vent_slip: float
+    valve_slowest: float
+
+
+class Demand(NamedTuple):
+    """Pressure demanded at the cylinders, as straight lines between knots, shape (k,)."""
+
+    t: Floats  # [s], the last one at infinity
+    p: Floats  # [Pa]
+
+
+class Track(NamedTuple):
+    """Rail condition under each axle as straight lines between knots."""
+
+    timed: bool  # knots are times, not places
+    knots: Floats  # shape (k,), the last one at infinity
+    values: Floats  # shape (axles, k, 5), the fields of `Condition`
+    amplitude: float
+    period: float
+
+
+def plant_of(s: Scenario) -> Plant:
+    """Train, brakes and valves of a scenario."""
+    n, m = s.train.axles, s.vehicle.axle_mass.value
+    wsp = s.wsp or Wsp()
+    return Plant(
+        radius=radii(s),
+        inertia=s.vehicle.wheelset_inertia.value,
+        mass=n * m,
+        phi=s.vehicle.friction.value,
+        brake=physics.force_line(s.vehicle),
+        patch=s.contact.patch(m * physics.G),
+        positions=np.array(s.train.positions or [0.0] * n),
+        fill_time=s.brake.fill_time,
+        vent_time=s.brake.vent_time,
+        fill_rate=s.brake.fill_rate,
+        vent_rate=s.brake.vent_rate,
+        valve_period=wsp.period if s.wsp else INF,
+        valve_time=wsp.vent_time,
+        hold_slip=wsp.hold_slip,
+        vent_slip=wsp.vent_slip,
+        valve_slowest=wsp.slowest,
+    )
+
+
+def radii(s: Scenario) -> Floats:
+    """Wheel radius of each axle [m], shape (axles,)."""
+    return np.array([s.vehicle.radius(axle).value for axle in range(1, s.train.axles + 1)])
+
+
+def demand_of(s: Scenario) -> Demand:
+    """What a scenario demands of its brakes."""
+    t, p = [-1.0], [0.0]
+    for c in s.brake.command:
+        goal = c.pressure or 0.0
+        if c.clamping_force:
+            goal = physics.cylinder_pressure(physics.force_line(s.vehicle), c.clamping_force)
+        start = c.at + s.brake.dead_time
+        t += [start, start + c.ramp]
+        p += [p[-1], goal]
+    return Demand(np.array([*t, INF]), np.array([*p, p[-1]]))
+
+
+def track_of(s: Scenario) -> Track:
+    """The rail of a scenario, film laid over its sections, as each axle finds it cleaned."""
+    rail = s.rail
+    knots: list[float] = []
+    values: list[Condition] = []
+    for place, name, scale in rail.changes():
+        if knots:
+            knots.append(place)
+            values.append(values[-1])
+        knots.append(place + rail.blend if knots else place)
+        values.append(condition(name)._replace(f0=condition(name).f0 * scale))
+    wave = rail.wave or Wave(0.0, 1.0)
+    under = np.array([[*values, values[-1]]] * s.train.axles)
+    under[:, :, 2] *= np.array(s.train.cleaning or [1.0] * s.train.axles)[:, None]  # f0
+    return Track(rail.along == "time", np.array([*knots, INF]), under, wave.amplitude, wave.period)
+
+
+class Train(NamedTuple):
+    """Where a train in motion is; `advance_to` gives the next one."""
+
+    t: float  # [s]
+    v: float  # NaN: Newton's iteration failed [m/s]
+    x: float  # run by the first axle [m]
+    asked: float  # cylinder pressure there would be without valves [Pa]
+    demand_knot: int  # the last one past
+    track_knot: int  # likewise, of a rail that changes with time
+
+
+class Wheels(NamedTuple):
+    """Its wheels and their brakes, shape (axles,); `advance_to` changes them in place."""
+
+    w: Floats  # rim speeds ωR [m/s]
+    p: Floats  # cylinder pressures [Pa]
+    air: Floats  # taken in by each cylinder so far, as a rise of pressure [Pa]
+    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
+    knot: NDArray[np.int64]  # of the track, the last one past each axle
+    rails: Floats  # the condition under each where the last step ended, shape (axles, 5)
+    friction: Floats  # room of a step, so that none allocates, as the rest
+    w_new: Floats
+    w_from: Floats
+    newton: Floats  # shape (axles, 3)
+
+
+def rolling(v: float, axles: int) -> tuple[Train, Wheels]:
+    """A train of that many axles that rolls at v [m/s], brakes released."""
+
+    def zeros(*shape: int) -> Floats:
+        return np.zeros((axles, *shape))
+
+    valve, knot = np.zeros(axles, np.int64), np.zeros(axles, np.int64)
+    rims = np.full(axles, v)
+    return Train(0.0, v, 0.0, 0.0, 0, 0), Wheels(
+        rims, zeros(), zeros(), valve, knot, zeros(5), zeros(), zeros(), zeros(), zeros(3)
+    )
+
+
+# --- integration: plain Python that compiles ----------------------------------------------------
+
+
+def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
+    """Puts the condition at place or time `z` into `rail`; returns the knot before it.
+
+    `axle` counts from 0, `j` is a knot no later.
+    """
+    while track.knots[j + 1] <= z:
+        j += 1
+    part = max(0.0, (z - track.knots[j]) / (track.knots[j + 1] - track.knots[j]))
+    for i in range(5):
+        before = track.values[axle, j, i]
+        rail[i] = before + part * (track.values[axle, j + 1, i] - before)
+    rail[2] *= 1.0 + track.amplitude * math.sin(2.0 * math.pi * z / track.period)  # f0
+    return j
+
+
+def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[float, float]:
+    """`creep_force` under the condition that `rail_at` left in `rail`."""
+    law = Condition(rail[0], rail[1], rail[2], rail[3], rail[4])
+    return creep_force(sliding, speed, law, patch)
+
+
+def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float) -> float:
+    """Cylinder pressure `h` later, the demand going straight from c0 to c1."""
+    if valve == HOLD:
+        return p
+    if valve == VENT:
+        return p * math.exp(-h / plant.valve_time)
+    lag = plant.fill_time if c1 > p else plant.vent_time
+    if lag == 0.0:
+        p1 = c1
+    elif h == 0.0:
+        p1 = p
+    else:
+        behind = (c1 - c0) / h * lag  # how far a lag trails a ramp
+        p1 = c1 - behind + (p - c0 + behind) * math.exp(-h / lag)
+    if p1 > p:
+        return min(p1, p + plant.fill_rate * h) if plant.fill_rate < math.inf else p1
+    return max(p1, p - plant.vent_rate * h) if plant.vent_rate < math.inf else p1
+
+
+def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
+    """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
+
+    Newton's method; the Jacobian is an arrow. F falls so steeply about zero sliding that an iterate
+    never crosses it but starts again from there, where F is steepest and it cannot overshoot.
+    `v` and `s.w_new` are the first guess; `s.w_new` becomes the answer.
+
+    Returns:
+        v, or NaN where the iteration did not converge.
+    """
+    e, w, work = h / plant.mass, s.w_new, s.newton
+    for _ in range(PATIENCE):
+        residual, slope = v - v_from, 1.0
+        for i in range(len(w)):
+            F, D = adhesion(v - w[i], v, s.rails[i], plant.patch)
+            c = h * plant.radius[i] ** 2 / plant.inertia
+            g = w[i] - s.w_from[i] - c * (F - s.friction[i])
+            if w[i] <= 0.0 and g >= 0.0:  # the brake holds it
+                g, c = 0.0, 0.0
+            work[i, 0], work[i, 1], work[i, 2] = g, c, D
+            residual += e * (F + D * g / (1.0 + c * D))
+            slope += e * D / (1.0 + c * D)
+        dv = max(-residual / slope, -v)
+        largest = abs(dv)
+        for i in range(len(w)):
+            g, c, D = work[i, 0], work[i, 1], work[i, 2]
+            rim = w[i] + (c * D * dv - g) / (1.0 + c * D)
+            if (v - w[i]) * (v + dv - rim) < 0.0:
+                rim = v + dv
+            rim = max(rim, 0.0)
+            largest = max(largest, abs(rim - w[i]))
+            w[i] = rim
+        v += dv
+        if largest < CONVERGED:
+            return v
+    return math.nan
+
+
+def advance_to(
+    plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, end: float
+) -> Train:
+    """The train at time `end` [s]; a step ends wherever the demand or the rail jumps or kinks."""
+    t, v, x, asked, i, j = s.t, s.v, s.x, s.asked, s.demand_knot, s.track_knot
+    while t < end - SOON:
+        while demand.t[i + 1] <= t + SOON:
+            i += 1
+        stop = min(end, demand.t[i + 1])
+        if track.timed:
+            while track.knots[j + 1] <= t + SOON:
+                j += 1
+            stop = min(stop, track.knots[j + 1])
+        h = stop - t
+        c0, rise = _line(demand, i, t)
+        asked = cylinder(plant, APPLY, asked, c0, c0 + rise * h, h)
+        _jump(plant, wheels, c0)
+        new = _step(plant, track, wheels, c0, rise, t, h, v, x)
+        if math.isnan(new):
+            return Train(t, new, x, asked, i, j)
+        x += 0.5 * h * (v + new)
+        v, t = new, stop
+    return Train(end, v, x, asked, i, j)
+
+
+def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
+    """Takes a jump of the demand at the train's time into cylinders that follow at once."""
+    i = s.demand_knot
+    while demand.t[i + 1] <= s.t + SOON:
+        i += 1
+    _jump(plant, wheels, _line(demand, i, s.t)[0])
+
+
+def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
+    """Pressure demanded at time t, behind knot i [Pa], and its rise [Pa/s]."""
+    rise = (demand.p[i + 1] - demand.p[i]) / (demand.t[i + 1] - demand.t[i])
+    return demand.p[i] + rise * (t - demand.t[i]), rise
+
+
+def _jump(plant: Plant, wheels: Wheels, demanded: float) -> None:
+    if plant.fill_time > 0.0 and plant.vent_time > 0.0:
+        return
+    for i in range(len(wheels.p)):
+        p = cylinder(plant, wheels.valve[i], wheels.p[i], demanded, demanded, 0.0)
+        wheels.air[i] += max(p - wheels.p[i], 0.0)
+        wheels.p[i] = p
+
+
+def _step(
+    plant: Plant, track: Track, s: Wheels, demand: float, rise: float,
+    t: float, h: float, v: float, x: float,
+) -> float:  # fmt: skip
+    """One step from `t` to `t + h`, within which nothing jumps; the wheels are updated.
+
+    `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
+
+    Returns:
+        v at the end, or NaN where Newton's iteration did not converge.
+    """
+    w, w_new, w_from, axles = s.w, s.w_new, s.w_from, len(s.w)
+    v_new, v_from, braked = v, v, False
+    for i in range(axles):
+        w_new[i] = w_from[i] = w[i]
+    for part in (GAMMA, 1.0):
+        for i in range(axles):
+            p1 = cylinder(plant, s.valve[i], s.p[i], demand, demand + rise * part * h, part * h)
+            K = clamping(plant.brake, p1)
+            s.friction[i] = plant.phi * K
+            braked = braked or K > 0.0
+            if part == 1.0:
+                s.air[i] += max(p1 - s.p[i], 0.0)
+                s.p[i] = p1
+            z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
+            s.knot[i] = rail_at(track, i, z, s.knot[i], s.rails[i])
+        if v > 0.0:
+            v_new = _stage(plant, s, GAMMA * h, v_from, v_new)
+        if math.isnan(v_new):
+            return v_new
+        if part < 1.0:  # the second stage starts from h (1 − γ) f of the first
+            v_from = v + (1.0 - GAMMA) / GAMMA * (v_new - v)
+            for i in range(axles):
+                w_from[i] = w[i] + (1.0 - GAMMA) / GAMMA * (w_new[i] - w[i])
+    stands = braked and v_new < STANDSTILL
+    for i in range(axles):
+        w[i] = 0.0 if stands else w_new[i]
+    return 0.0 if stands else v_new

@@ -1,0 +1,411 @@
+"""What each controller would have done where a log was taken.
+
+The rail under each axle that slid is the one `railfit` fits to its slides, from where it first
+creeps by more than 1 %; before, and under an axle that never slid, it gave what was asked for and
+counts as dry. The train is the log's axles, the speed the log's at the start of the brake. The
+demand is the clamping force of the axles that never slid. Where every axle did, slide protection
+let air out of each from then on: the demand goes on as it stood when the last of them began to, or
+as the largest force since; where no axle slides and all hold one force it shows again. If it did
+not yet stand, or changed since, it may have been anything from that to what locks a wheel on dry
+rail: half of the draws have more, and there is no dry distance to compare with. It begins as much
+earlier as cylinders take to fill against their springs, before which there is no clamping force.
+Where the brake was released before the train stood, the demand goes on as it was. The track is
+level and the unit that of `scenario.Antiskid`.
+
+The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, friction in
+deep slides falling alike under all of them, and a true pad friction for all; each controller stops
+on `_DRAWS` of them. The intervals hold what the log does not decide, not what is said above.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import physics
+from ..core.controller import registry
+from ..core.errors import UserError
+from ..core.model import Bools, Finding, Floats, Result, Times, Vehicle
+from ..core.signals import true_runs
+from ..core.stop import JUDGED_FROM, Stop, Verdict
+from ..core.text import printable
+from ..dynamics.longitudinal import SIGMAS, tolerance
+from ..rail import fit, slip
+from ..rail.creep_law import Condition, condition
+from ..rail.fit import RailFit
+from ..rail.slip import Summary
+from . import closed_loop
+from .plant import Track
+from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
+from .sweep import Beside, beside, interval, on_all_cores
+from .wsp_controller import Settings
+
+_EVERY = 0.1  # between two knots of the demand [s]
+_RELEASED = 0.05  # share of the largest demand: less is none
+_OFFSET = 0.1  # share of it: what never falls below less is a sensor's offset
+_PAUSE = 2.0  # without brake and slide: longer, the brake was released [s]
+_DRAWS = 40  # of the fit that are run again
+_NOISE = 0.01  # share of the largest demand: less is no change of it
+_STOOD, _EVEN = 1.0, 0.03  # a demand that has changed by no more in so long stands [s], share of it
+_HELD = 5.0  # of a wheel that rolls slide protection lets no force stand as long [s]
+_LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
+_STANDS = 0.1  # a train slower than this stands [m/s]
+_BLEND = 0.1  # from the dry rail to the fitted one [m]
+
+Values = dict[str, tuple[float, float, float] | None]
+
+
+class Case(NamedTuple):
+    """A stop of a log, ready to be run again."""
+
+    start_s: float  # of the brake, after the log's start [s]
+    scenario: Scenario  # train and demand
+    track: Track  # the best fit
+    draws: list[tuple[Scenario, Track]]
+    logged_m: float | None  # run in the log from the same moment to standstill
+    demanded: bool  # what was asked of the brakes is known
+    findings: list[Finding]
+
+
+class Answer(NamedTuple):
+    """One controller: its stop on the best fit; of each value the draws' median and 95 % interval.
+
+    The best fit's own value would not do: one stop's largest slip lies below most draws'.
+    """
+
+    stop: Stop
+    values: Values
+    beside: Beside  # over the draws, each the same rail and brake for every controller
+
+
+class _Braking(NamedTuple):
+    """When the stop was, on a grid of `_EVERY` from the start of the brake; all shape (n,)."""
+
+    t: Times  # [ns]
+    speed: Floats  # of the train [m/s]
+    K: Floats  # clamping force of each axle [N], shape (axles, n)
+    slides: Bools  # some axle does
+
+
+def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
+    """The stop of a log with the longest slide, and the rails that it may have been on.
+
+    Args:
+        result: the analysed log.
+        train_speed: how the unit knows it, if not as in `scenario.Antiskid`.
+
+    Raises:
+        UserError: where the log does not show the rail, saying what it would have to.
+    """
+    name = printable(Path(result.log.path).name)
+    summaries, findings = [], []
+    for axle in result.axles:
+        summary, told = slip.summary(axle, result.vehicle)
+        if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
+            hint = (
+                "it takes slides of several seconds through the peak, on one kind of rail: choose "
+                "them with --from and --to, or leave the axle out with --axle"
+            )
+            if axle.record.train_speed_made:
+                hint = "it takes a log with a train speed, by radar or GNSS"
+            text = " ".join(f.message for f in told)
+            raise UserError(
+                f"{name}: no rail to replay under axle {axle.record.axle}: {text}", hint
+            )
+        summaries.append(summary)
+        findings += [f for f in told if summary.slides]
+    if not any(s.slides for s in summaries):
+        raise UserError(
+            f"{name}: no axle slides: the rail had more than was asked for, or slide protection "
+            "kept every slip below 5 %; what it could give is not known",
+            "replay a log with slides",
+        )
+    braking = _braking(result, summaries)
+    if not braking.speed[0] > JUDGED_FROM:
+        text = f"{name}: the train does not move when the brake is applied"
+        raise UserError(text, "choose a stop with --from and --to")
+    begin, end = braking.t[[0, -1]].tolist()
+    firsts = [
+        (slip.limited_from(a, begin, end) or 0) if s.slides else 0
+        for a, s in zip(result.axles, summaries, strict=True)
+    ]
+    places = [_distance(braking, first) if first else None for first in firsts]
+    asked, known, told = _demand(braking, firsts)
+    radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
+    scenario = Scenario(
+        Path(name).stem, "a stop of a log", closed_loop.LONGEST, closed_loop.DRY,
+        train=Train(float(braking.speed[0]), len(radii)), brake=Brake(_commands(braking, asked)),
+        vehicle=replace(result.vehicle, wheel_radius=radii),
+    ).with_train_speed(train_speed)  # fmt: skip
+    rails = [s.rail for s in summaries]
+    draws, random = [], np.random.default_rng(0)
+    most = condition("dry").f0 * physics.G * result.vehicle.axle_mass.value
+    most = max(most / result.vehicle.friction.value, float(asked.max()))
+    drawn = _drawn(rails, result.vehicle, random)
+    for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
+        phi = scenario.vehicle.friction
+        truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
+        track = _track(places, [of[k] if of else None for of in drawn])
+        more = (most / np.maximum(asked, _LEAST)) ** max(random.uniform(-1.0, 1.0), 0.0)
+        brake = Brake(_commands(braking, np.where(known, 1.0, more) * asked))
+        draws.append((replace(scenario, vehicle=truly, brake=brake), track))
+    stands = bool(braking.speed[-1] < _STANDS)
+    return Case(
+        (begin - result.log.start_ns()) / 1e9, scenario,
+        _track(places, [rail and rail.best for rail in rails]), draws,
+        _distance(braking, end) if stands else None, bool(known.all()),
+        [*findings, *told, *_in_part(result, braking)],
+    )  # fmt: skip
+
+
+def answers(
+    case: Case, algo: str, settings: Settings, seed: int, tell: Callable[[str], None]
+) -> tuple[float | None, dict[str, Answer]]:
+    """Dry distance [m], None where the demand is not known, and every controller's stop, by name.
+
+    Args:
+        case: the stop.
+        algo: online estimator in the loop.
+        settings: as in `antiskid.run`.
+        seed: of the sensors' noise.
+        tell: is told the progress.
+
+    Raises:
+        UserError: as `antiskid.run`.
+    """
+    dry, stops = closed_loop.dry_distance(case.scenario), {}
+    for law in registry():
+        tell(law)
+        stops[law] = closed_loop.run(case.scenario, law, seed, algo, settings, case.track)
+    dries = on_all_cores(lambda draw: closed_loop.dry_distance(draw[0]), case.draws, tell)
+
+    def one(job: tuple[str, int]) -> Verdict:
+        law, k = job
+        scenario, track = case.draws[k]
+        stop = closed_loop.run(scenario, law, seed, algo, settings, track)
+        return closed_loop.verdict(stop, scenario, dries[k])
+
+    jobs = [(law, k) for law in stops for k in range(len(case.draws))]
+    verdicts = on_all_cores(one, jobs, tell)
+    many = len(case.draws)
+    by_law = {law: verdicts[n * many : (n + 1) * many] for n, law in enumerate(stops)}
+    paired, found = beside(by_law, np.median), {}
+    for law, stop in stops.items():
+        drawn = zip(*by_law[law], strict=True)
+        values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
+        known = values if case.demanded else {**values, "extension": None}
+        found[law] = Answer(stop, known, paired[law])
+    return dry if case.demanded else None, found
+
+
+def _drawn(
+    rails: Sequence[RailFit | None], vehicle: Vehicle, random: np.random.Generator
+) -> list[list[Condition] | None]:
+    """Draws of every axle's rail, those together that hold a locked wheel alike, in any order.
+
+    What slides leave open of a rail, how far its friction falls, they leave open under all axles
+    alike: drawn under each by itself it would average out, and the train's stop seem sure.
+    """
+    order: NDArray[np.int64] | None = None
+    found: list[list[Condition] | None] = []
+    for rail in rails:
+        if rail is None:
+            found.append(None)
+            continue
+        scales = rail.scales[:_DRAWS]
+        own = [_scaled(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)]
+        own.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
+        order = random.permutation(len(own)) if order is None else order
+        found.append([_scaled(own[i], c) for i, c in zip(order.tolist(), scales, strict=True)])
+    return found
+
+
+def _scaled(x: Condition, c: float) -> Condition:
+    """The rail whose μ is c times as high; see `railfit`."""
+    return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
+
+
+def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
+    """From the demand of the brake in which the longest slide lies, to standstill or release."""
+    slide = max((x for s in summaries for x in s.slides), key=lambda x: x.duration)
+    start, end = _brake(result, summaries, slide.start)
+    filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
+    start -= round(filled / Antiskid().fill_rate * 1e9)
+    start = max(start, *(int(a.record.t[0]) for a in result.axles))
+    t = np.arange(start, end, round(_EVERY * 1e9), dtype=np.int64)
+    speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
+    K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
+    stands = speed < _STANDS
+    past = int(np.argmax(stands)) + 1 if stands.any() else len(t)
+    past = max(_last_full(K[:, :past].max(axis=0)), int(np.searchsorted(t, slide.start))) + 1
+    slides: Bools = np.zeros(past, dtype=np.bool_)
+    for x in (x for s in summaries for x in s.slides):
+        slides |= (t[:past] >= x.start) & (t[:past] <= x.start + round(x.duration * 1e9))
+    return _Braking(t[:past], speed[:past], K[:, :past], slides)
+
+
+def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, int]:
+    """When the brake began that was applied at that time, and when the next one, or the end [ns].
+
+    Slide protection may vent every cylinder of a train, but while a wheel slides, and it fills them
+    soon after: a release lasts, and nothing slides.
+    """
+    spans = [(x.start, x.start + round(x.duration * 1e9)) for s in summaries for x in s.slides]
+    for a in result.axles:
+        spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
+    spans.sort()
+    begin, end = spans[0]
+    for first, last in spans[1:]:
+        if first - end > _PAUSE * 1e9:
+            if end >= at:
+                return begin, first
+            begin = first
+        end = max(end, last)
+    return begin, max(int(a.record.t[-1]) for a in result.axles)
+
+
+def _last_full(asked: Floats) -> int:
+    """Where the fall begins that ends in released brakes; the last place where they are not.
+
+    Args:
+        asked: the largest clamping force of all axles [N], shape (n,).
+    """
+    most = float(asked.max())
+    least = float(asked.min())
+    none = (least if least < _OFFSET * most else 0.0) + _RELEASED * most
+    top = i = max(np.flatnonzero(asked > none).tolist(), default=0)
+    if top == len(asked) - 1:
+        return top
+    while i > 0 and (top - i) * _EVERY < _STOOD:
+        i -= 1
+        if asked[i] > asked[top] + _NOISE * most:
+            top = i
+    return top
+
+
+def _in_part(result: Result, braking: _Braking) -> list[Finding]:
+    """What is told where these axles are not all that slowed the train."""
+    mine = {a.record.axle for a in result.axles}
+    speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
+    if others := sorted({c.axle for c in speeds if c.axle} - mine):
+        names = ", ".join(map(str, others))
+        text = f"without axle {names}: a train of the other axles alone is replayed, not the log's"
+        return [Finding("train-in-part", "warning", text)]
+    if any(a.record.train_speed_made for a in result.axles):
+        return []
+    F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
+    mass = len(mine) * result.vehicle.axle_mass.value
+    by_axles, lost = float(np.sum(F)) * _EVERY / mass, float(braking.speed[0] - braking.speed[-1])
+    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < SIGMAS * tolerance(result.vehicle):
+        return []
+    text = (
+        f"the train lost {lost:.1f} m/s, of which the forces of its {len(mine)} axles explain "
+        f"{by_axles:.1f}: other axles or brakes, a gradient, or another mass; these axles alone "
+        "are replayed, on level track"
+    )
+    return [Finding("train-in-part", "warning", text)]
+
+
+def _column(at: Times, t: Times, values: Floats | None) -> Floats:
+    assert values is not None  # `analyze` makes a train speed where there is none
+    known = np.isfinite(values)
+    return np.interp(at, t[known], values[known])
+
+
+def _distance(braking: _Braking, until: int) -> float:
+    """Run by the train until then [m]."""
+    seconds = (braking.t - braking.t[0]) * 1e-9
+    run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
+    return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
+
+
+def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[Floats, Bools, list[Finding]]:
+    """What was asked of the brakes [N], at least; where that is all; shape (n,).
+
+    Args:
+        braking: the stop.
+        firsts: when each axle began to slide, 0: it did not.
+    """
+    free, findings = [first == 0 for first in firsts], []
+    known: Bools = np.ones(len(braking.t), dtype=np.bool_)
+    if any(free):
+        asked: Floats = braking.K[free].max(axis=0)
+    else:
+        rolling = braking.t < np.array(firsts)[:, None]
+        held = _held(braking)
+        seen = np.where(rolling | held, braking.K, 0.0).max(axis=0)
+        known = rolling.any(axis=0) | held
+        known[0], seen[0] = True, braking.K[:, 0].max()
+        most, asked = braking.K.max(axis=0), seen.copy()
+        for i in np.flatnonzero(~known).tolist():
+            asked[i] = max(asked[i - 1], most[i])
+        for first, past in true_runs(~known):
+            before = asked[:first][-1 - round(_STOOD / _EVERY) :]
+            since = [asked[past - 1], *seen[past : past + 1]]
+            stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
+            if stood and np.abs(since / before[-1] - 1.0).max() < _EVEN:
+                known[first:past] = True
+        if known.all():
+            text = "every axle slid: where none shows the demand it counts as it stood before"
+            findings.append(Finding("demand-guessed", "info", text))
+        else:
+            text = (
+                "every axle slid before the demand stood, or it changed since: it counts as at "
+                f"least the clamping force that was reached, {asked.max() / 1e3:.1f} kN; no dry "
+                "distance to compare with"
+            )
+            findings.append(Finding("demand-guessed", "warning", text))
+    if braking.speed[-1] >= _STANDS:
+        v = braking.speed[-1]
+        text = f"the brake was released, or the log ends, at {v:.1f} m/s: replayed to standstill"
+        findings.append(Finding("stop-extended", "info", text))
+    return asked, known, findings
+
+
+def _held(braking: _Braking) -> Bools:
+    """When no axle slides and all have one force for a while: the demand's, shape (n,).
+
+    Slide protection lets none stand so long where wheels roll.
+    """
+    many, K = round(_HELD / _EVERY), braking.K
+    held: Bools = np.zeros(K.shape[1], dtype=np.bool_)
+    if K.shape[1] > many:
+        view = np.lib.stride_tricks.sliding_window_view
+        windows = view(K, many, axis=1)
+        least, most = windows.min(axis=(0, 2)), windows.max(axis=(0, 2))
+        even = (most - least < _EVEN * most) & (most > _RELEASED * K.max())
+        for i in np.flatnonzero(even & ~view(braking.slides, many).any(axis=1)).tolist():
+            held[i : i + many] = True
+    return held
+
+
+def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:
+    """A demand [N], shape (n,), without noise, which would take air again and again."""
+    seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
+    now = max(float(asked[0]), _LEAST)
+    commands = [Command(0.0, clamping_force=now)]
+    for i, force in enumerate(asked[1:].tolist()):
+        if abs(force - now) > _NOISE * asked.max():
+            now = force
+        commands.append(Command(seconds[i], None, now, seconds[i + 1] - seconds[i]))
+    return tuple(commands)
+
+
+def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) -> Track:
+    """Dry up to each axle's place, from there on its rail."""
+    starts = sorted({place for place in places if place is not None})
+    knots = np.unique([0.0, *starts, *(x + _BLEND for x in starts)])
+    dry = np.array(condition("dry"))
+    values = []
+    for place, rail in zip(places, rails, strict=True):
+        part = np.zeros(len(knots))
+        if place is not None:
+            part = np.clip((knots - place) / _BLEND, 0.0, 1.0)
+        there = np.array(rail or dry)
+        there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: steeper than dry rail says nothing more
+        under = dry + part[:, None] * (there - dry)
+        values.append([*under, under[-1]])
+    return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

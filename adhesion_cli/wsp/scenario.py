@@ -1,0 +1,379 @@
+"""Scenarios of the simulator: what a TOML may state, checked once; all SI."""
+
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from ..core import toml
+from ..core.errors import UserError, unknown
+from ..core.model import Parameter, Quantity, Vehicle
+from ..core.units import UNITS, Dimension
+from ..rail.creep_law import Condition, Contact, condition
+
+INF = math.inf
+
+Signal = Literal["pressure", "clamping_force", "wheel_speed", "train_speed", "truth", "slip"]
+
+_IS = "name a scenario TOML, or one of the bundled scenarios"
+_BUNDLED = Path(__file__).parent / "scenarios"
+_UNITS: dict[Signal, tuple[tuple[Dimension, ...], str]] = {
+    "pressure": (("pressure",), "bar, kPa, Pa"),
+    "clamping_force": (("force",), "N, kN"),
+    "wheel_speed": (("speed", "angular speed", "count"), "km/h, m/s, rad/s, rpm, count"),
+    "train_speed": (("speed", "acceleration"), "km/h, m/s; m/s2 of an accelerometer"),
+    "truth": (("force",), "N, kN"),
+    "slip": ((), "none"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Train:
+    """The train at the start, and where its axles run."""
+
+    speed: Annotated[float, Quantity("m/s", "speed at the start", 0.0, 150.0)] = 20.0
+    axles: Annotated[int, Quantity("-", "braked wheelsets under the car body", 1, 64)] = 1
+    positions: Annotated[
+        tuple[float, ...], Quantity("m", "distance of each axle behind the first", 0.0, 1000.0)
+    ] = ()
+    cleaning: Annotated[
+        tuple[float, ...],
+        Quantity("-", "f0 under each axle over that of the rail: wheels clean it", 1e-3, 20.0),
+    ] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One change of the brake demand: a step, or a ramp from the demand before."""
+
+    at: Annotated[float, Quantity("s", "when the change starts")]
+    pressure: Annotated[float | None, Quantity("Pa", "cylinder pressure", 0.0, 2e6)] = None
+    clamping_force: Annotated[
+        float | None, Quantity("N", "clamping force K, instead of a pressure", 0.0, 1e6)
+    ] = None
+    ramp: Annotated[float, Quantity("s", "duration of the change")] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """Brake demand and how the cylinder follows it: later, with a lag, no faster than its rate."""
+
+    command: tuple[Command, ...] = ()
+    dead_time: Annotated[float, Quantity("s", "from demand to first flow", 0.0, 10.0)] = 0.0
+    fill_time: Annotated[float, Quantity("s", "time constant of filling", 0.0, 20.0)] = 0.0
+    vent_time: Annotated[float, Quantity("s", "time constant of venting", 0.0, 20.0)] = 0.0
+    fill_rate: Annotated[float, Quantity("Pa/s", "fastest filling")] = INF
+    vent_rate: Annotated[float, Quantity("Pa/s", "fastest venting")] = INF
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """The rail from a place (or time) on."""
+
+    at: Annotated[float, Quantity("m or s", "where the section starts")]
+    condition: Condition | str
+    scale: Annotated[float, Quantity("-", "factor on f0", 1e-3, 20.0)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Equal patches on top of the sections, as leaves leave them."""
+
+    condition: Condition | str
+    first: Annotated[float, Quantity("m or s", "where the first patch starts")]
+    length: Annotated[float, Quantity("m or s", "length of a patch")]
+    pitch: Annotated[float, Quantity("m or s", "from patch to patch")]
+    count: Annotated[int, Quantity("-", "number of patches", 1, 10000)] = 1
+    scale: Annotated[float, Quantity("-", "factor on f0", 1e-3, 20.0)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Wave:
+    """f0 swings about its value: f0 (1 + amplitude sin 2πz/period)."""
+
+    amplitude: Annotated[float, Quantity("-", "relative amplitude", 0.0, 0.99)]
+    period: Annotated[float, Quantity("m or s", "length of one swing", 1e-3)]
+
+
+@dataclass(frozen=True, slots=True)
+class Rail:
+    """The rail along the distance run by each axle, or along time."""
+
+    section: tuple[Section, ...]
+    along: Literal["distance", "time"] = "distance"
+    blend: Annotated[
+        float, Quantity("m or s", "length over which one condition turns into the next", 1e-6)
+    ] = 0.1
+    film: Film | None = None
+    wave: Wave | None = None
+
+    def changes(self) -> list[tuple[float, Condition | str, float]]:
+        """(place, condition, factor on f0) of every change, film laid over the sections."""
+        base = [(x.at, x.condition, x.scale) for x in self.section]
+        if self.film is None:
+            return base
+        film = self.film
+        patches = [film.first + k * film.pitch for k in range(film.count)]
+        ends = [start + film.length for start in patches]
+        seen = [
+            x for x in base if not any(a <= x[0] <= b for a, b in zip(patches, ends, strict=True))
+        ]
+        seen += [(start, film.condition, film.scale) for start in patches]
+        seen += [(end, *[x for x in base if x[0] <= end][-1][1:]) for end in ends]
+        return sorted(seen, key=lambda x: x[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Wsp:
+    """A simple wheel slide protection that knows the true slip; real ones do better."""
+
+    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.08
+    vent_slip: Annotated[float, Quantity("-", "slip that vents the cylinder", 0.0, 1.0)] = 0.15
+    vent_time: Annotated[float, Quantity("s", "time constant of its vent valve", 0.0, 5.0)] = 0.15
+    period: Annotated[float, Quantity("s", "time between decisions", 1e-4, 1.0)] = 0.02
+    slowest: Annotated[float, Quantity("m/s", "off below this train speed", 0.0, 20.0)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Antiskid:
+    """Sensors and valves of an anti-skid unit; ours, illustrative.
+
+    Attributes:
+        train_speed: `measured`, as by a radar, or made of the `axles` (`trainspeed`).
+    """
+
+    train_speed: Literal["measured", "axles"] = "measured"
+
+    period: Annotated[float, Quantity("s", "time between decisions", 1e-3, 0.1)] = 0.01
+    delay: Annotated[float, Quantity("s", "age of what the sensors say", 0.0, 1.0)] = 0.01
+    wheel_noise: Annotated[float, Quantity("rad²/s²", "variance of wheel speed")] = 1e-5
+    pressure_noise: Annotated[float, Quantity("Pa²", "variance of cylinder pressure")] = 1e6
+    train_noise: Annotated[float, Quantity("m²/s²", "variance of train speed")] = 4e-4
+    dead_time: Annotated[float, Quantity("s", "from command to flow", 0.0, 1.0)] = 0.02
+    vent_time: Annotated[float, Quantity("s", "time constant of venting", 1e-3, 5.0)] = 0.25
+    fill_rate: Annotated[float, Quantity("Pa/s", "fastest filling", 1e3, 1e8)] = 3e5
+    volume: Annotated[float, Quantity("m³", "cylinders and pipes of an axle", 1e-6, 1.0)] = 2e-3
+    friction: Annotated[float, Quantity("-", "φ as the unit takes it, over the true", 0.5, 2.0)] = (
+        1.0
+    )
+    radius: Annotated[
+        tuple[float, ...], Quantity("-", "wheel radius, likewise, one or one per axle", 0.9, 1.1)
+    ] = (1.0,)
+    mass: Annotated[float, Quantity("-", "axle mass, likewise", 0.5, 2.0)] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """What a stop must keep; none is built in, whoever states one states where it is from."""
+
+    quantity: Literal[
+        "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
+        "mean_slip_error", "slide_s",
+    ]  # fmt: skip
+    source: str
+    most: Annotated[float, Quantity("of the quantity", "largest value allowed", -INF)] = INF
+    least: Annotated[float, Quantity("of the quantity", "least value allowed", -INF)] = -INF
+
+    def __str__(self) -> str:
+        """As in "extension at most 0.3 (EN 15595, 5.2)"."""
+        if self.least == -INF:
+            span = f"at most {self.most:g}"
+        elif self.most == INF:
+            span = f"at least {self.least:g}"
+        else:
+            span = f"{self.least:g} to {self.most:g}"
+        return f"{self.quantity} {span} ({self.source})"
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """A roller rig: constant speed, slip rising evenly from 0, the brake is whatever holds it."""
+
+    slip: Annotated[float, Quantity("-", "slip at the end of the sweep", 0.0, 0.99)]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One kind of channel of the log, on one or all axles; numbers in SI but `resolution`."""
+
+    signal: Signal
+    unit: str = ""
+    rate: Annotated[float, Quantity("Hz", "samples per second", 1e-3, 1e5)] = 100.0
+    axles: Annotated[tuple[int, ...], Quantity("-", "axles that have it; empty: all", 1, 64)] = ()
+    noise_variance: Annotated[float, Quantity("SI²", "variance of each sample's noise")] = 0.0
+    resolution: Annotated[float, Quantity("log's unit", "step the value is rounded to")] = 0.0
+    offset: Annotated[float, Quantity("SI", "added to the true value", -INF)] = 0.0
+    delay: Annotated[float, Quantity("s", "how late the time stamp is", 0.0, 10.0)] = 0.0
+    jitter: Annotated[
+        float, Quantity("s", "largest error of the time stamp, evenly distributed", 0.0, 10.0)
+    ] = 0.0
+    loss: Annotated[float, Quantity("-", "share of samples that never arrive", 0.0, 0.99)] = 0.0
+    gaps: Annotated[
+        tuple[tuple[float, float], ...], Quantity("s", "[start, end] of drop-outs")
+    ] = ()
+    teeth: Annotated[
+        int, Quantity("-", "teeth of a pulse counter read at `rate`; 0: none", 0, 100000)
+    ] = 0
+    diameter_error: Annotated[
+        float,
+        Quantity("-", "true wheel diameter over the one the logger assumes, less 1", -0.2, 0.2),
+    ] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Everything a simulation depends on."""
+
+    name: str
+    description: str
+    duration: Annotated[float, Quantity("s", "simulated time", 1e-3, 1e6)]
+    rail: Rail
+    sensor: tuple[Sensor, ...] = ()
+    train: Train = field(default_factory=Train)
+    brake: Brake = field(default_factory=Brake)
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    contact: Contact = field(default_factory=Contact)
+    wsp: Wsp | None = None
+    antiskid: Antiskid = field(default_factory=Antiskid)  # of `adhesion antiskid`, not the log's
+    limit: tuple[Limit, ...] = ()
+    rig: Rig | None = None
+    dt: Annotated[float, Quantity("s", "step of integration and dense output", 1e-6, 0.02)] = 1e-3
+    seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0
+
+    def with_train_speed(self, source: Literal["measured", "axles"] | None) -> "Scenario":
+        """The same with another source of the unit's train speed; None: with its own."""
+        return (
+            replace(self, antiskid=replace(self.antiskid, train_speed=source)) if source else self
+        )
+
+
+def scenarios() -> dict[str, str]:
+    """The bundled scenarios: name and one line on each."""
+    return {
+        path.stem: toml.read(path, _IS)["description"] for path in sorted(_BUNDLED.glob("*.toml"))
+    }
+
+
+def load(name_or_path: str | Path) -> Scenario:
+    """A bundled scenario by name, or one from a TOML file.
+
+    Raises:
+        UserError: no such scenario, unreadable TOML, unknown key, value of a wrong type or out of
+            range, parts that contradict each other.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".toml":
+        path = _BUNDLED / f"{name_or_path}.toml"
+        if not path.exists():
+            raise unknown("scenario", str(name_or_path), list(scenarios()))
+    scenario: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _IS)}, path.name)
+    _check(scenario, path.name)
+    return scenario
+
+
+def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
+    hints = typing.get_type_hints(kind, include_extras=True)
+    for key in table:
+        if key not in hints:
+            raise unknown(f"key in {where}:", key, list(hints))
+    needed = list(Condition._fields)
+    if kind is not Condition:
+        every = [f for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]
+        needed = [f.name for f in every]
+    for name in needed:
+        if name not in table:
+            raise UserError(f"{where}: {name} is missing", f"add {name} = …", code=2)
+    return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
+
+
+def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:
+    """`value` from a TOML as the annotated type `kind`, checked."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        return _value(args[0], value, where, args[1])
+    if origin is types.UnionType:  # T | None, and TOML has no None; or a table | its name
+        named = args[-1] is str and not isinstance(value, dict)
+        return _value(args[-1 if named else 0], value, where, quantity)
+    if origin is Literal:
+        if value not in args:
+            raise unknown(f"value of {where}:", str(value), list(args))
+        return value
+    if origin is tuple:
+        many = value if isinstance(value, list) else [value]
+        inner = args[:1] * len(many) if args[-1] is Ellipsis else args
+        if len(inner) == len(many):
+            return tuple(_value(k, v, where, quantity) for k, v in zip(inner, many, strict=True))
+    elif is_dataclass(kind) or kind is Condition:
+        if isinstance(value, dict):
+            return _table(kind, value, where)
+    elif kind is Parameter:  # of the vehicle; a simulation has no tolerances
+        return Parameter(_value(float, value, where, quantity), 0.0)
+    elif kind is str:
+        if isinstance(value, str):
+            return value
+    elif isinstance(value, (int, kind)) and not isinstance(value, bool):
+        assert quantity is not None
+        return kind(quantity.check(where, value))
+    wanted = {str: "a text", int: "a whole number", float: "a number", Parameter: "a number"}
+    text = wanted.get(kind, "a table" if is_dataclass(kind) else "a list of that length")
+    raise UserError(f"{where} = {value!r} is not {text}", "see the bundled scenarios", code=2)
+
+
+def _check(s: Scenario, where: str) -> None:
+    """Refuse parts that contradict each other."""
+    for text, hint in _contradictions(s):
+        raise UserError(f"{where}: {text}", hint, code=2)
+
+
+def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:
+    n = s.train.axles
+    for key in ("positions", "cleaning"):
+        if len(getattr(s.train, key)) not in (0, n):
+            yield f"[train] {key} is not one per axle", f"{n} values, or none"
+    if len(s.vehicle.wheel_radius) not in (1, n):
+        yield "[vehicle] wheel_radius is not one per axle", f"{n} values, or one"
+    if len(s.antiskid.radius) not in (1, n):
+        yield "[antiskid] radius is not one per axle", f"{n} values, or one"
+    if s.rig and n != 1:
+        yield "[rig] tests one axle", "leave [train] axles at 1"
+    end = 0.0
+    for c in s.brake.command:
+        if (c.pressure is None) == (c.clamping_force is None):
+            yield f"brake command at {c.at:g} s", "one of pressure and clamping_force"
+        if c.at < end:
+            yield f"brake command at {c.at:g} s comes before the last has ended", "order them"
+        end = c.at + c.ramp
+    if not s.rail.section or s.rail.section[0].at != 0.0:
+        yield "[[rail.section]] the first does not start at 0", "at = 0.0"
+    changes = s.rail.changes()
+    for _, name, _ in changes:
+        condition(name)
+    places = [place for place, _, _ in changes]
+    if any(b - a < s.rail.blend for a, b in pairwise(places)):
+        yield "[rail] sections or film closer than blend", "order them, or shorten blend"
+    for limit in s.limit:
+        if not limit.source.strip():
+            yield (
+                f"[[limit]] {limit.quantity} has no source",
+                "say where it is from, clause and all",
+            )
+        if limit.least > limit.most or (limit.least, limit.most) == (-INF, INF):
+            yield f"[[limit]] {limit.quantity} is no limit", "state most, least, or both in order"
+    for sensor in s.sensor:
+        name = f"[[sensor]] {sensor.signal}"
+        dimensions, usual = _UNITS[sensor.signal]
+        unit = UNITS.get(sensor.unit.lower())
+        if unit.dimension not in dimensions if unit else sensor.unit or dimensions:
+            yield f"{name}: unit {sensor.unit!r} does not fit", f"such as {usual}"
+        if (sensor.teeth > 0 and sensor.signal != "wheel_speed") or (
+            sensor.teeth == 0 and sensor.unit == "count"
+        ):
+            yield f"{name}: pulses need a wheel with teeth", "teeth = 100"
+        if sensor.jitter >= 0.5 / sensor.rate:
+            yield f"{name}: jitter reaches the next sample", "less than half of 1/rate"
+        if any(axle > n for axle in sensor.axles):
+            yield f"{name}: no such axle", f"1 to {n}"

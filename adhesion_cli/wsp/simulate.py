@@ -1,0 +1,303 @@
+"""Brakes a train in the computer: scenario → true signals → what a logger would have written.
+
+The train and its equations are `plant`'s; here the brake is applied and released, its simple wheel
+slide protection steps in, and sensors log what they can of it.
+"""
+
+import math
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from hashlib import sha256
+
+import numpy as np
+
+from ..core import physics
+from ..core.controller import APPLY, HOLD, VENT
+from ..core.errors import UserError
+from ..core.model import Channel, Column, Floats, Log, Times
+from ..core.units import UNITS
+from ..rail.creep_law import CREEP_FROM
+from .plant import (
+    SOON,
+    Demand,
+    Plant,
+    Track,
+    Train,
+    Wheels,
+    adhesion,
+    advance_to,
+    demand_of,
+    plant_of,
+    radii,
+    rail_at,
+    rolling,
+    settle,
+    track_of,
+)
+from .scenario import Scenario, Sensor, Signal, load, scenarios
+
+__all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
+
+MOST = 20_000_000  # samples of one run, axles times steps: about 4 GB; an hour at 1 kHz has 3.6e6
+
+_NAMES: dict[Signal, str] = {
+    "pressure": "bc_pressure",
+    "clamping_force": "clamping_force",
+    "wheel_speed": "wheel_speed",
+    "train_speed": "train_speed",
+    "truth": "adhesion_force_true",
+    "slip": "slip_true",
+}
+
+
+# --- integration: plain Python that compiles ----------------------------------------------------
+
+
+def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
+    """Sets each axle's valve from its true slip; `before` is the rim speed at the last decision."""
+    w = wheels.w
+    for i in range(len(w)):
+        sliding = v - w[i] if v > plant.valve_slowest else 0.0
+        if sliding > plant.vent_slip * v and w[i] <= before[i]:
+            wheels.valve[i] = VENT
+        elif sliding > plant.hold_slip * v:
+            wheels.valve[i] = HOLD
+        else:
+            wheels.valve[i] = APPLY
+        before[i] = w[i]
+
+
+def _integrate(
+    plant: Plant, track: Track, demand: Demand, train: Train, wheels: Wheels, dt: float,
+    pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
+) -> float:  # fmt: skip
+    """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
+    n, axles = pressure.shape
+    before, decisions = wheels.w.copy(), 0
+    for k in range(n):
+        end, recorded = (k + 1) * dt, False
+        while train.t < end - SOON:
+            if decisions * plant.valve_period <= train.t + SOON:
+                decisions += 1
+                _decide(plant, train.v, wheels, before)
+            settle(plant, demand, train, wheels)
+            if not recorded:
+                recorded = True
+                speed[k], distance[k] = train.v, train.x
+                for i in range(axles):
+                    pressure[k, i], wheel_speed[k, i] = wheels.p[i], wheels.w[i] / plant.radius[i]
+                    z = train.t if track.timed else train.x - plant.positions[i]
+                    rail = wheels.rails[i]
+                    wheels.knot[i] = rail_at(track, i, z, wheels.knot[i], rail)
+                    force[k, i] = adhesion(train.v - wheels.w[i], train.v, rail, plant.patch)[0]
+            until = min(end, decisions * plant.valve_period) if decisions > 0 else end
+            train = advance_to(plant, track, demand, train, wheels, until)
+            if math.isnan(train.v):
+                return train.t
+    return math.nan
+
+
+# --- true signals -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What was true: columns on one dense time axis, SI; shape (n,) or (n, axles)."""
+
+    scenario: Scenario
+    seed: int
+    t: Times
+    pressure: Floats  # brake cylinders [Pa]
+    clamping_force: Floats  # K [N]
+    wheel_speed: Floats  # ω [rad/s]
+    adhesion_force: Floats  # F [N]
+    train_speed: Floats  # v [m/s]
+    distance: Floats  # run by the first axle [m]
+
+    @cached_property
+    def friction_force(self) -> Floats:
+        """B [N]: φK while the wheel turns, what holds it (F) while it stands; ω̇ = a(F − B)."""
+        phi = self.scenario.vehicle.friction.value
+        return np.where(self.wheel_speed > 0.0, phi * self.clamping_force, self.adhesion_force)
+
+    @cached_property
+    def slip(self) -> Floats:
+        """Slip s [-], NaN below `rail.CREEP_FROM`. Source: (2)."""
+        rim = self.wheel_speed * radii(self.scenario)
+        return physics.slip(self.train_speed[:, None], rim, 1.0, CREEP_FROM)
+
+    def signal(self, signal: Signal, axle: int | None) -> Floats:
+        """One axle's column of that name, axles numbered from 1; SI, shape (n,)."""
+        if signal == "train_speed":
+            return self.train_speed
+        name = "adhesion_force" if signal == "truth" else signal
+        column: Floats = getattr(self, name)[:, (axle or 1) - 1]
+        return column
+
+
+def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) -> Simulation:
+    """The true signals of a scenario.
+
+    Args:
+        scenario: from `load`.
+        seed: of the sensor noise, in place of the scenario's.
+        dt: step of integration and output [s], in place of the scenario's.
+
+    Raises:
+        UserError: where the step is too long for the scenario, or the run too large for memory.
+    """
+    from ..core import compiled
+
+    dt = scenario.dt if dt is None else dt
+    n = round(scenario.duration / dt) + 1
+    shape = (n, scenario.train.axles)
+    fastest = max((x.rate for x in scenario.sensor), default=0.0)
+    most = max(n, scenario.duration * fastest) * scenario.train.axles
+    if most > MOST:
+        raise UserError(
+            f"{scenario.name}: {most:.3g} samples, at most {MOST:.3g} fit into one run",
+            "simulate less time, or with a longer dt and slower sensors",
+        )
+    pressure, wheel_speed, force = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    speed, distance = np.zeros(n), np.zeros(n)
+    seconds = np.arange(n, dtype=np.float64) * np.float64(dt)
+    if scenario.rig:
+        K = _sweep(scenario, seconds, wheel_speed, force, speed, distance)
+        line = physics.force_line(scenario.vehicle)
+        pressure[:] = np.where(K > 0.0, physics.cylinder_pressure(line, K), 0.0)
+    else:
+        failed = compiled.function(_integrate)(
+            plant_of(scenario), track_of(scenario), demand_of(scenario),
+            *rolling(scenario.train.speed, scenario.train.axles), dt,
+            pressure, wheel_speed, force, speed, distance,
+        )  # fmt: skip
+        if not math.isnan(failed):
+            raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
+        K = physics.clamping_force(pressure, scenario.vehicle)
+    t = np.round(seconds * 1e9).astype(np.int64)
+    seed = scenario.seed if seed is None else seed
+    return Simulation(scenario, seed, t, pressure, K, wheel_speed, force, speed, distance)
+
+
+def _sweep(
+    s: Scenario, t: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats
+) -> Floats:
+    """Fills the columns of a roller rig; returns the K [N] that (1) asks for, shape (n, 1)."""
+    assert s.rig is not None
+    plant, track, v = plant_of(s), track_of(s), s.train.speed
+    sliding = s.rig.slip * v * t / t[-1]
+    speed[:] = v
+    distance[:] = v * t
+    wheel_speed[:, 0] = (v - sliding) / plant.radius[0]
+    knot, rail = 0, np.zeros(5)
+    for k, z in enumerate(t if track.timed else distance):
+        knot = rail_at(track, 0, z, knot, rail)
+        force[k, 0] = adhesion(sliding[k], v, rail, plant.patch)[0]
+    slowing = s.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
+    K: Floats = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
+    return K
+
+
+# --- sensors ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One channel as a logger would hold it: in its unit, with its own time stamps."""
+
+    name: str
+    signal: Signal
+    axle: int | None  # None: the train's
+    unit: str
+    t: Times  # [ns], rising strictly, shape (n,)
+    value: Floats  # shape (n,), NaN where the signal does not exist
+    decimals: int | None  # that the rounding leaves; None: not rounded
+
+    def texts(self) -> list[str]:
+        """Values as a log would print them, "" where there is none."""
+        form = ".9g" if self.decimals is None else f".{self.decimals}f"
+        return ["" if math.isnan(x) else format(x, form) for x in self.value.tolist()]
+
+
+def log(simulation: Simulation) -> list[Recording]:
+    """What the scenario's sensors make of a simulation, the same for the same seed."""
+    scenario = simulation.scenario
+    recordings = []
+    for number, sensor in enumerate(scenario.sensor):
+        axles: tuple[int | None, ...] = sensor.axles or tuple(range(1, scenario.train.axles + 1))
+        for axle in (None,) if sensor.signal == "train_speed" else axles:
+            key = np.random.SeedSequence(simulation.seed, spawn_key=(number, axle or 0))
+            random = np.random.Generator(np.random.PCG64(key))
+            recordings.append(_recorded(simulation, sensor, axle, random))
+    return recordings
+
+
+def as_log(simulation: Simulation) -> Log:
+    """The same as a log to be written: every channel as logged, in its own unit, without meaning.
+
+    Its hash is that of everything it was made from.
+    """
+    made_from = repr((simulation.scenario, simulation.seed, len(simulation.t)))
+    channels = [
+        Channel(
+            r.name, "", None, r.axle, r.unit, "simulated",
+            Column(r.t, r.value, np.isfinite(r.value)), len(r.t),
+        )
+        for r in log(simulation)
+    ]  # fmt: skip
+    return Log(
+        simulation.scenario.name, "simulation", sha256(made_from.encode()).hexdigest(), False,
+        sum(c.rows for c in channels), tuple(channels), (),
+    )  # fmt: skip
+
+
+def _recorded(
+    simulation: Simulation, sensor: Sensor, axle: int | None, random: np.random.Generator
+) -> Recording:
+    scenario = simulation.scenario
+    at: Floats = np.arange(math.floor(scenario.duration * sensor.rate + 1e-9) + 1) / sensor.rate
+    true = simulation.signal(sensor.signal, axle)
+    dense: Floats = simulation.t.astype(np.float64) * 1e-9
+    unit = UNITS.get(sensor.unit.lower())
+    accelerates = unit is not None and unit.dimension == "acceleration"
+    if accelerates:
+        true = np.gradient(true, dense)
+    if sensor.teeth:
+        at, value = _pulses(at, true, dense, sensor, random)
+    else:
+        exact = np.interp(at, dense, true)
+        noise = math.sqrt(sensor.noise_variance) * random.standard_normal(len(at))
+        if sensor.signal in ("wheel_speed", "train_speed") and not accelerates:
+            noise[exact == 0.0] = 0.0  # a sensor at rest gives no pulses
+        value = exact + sensor.offset + noise
+    if unit:
+        if sensor.signal == "wheel_speed" and unit.dimension == "speed":
+            value *= scenario.vehicle.radius(axle or 1).value / (1.0 + sensor.diameter_error)
+        value = (value - unit.offset) / unit.factor
+    decimals = None
+    if sensor.resolution:
+        decimals = max(0, -int(Decimal(repr(sensor.resolution)).normalize().as_tuple().exponent))
+        value = np.round(np.round(value / sensor.resolution) * sensor.resolution, decimals) + 0.0
+    stamp = at + sensor.delay + random.uniform(-sensor.jitter, sensor.jitter, len(at))
+    kept = random.random(len(at)) >= sensor.loss
+    for start, end in sensor.gaps:
+        kept &= (stamp < start) | (stamp > end)
+    name = "acceleration" if accelerates else _NAMES[sensor.signal]
+    if axle is not None and scenario.train.axles > 1:
+        name = f"{name}_{axle}"
+    t = np.round(stamp * 1e9).astype(np.int64)
+    unit_name = "-" if sensor.signal == "slip" else sensor.unit
+    return Recording(name, sensor.signal, axle, unit_name, t[kept], value[kept], decimals)
+
+
+def _pulses(
+    at: Floats, speed: Floats, dense: Floats, sensor: Sensor, random: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Times and readings of a counter: total, or speed [rad/s] from the last interval's pulses."""
+    steps = (speed[1:] + speed[:-1]) / 2.0 * np.diff(dense)
+    angle = np.interp(at, dense, np.concatenate(([0.0], np.cumsum(steps))))
+    count = np.floor((angle / (2.0 * math.pi)) * sensor.teeth + random.random())
+    if sensor.unit == "count":
+        return at, count
+    return at[1:], np.diff(count) * (2.0 * math.pi * sensor.rate / sensor.teeth)

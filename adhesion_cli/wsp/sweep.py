@@ -1,0 +1,173 @@
+"""Many stops: every controller on a set of rails, over seeds, on all cores."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from ..core.controller import registry
+from ..core.stop import Verdict
+from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
+from .scenario import Film, Limit, Rail, Scenario, Section
+from .wsp_controller import Settings
+
+RAILS = {
+    "dry": Rail((Section(0.0, "dry"),)),
+    "wet": Rail((Section(0.0, "wet"),)),
+    "low": Rail((Section(0.0, "low"),)),
+    "very-low": Rail((Section(0.0, "very-low"),)),
+    "early-peak": Rail((Section(0.0, "early-peak"),)),
+    "late-peak": Rail((Section(0.0, "late-peak"),)),
+    "sudden": Rail(
+        (
+            Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
+            Section(450.0, "low", 1.6), Section(550.0, "very-low"), Section(700.0, "low"),
+        )
+    ),
+    "film": Rail(
+        (Section(0.0, "wet"),),
+        film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
+    ),
+}  # fmt: skip
+"""Rails of a sweep by name; lengths are ours."""
+
+SPREAD = 0.2  # of f0 from seed to seed
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+
+class Beside(NamedTuple):
+    """A controller beside the others, stop by stop on the same rail with the same noise."""
+
+    patent_less_this_m: tuple[float, float, float] | None  # of the distances
+    shortest: float  # share of the stops in which it stops before every other controller
+
+
+class Row(NamedTuple):
+    """One controller on one rail; each value as mean over the seeds, 2.5 % and 97.5 % quantile."""
+
+    rail: str
+    controller: str
+    dry_distance_m: float
+    values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+    beside: Beside
+    limits: tuple[tuple[Limit, float], ...] = ()  # the scenario's, each with the share that keep it
+
+
+def sweep(
+    scenario: Scenario,
+    seeds: int,
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> list[Row]:
+    """Every controller on every rail of `RAILS`, with seeds from 0 up; arguments as `verdicts`."""
+    found = verdicts(scenario, list(RAILS), list(registry()), range(seeds), algo, settings, tell)
+    dry, rows = dry_distance(scenario), []
+    for rail in RAILS:
+        mine = {c: v for (r, c), v in found.items() if r == rail}
+        others = beside(mine)
+        for controller, stops in mine.items():
+            columns = zip(*stops, strict=True)
+            values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
+            kept = np.mean([[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0)
+            limits = tuple(zip(scenario.limit, kept.tolist(), strict=True))
+            rows.append(Row(rail, controller, dry, values, others[controller], limits))
+    return rows
+
+
+def beside(
+    found: Mapping[str, Sequence[Verdict]], middle: Callable[[list[float]], Any] = np.mean
+) -> dict[str, Beside]:
+    """Each controller beside the others.
+
+    Args:
+        found: stops by controller, the same in each place.
+        middle: as of `interval`.
+    """
+    run = {law: [v.stopping_distance_m for v in stops] for law, stops in found.items()}
+    least = np.min(list(run.values()), axis=0)
+    alone = np.sum(np.array(list(run.values())) == least, axis=0) == 1
+    answers = {}
+    for law, mine in run.items():
+        less = np.subtract(run["patent"], mine).tolist()
+        first = float(np.mean((np.array(mine) == least) & alone))
+        answers[law] = Beside(interval(less, middle) if law != "patent" else None, first)
+    return answers
+
+
+def verdicts(
+    scenario: Scenario,
+    rails: Sequence[str],
+    laws: Sequence[str],
+    seeds: Iterable[int],
+    algo: str = ESTIMATOR,
+    settings: Settings | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[tuple[str, str], list[Verdict]]:
+    """Stops by rail and controller, one a seed, on all cores.
+
+    A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
+    name says, the same for every controller.
+
+    Args:
+        scenario: train, brake and unit.
+        rails: names in `RAILS`.
+        laws: controllers.
+        seeds: of the stops of each controller on each rail.
+        algo: online estimator in the loop.
+        settings: as in `run`.
+        tell: is told the progress.
+    """
+    dry = dry_distance(scenario)
+    for law in laws:  # compile before the threads start
+        run(replace(scenario, rail=RAILS["dry"]), law, 0, algo, settings)
+
+    def one(job: tuple[str, str, int]) -> Verdict:
+        rail, law, seed = job
+        factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
+        case = replace(scenario, rail=_scaled(RAILS[rail], factor))
+        return verdict(run(case, law, seed, algo, settings), case, dry)
+
+    jobs = [(r, c, seed) for r in rails for c in laws for seed in seeds]
+    found: dict[tuple[str, str], list[Verdict]] = {}
+    for job, x in zip(jobs, on_all_cores(one, jobs, tell), strict=True):
+        found.setdefault(job[:2], []).append(x)
+    return found
+
+
+def on_all_cores(
+    one: Callable[[Job], Answer], jobs: Sequence[Job], tell: Callable[[str], None]
+) -> list[Answer]:
+    """`one` of every job, in the order of the jobs.
+
+    Threads do, as compiled loops run free; what jobs have in common is to be compiled before.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    found: list[Answer] = []
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for n, x in enumerate(pool.map(one, jobs), 1):
+            found.append(x)
+            tell(f"{n} of {len(jobs)} stops")
+    return found
+
+
+def _scaled(rail: Rail, factor: float) -> Rail:
+    sections = tuple(replace(x, scale=x.scale * factor) for x in rail.section)
+    film = rail.film and replace(rail.film, scale=rail.film.scale * factor)
+    return replace(rail, section=sections, film=film)
+
+
+def interval(
+    values: Sequence[float | None], middle: Callable[[list[float]], Any] = np.mean
+) -> tuple[float, float, float] | None:
+    """Mean (or `middle`), 2.5 % and 97.5 % quantile of what there is; None where nothing is."""
+    known = [x for x in values if x is not None]
+    if not known:
+        return None
+    low, high = np.quantile(known, [0.025, 0.975])
+    return float(middle(known)), float(low), float(high)

@@ -1,0 +1,368 @@
+"""The unit of a train's wheel slide protection: from what is measured to the valves, [S1] to [S6].
+
+At each of its ticks it has the train's speed, every axle's wheel speed and clamping force. `tick`
+is all it does with them: an online estimator and the slope's least squares for each axle, what the
+axle's controller is told, and the controller's answer. It is pure and plain: `antiskid` compiles it
+into the loop around a simulated train, `online` feeds it sample by sample from a log, a bus or a
+rig.
+"""
+
+import math
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import physics
+from ..core.controller import APPLY, VENT, Drives, Observed
+from ..core.controller import registry as controllers
+from ..core.errors import UserError, unknown
+from ..core.estimator import Estimator
+from ..core.estimator import registry as estimators
+from ..core.methods import Method, bound, validated
+from ..core.model import Floats, Vehicle, Wheelset
+from ..core.physics import FREE, G, on_radius, slip_over
+from ..core.stop import JUDGED_FROM
+from ..estimators.kalman import init as estimate_init
+from ..estimators.kalman import step as estimate_step
+from ..rail import slope
+from ..rail.slope import init as slope_init
+from ..rail.slope import step as slope_step
+from .controllers.none import init as control_init
+from .controllers.none import step as control_step
+from .reference_speed import NONE, Known, Witness, asks_pilot, further, pilots_valve, watched
+
+SPEED_NOISE = 0.02  # of v − ωR where nothing else is stated, a radar's [m/s]
+_WORN = 0.03  # 1 sigma of what a wheel's radius is said to be, over it [-]
+_ROLLING = 10.0  # a wheel without brake for so long rolls [s]
+_NEAR = 0.12  # if it is so near to the train's speed [-]
+Settings = Mapping[str, Mapping[str, float]]
+Values = Floats | Sequence[float]
+
+
+class Named(NamedTuple):
+    """What has parameters and is no method."""
+
+    name: str
+    Params: type[Any]
+
+
+SLOPE = Named("slope", slope.Params)
+# Found by benchmarks/tune.py: quicker than what suits a log, forgetting by time alone, and in slip
+# as it is: the patent's form. The law asks which way the curve bends where the wheel is now.
+SLOPE_IN_LOOP = {
+    "delta": 4.0, "rho": 2.3, "straight": 1e9, "knee": 1e3, "guard": 1.6, "doubt": 0.575,
+}  # fmt: skip
+
+
+class Constants(NamedTuple):
+    """Constants of the chain."""
+
+    wheelset: Wheelset  # that of axle 1
+    radii: Floats  # of the wheels as stated [m], shape (axles,), or one for all
+    estimator: Any  # its Params, and so on
+    slope: slope.Params
+    controller: Any
+    speed_noise: float  # 1 sigma of v − ωR as measured [m/s]
+
+
+class Wheel(NamedTuple):
+    """What a unit knows of a wheel's radius."""
+
+    radius: float  # [m]
+    weight: float  # ∑ω² of what it is known by [rad²/s²]
+    free: float  # so long without brake and near the train's speed [s]
+
+
+class Axle(NamedTuple):
+    """State of the chain of one axle."""
+
+    wheel: Wheel
+    estimator: Any
+    slope: slope.State
+    witness: Witness
+    controller: Any  # its `valve` is the command
+
+
+class Chosen(NamedTuple):
+    """A unit: what it runs and with which constants."""
+
+    estimator: Estimator
+    controller: Method
+    constants: Constants
+
+    def stand_ins(self) -> dict[Any, Any]:
+        """Its methods' functions by those that `start` and `tick` name in their place."""
+        est, law = self.estimator, self.controller
+        return {
+            estimate_init: est.init, estimate_step: est.step,
+            control_init: law.init, control_step: law.step,
+        }  # fmt: skip
+
+
+# --- one tick: plain Python that compiles ---------------------------------------------------------
+
+
+def stated(c: Constants, axles: int) -> list[Wheel]:
+    """The wheels of so many axles when the unit is switched on: taken to roll.
+
+    What is stated weighs as much as measurements of the same error.
+    """
+    wheels = []
+    for i in range(axles):
+        radius = c.radii[i if len(c.radii) > 1 else 0]
+        wheels.append(Wheel(radius, (c.speed_noise / (_WORN * radius)) ** 2, math.inf))
+    return wheels
+
+
+def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Wheel:
+    """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls.
+
+    Arguments as of `observed`, and the interval h since the tick before [s].
+    """
+    R, error = before.radius, train.v - y * before.radius
+    near = K <= FREE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
+    free = before.free + h if near else 0.0
+    if free < _ROLLING or train.v < JUDGED_FROM:
+        return Wheel(R, before.weight, free)
+    weight = before.weight + y * y
+    return Wheel(R + y * error / weight, weight, free)
+
+
+def slip_of(radius: float, v: float, y: float) -> float:
+    """Slip [-] over a speed of at least `JUDGED_FROM`: there is one until v = 0 [S6]."""
+    s: float = slip_over(v, y * radius, JUDGED_FROM)
+    return s
+
+
+def observed(
+    w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
+    speed_noise: float, at_least: int,
+) -> Observed:  # fmt: skip
+    """What the controller is told. Source: [S1].
+
+    ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
+
+    Args:
+        w: the wheelset.
+        train: what is known of it.
+        y: wheel speed [rad/s].
+        K: clamping force [N].
+        F: estimated adhesion force [N].
+        slowing: deceleration of the train that the estimated forces of its axles make [m/s²].
+        k: slope at the operating point.
+        speed_noise: as in `Constants`.
+        at_least: valve that the unit asks for.
+    """
+    s = slip_of(w.radius, train.v, y)
+    rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
+    if y <= 0.0 and rate > 0.0:
+        rate = 0.0  # the wheel stands
+    v, mu = max(train.v, JUDGED_FROM), F / (w.mass * G)
+    return Observed(
+        y * w.radius, s, speed_noise / v, train.doubt / v, rate / v, mu,
+        k.slope, k.confidence, at_least,
+    )  # fmt: skip
+
+
+def start(
+    c: Constants, wheels: list[Wheel], v: float, y: Values, K: Values
+) -> tuple[Known, list[Axle]]:
+    """The train and the state of every axle at the first tick.
+
+    `wheels` is from `stated`, or what was known before; the others are as of `tick`.
+    """
+    k, total, fastest = slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
+    sets, estimates = [], []
+    for i in range(len(y)):
+        sets.append(on_radius(c.wheelset, wheels[i].radius))
+        estimates.append(estimate_init(c.estimator, sets[i], K[i], y[i]))
+        total += estimates[i].F
+        fastest = max(fastest, y[i] * wheels[i].radius)
+    slowing = total / (len(y) * c.wheelset.mass)  # (1)
+    train = Known(fastest if v != v else v, 0.0, NONE)
+    axles = []
+    for i in range(len(y)):
+        F, wheel = estimates[i].F, calibrated(wheels[i], 0.0, train, y[i], K[i])
+        o = observed(sets[i], train, y[i], K[i], F, slowing, k, c.speed_noise, APPLY)
+        law = control_init(c.controller, o)
+        axles.append(Axle(wheel, estimates[i], k, Witness(0.0, 0.0), law))
+    return train, axles
+
+
+def tick(
+    c: Constants, train: Known, before: list[Axle], h: float, v: float, y: Values, K: Values
+) -> tuple[Known, list[Axle]]:
+    """The train and the state of every axle one tick later.
+
+    Args:
+        c: constants.
+        train: at the tick before.
+        before: state of every axle at the tick before.
+        h: interval since then [s].
+        v: train speed [m/s]; NaN where it is not measured.
+        y: wheel speeds [rad/s], shape (axles,).
+        K: clamping forces [N], shape (axles,).
+    """
+    total, fastest, rolls = 0.0, 0.0, False
+    sets, estimates = [], []
+    for i in range(len(y)):
+        sets.append(on_radius(c.wheelset, before[i].wheel.radius))
+        estimates.append(estimate_step(c.estimator, sets[i], before[i].estimator, h, K[i], y[i]))
+        total += estimates[i].F
+        fastest = max(fastest, y[i] * sets[i].radius)
+        rolls = rolls or before[i].witness.given == 0.0
+    slowing = total / (len(y) * c.wheelset.mass)  # (1)
+    train = further(train, rolls, fastest, slowing, h) if v != v else Known(v, 0.0, NONE)
+    witnesses, pilot = [], 0
+    for i in range(len(y)):
+        w, F, was = sets[i], estimates[i].F, before[i].witness
+        rim = y[i] * w.radius
+        x = watched(w, was, train.v, slowing, rim, K[i], F, before[i].controller.valve, h)
+        if train.doubt > 0.0 and x.given == 0.0:
+            train = Known(fastest, 0.0, NONE)  # a wheel shows the train's speed again
+        witnesses.append(x)
+        if rim > y[pilot] * sets[pilot].radius:
+            pilot = i
+    if asks_pilot(train):
+        train = Known(train.v, train.doubt, pilot)
+    axles, noise = [], c.speed_noise / max(train.v, JUDGED_FROM)
+    for i in range(len(y)):
+        w, F, x = sets[i], estimates[i].F, witnesses[i]
+        s, mu = slip_of(w.radius, train.v, y[i]), F / (w.mass * G)  # [S1]
+        k = slope_step(c.slope, before[i].slope, h, s, mu, noise, 0.0)  # [S2] [S3]
+        at_least = pilots_valve(w, x, K[i]) if i == train.pilot else APPLY
+        o = observed(w, train, y[i], K[i], F, slowing, k, c.speed_noise, at_least)
+        law = control_step(c.controller, before[i].controller, h, o)  # [S4] [S5]
+        wheel = calibrated(before[i].wheel, h, train, y[i], K[i])
+        axles.append(Axle(wheel, estimates[i], k, x, law))
+    return train, axles
+
+
+# --- around it ------------------------------------------------------------------------------------
+
+
+def choose(
+    controller: str,
+    algo: str,
+    settings: Settings,
+    vehicle: Vehicle,
+    speed_noise: float = SPEED_NOISE,
+) -> Chosen:
+    """A unit.
+
+    Args:
+        controller: a name in `controller.registry()`.
+        algo: online estimator in the loop.
+        settings: parameters by name of controller, of estimator, and of "slope".
+        vehicle: that it is for.
+        speed_noise: 1 sigma of v − ωR as measured [m/s].
+
+    Raises:
+        UserError: a name that is none, a parameter unknown or out of range, a band without width.
+    """
+    known, laws = estimators(), controllers()
+    if controller not in laws:
+        raise unknown("controller", controller, list(laws))
+    if algo not in known:
+        raise unknown("estimator", algo, list(known))
+    for name in settings:
+        if name not in (*laws, *known, SLOPE.name):
+            raise unknown("setting", name, [*laws, *known, SLOPE.name])
+    bands(settings)
+    est, law = known[algo], laws[controller]
+    settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
+    ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
+    radii = np.array([x.value for x in vehicle.wheel_radius])
+    w = physics.wheelset(vehicle, 1)
+    return Chosen(est, law, Constants(w, radii, ep, sp, cp, speed_noise))
+
+
+def online(
+    unit: Chosen,
+    samples: Iterable[tuple[int, float | None, Sequence[float], Sequence[float]]],
+    drives: Sequence[Drives] = (),
+) -> Generator[list[int]]:
+    """The valves of every axle after each sample, as the samples arrive; needs no compiler.
+
+    After a sample with a value that is no number, both valves of every axle rest, and the unit
+    starts anew with the next one, but for the wheels' radii. They rest too when the samples end or
+    fail, and when the iterator is closed; a feed that only stops to answer is for a watchdog behind
+    `drives`.
+
+    Args:
+        unit: from `choose`.
+        samples: (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
+            every axle), time rising strictly.
+        drives: the valves of every axle, if there are any.
+
+    Yields:
+        `controller.APPLY`, `HOLD` or `VENT` of every axle.
+
+    Raises:
+        UserError: a sample with another number of axles, or not after the one before.
+    """
+    first, then = (bound(f, unit.stand_ins()) for f in (start, tick))
+    c = unit.constants
+    train, axles, wheels = Known(math.nan, 0.0, NONE), list[Axle](), list[Wheel]()
+    before: float = -math.inf
+    with ExitStack() as rest:
+        for drive in drives:
+            rest.callback(drive.set, False, False)
+        for t, measured, y, K in samples:
+            h, before = (t - before) * 1e-9, t
+            n = len(axles or drives or y)
+            if not len(y) == len(K) == n > 0:
+                raise UserError(
+                    f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
+                    "one of each for every axle in every sample",
+                )
+            if len(c.radii) not in (1, n):
+                text = f"{len(c.radii)} wheel radii for {n} axles"
+                raise UserError(text, "state one for all, or one for each")
+            if h <= 0.0:
+                text = f"at {t} ns: not after the sample before"
+                raise UserError(text, "samples in order of time")
+            wheels = [axle.wheel for axle in axles] or wheels or stated(c, n)
+            if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
+                v = math.nan if measured is None else measured
+                if axles:
+                    train, axles = then(c, train, axles, h, v, y, K)
+                else:
+                    train, axles = first(c, wheels, v, y, K)
+                valves = [axle.controller.valve for axle in axles]
+            else:
+                wheels = [wheel._replace(free=0.0) for wheel in wheels]
+                axles, valves = [], [APPLY] * n
+            for drive, valve in zip(drives, valves, strict=bool(drives)):
+                drive.set(valve != APPLY, valve == VENT)
+            yield valves
+
+
+def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:
+    """Every parameter in force in the units with these controllers, by `Settings`' names.
+
+    Raises:
+        UserError: as `choose`.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for law in laws:
+        c = choose(law, algo, settings, Vehicle()).constants
+        found |= {
+            algo: c.estimator._asdict(),
+            SLOPE.name: c.slope._asdict(),
+            law: c.controller._asdict(),
+        }
+    return found
+
+
+def bands(settings: Settings) -> slope.Bands:
+    """The patent's bands under these settings, by which every controller's region is told.
+
+    Raises:
+        UserError: a band without width.
+    """
+    p = validated(controllers()["patent"], settings.get("patent", {}))
+    found = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
+    return slope.checked(found, "patent")

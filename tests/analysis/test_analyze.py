@@ -1,0 +1,99 @@
+"""The main job in one process: what a result file must give back."""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import simulated
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Result, Vehicle, quantities
+from adhesion_cli.results import mcap
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
+
+
+def analysed(path: Path, **given: object) -> Result:
+    return analyze(path, functools.partial(settings.load, None, ()), **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize(
+    ("sensor", "few"),
+    [({"teeth": 2}, True), ({"teeth": 16}, True), ({"teeth": 60}, False), ({"kmh": 1.0}, False)],
+)
+def test_pulses_too_few_to_show_slides_are_said(
+    tmp_path: Path, sensor: dict[str, Any], few: bool, rate: float
+) -> None:
+    log = simulated.write(
+        tmp_path / "a.csv", simulated.recordings("leaf-film", rate=rate, **sensor)
+    )
+    told = [f.severity for f in analysed(log, algos=["td"]).findings if f.code == "few-pulses"]
+    assert told == ["warning"] * few
+
+
+@pytest.mark.parametrize("pressure_every", [1, 20])
+def test_a_result_read_back_gives_the_same_numbers(tmp_path: Path, pressure_every: int) -> None:
+    lines = (SAMPLES / "service-brake.csv").read_text().splitlines()
+    header, *rows = [line.split(",") for line in lines]
+    for i, row in enumerate(rows):
+        if i % pressure_every:
+            row[1] = ""
+    log = tmp_path / "a.csv"
+    log.write_text("\n".join(",".join(r) for r in (header, *rows)) + "\n")
+    first = analysed(log)
+    mcap.write_result(tmp_path / "a.mcap", first, "{}")
+    second = analysed(tmp_path / "a.mcap")
+    (a,), (b,) = first.axles, second.axles
+    np.testing.assert_array_equal(a.record.t, b.record.t)
+    for name, estimate in a.estimates.items():
+        np.testing.assert_allclose(b.estimates[name], estimate, atol=1e-6)
+    np.testing.assert_allclose(b.reference.force, a.reference.force, atol=1.0)
+    np.testing.assert_allclose(b.reference.sigma, a.reference.sigma, rtol=0.1, atol=0.5)
+    assert [s.algo for s in a.scores] == [s.algo for s in b.scores]
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UserError, match="algorithm 'nesso'"):
+        analysed(SAMPLES / "service-brake.csv", algos=["nesso"])
+    with pytest.raises(UserError, match="no axle 9"):
+        analysed(SAMPLES / "service-brake.csv", axles=[9])
+
+
+def test_a_comparison_of_one_log_is_a_log_and_one_of_several_is_not(tmp_path: Path) -> None:
+    one = analysed(SAMPLES / "service-brake.csv", algos=["neso"])
+    mcap.write_comparison(tmp_path / "one.mcap", [one], "{}")
+    again = analysed(tmp_path / "one.mcap", algos=["neso"])
+    assert again.axles[0].scores[0].rmse_n == pytest.approx(one.axles[0].scores[0].rmse_n)
+    mcap.write_comparison(tmp_path / "two.mcap", [one, one], "{}")
+    with pytest.raises(UserError, match="a comparison of several logs"):
+        analysed(tmp_path / "two.mcap")
+
+
+def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
+    def told(*stated: str) -> list[tuple[str, str]]:
+        load = functools.partial(settings.load, None, stated)
+        result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
+        return [(f.severity, f.message) for f in result.findings if f.code == "vehicle-assumed"]
+
+    ((severity, text),) = told()
+    assert severity == "info"
+    assert "axle_mass 4797 kg" in text
+    assert "lever_ratio 1," in text
+    ((_, text),) = told("vehicle.axle_mass=5200", "vehicle.phi=0.31")
+    assert "axle_mass" not in text
+    assert "friction" not in text
+    assert "wheel_radius 0.42 m" in text
+    names = quantities(Vehicle)
+    assert not told(
+        *(
+            f"vehicle.{n}={1.01 * getattr(Vehicle(), n).value}"
+            for n in names
+            if n != "wheel_radius"
+        ),
+        "vehicle.wheel_radius=[0.43]",
+    )

@@ -1,0 +1,130 @@
+from pathlib import Path
+
+import pytest
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.core import estimator
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Parameter, Vehicle
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_defaults_are_the_papers_vehicle() -> None:
+    assert settings.load().vehicle == Vehicle()
+
+
+def test_precedence_is_set_then_file_then_folder_then_base(tmp_path: Path) -> None:
+    Path("adhesion.toml").write_text("[vehicle]\naxle_mass = 5000\nfriction = 0.2\n")
+    base = {"vehicle": {"axle_mass": 6000.0, "wheelset_inertia": 100.0}}
+    here = settings.load(base=base).vehicle
+    assert (here.axle_mass.value, here.friction.value, here.wheelset_inertia.value) == (
+        5000,
+        0.2,
+        100,
+    )
+    given = tmp_path / "given.toml"
+    given.write_text("friction = 0.25\n")
+    both = settings.load(given).vehicle  # what the file is silent on, the folder's says
+    assert (both.axle_mass.value, both.friction.value) == (5000, 0.25)
+    assert settings.load(given, ["vehicle.phi=0.28"]).vehicle.friction.value == 0.28
+
+
+def test_a_value_without_tolerance_keeps_the_defaults_share() -> None:
+    v = settings.load(assignments=["vehicle.friction=0.4"]).vehicle
+    assert v.friction == Parameter(0.4, pytest.approx(0.04))
+    v = settings.load(assignments=["vehicle.friction={value = 0.4, tolerance = 0.01}"]).vehicle
+    assert v.friction == Parameter(0.4, 0.01)
+
+
+def test_wheel_diameter_per_axle() -> None:
+    v = settings.load(assignments=["vehicle.wheel_diameter=[0.84, 0.85]"]).vehicle
+    assert [v.radius(n).value for n in (1, 2)] == [0.42, 0.425]
+
+
+def test_estimator_parameters_come_from_the_registry() -> None:
+    known = estimator.registry()
+    s = settings.load(assignments=["neso.beta1=100"])
+    assert s.params(known["neso"]).beta1 == 100.0
+    assert s.params(known["leso"]) == known["leso"].Params()
+
+
+def test_what_a_result_carries_loads_back() -> None:
+    known = list(estimator.registry().values())
+    s = settings.load(assignments=["vehicle.phi=0.28", "neso.beta1=100", "analysis.slowest=2"])
+    again = settings.load(base=settings.tree(s, known))
+    assert again.vehicle == s.vehicle
+    assert again.analysis == s.analysis
+    assert [again.params(e) for e in known] == [s.params(e) for e in known]
+
+
+def test_channels() -> None:
+    Path("c.toml").write_text(
+        '[channels]\ntime = {channel = 1, unit = "s"}\ngroup = {channel = 2, equals = 5}\n'
+        'pressure."axle 1" = {channel = "/brake/bc1", field = "value", unit = "bar"}\n'
+        'speed."axle 2" = {channel = "w", unit = "count", teeth = 80}\ntrain_speed = "v"\n'
+    )
+    s = settings.load(Path("c.toml"))
+    assert (s.read.time_channel, s.read.time_unit) == ("column 1", "s")
+    assert (s.read.group_channel, s.read.group_equals) == ("column 2", "5")
+    assert [(m.meaning, m.axle, m.channel) for m in s.mappings] == [
+        ("pressure", 1, "/brake/bc1"), ("wheel_speed", 2, "w"), ("train_speed", None, "v"),
+    ]  # fmt: skip
+    assert s.mappings[1].teeth == 80
+
+
+@pytest.mark.parametrize(
+    ("assignment", "says"),
+    [
+        ("nesso.beta1=1", "neso"),
+        ("neso.beta9=1", "beta1"),
+        ("vehicle.frictoin=1", "friction"),
+        ("vehicle.friction=7", "φ"),
+        ("vehicle.friction='x'", "number"),
+        ("neso.beta1", "--set neso.beta1=100"),
+        ("channels.presure='x'", "pressure"),
+        ("channels.pressure.left='x'", "axle 1"),
+        ("analysis.slowest=-1", "slip"),
+        ("csv.header='no'", "true or false"),
+        ("channels.time={source='sensor'}", "publish"),
+        ("channels.speed={channel='x', teeth='many'}", "whole number"),
+    ],
+)
+def test_a_mistake_is_an_error_that_names_the_remedy(assignment: str, says: str) -> None:
+    with pytest.raises(UserError) as error:
+        settings.load(assignments=[assignment])
+    assert says in error.value.hint + error.value.text
+    assert error.value.code == 2
+
+
+def test_a_broken_file_is_named() -> None:
+    Path("bad.toml").write_text("vehicle = [")
+    with pytest.raises(UserError, match=r"bad\.toml"):
+        settings.load(Path("bad.toml"))
+    with pytest.raises(UserError, match="no such file"):
+        settings.load(Path("missing.toml"))
+
+
+def test_numbers_as_people_write_them() -> None:
+    assert settings.load(assignments=["vehicle.phi=.35"]).vehicle.friction.value == 0.35
+    assert settings.load(assignments=["vehicle.n=4."]).vehicle.discs.value == 4.0
+    assert settings.load(assignments=["channels.group={channel='a'}", "channels.group.equals=007"])
+    stated = settings.load(assignments=["channels.group.equals=007"]).read.group_equals
+    assert stated == "007"  # a name
+
+
+def test_flags_that_contradict_each_other_are_refused() -> None:
+    with pytest.raises(UserError, match="wheel_radius is stated twice"):
+        settings.load(assignments=["vehicle.wheel_diameter=0.9", "vehicle.wheel_radius=0.4"])
+    v = settings.load(assignments=["vehicle.phi=0.2", "vehicle.phi=0.3"]).vehicle
+    assert v.friction.value == 0.3  # the same flag again: the last one counts, as everywhere
+
+
+def test_one_channel_for_all_axles_gives_way_to_one_per_axle() -> None:
+    Path("adhesion.toml").write_text('[channels]\nspeed = {channel = "v", unit = "km/h"}\n')
+    Path("c.toml").write_text('[channels]\nspeed."axle 2" = {channel = "w", unit = "rad/s"}\n')
+    (m,) = settings.load(Path("c.toml")).mappings
+    assert (m.axle, m.channel, m.unit) == (2, "w", "rad/s")

@@ -1,0 +1,167 @@
+"""A log file as channels: counters, wheels, optional channels."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.channels.log import open_source, read, survey, unchanged
+from adhesion_cli.channels.meaning import Mapping
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Channel, Log, Parameter, Vehicle
+from adhesion_cli.formats.source import ReadOptions
+
+COUNTER = (Mapping("wheel_speed", 1, "wheel", unit="count", teeth=100),)
+
+
+def logged(path: Path, counts: np.ndarray, t: np.ndarray) -> Log:
+    lines = ["t [s],bc pressure [bar],wheel"]
+    lines += [f"{x:.3f},{3.0 * min(x, 1.0):.3f},{int(c)}" for x, c in zip(t, counts, strict=True)]
+    path.write_text("\n".join(lines) + "\n")
+    return read(open_source(path, ReadOptions()), COUNTER, Vehicle())
+
+
+def speed_of(log: Log) -> Channel:
+    return next(c for c in log.channels if c.meaning == "wheel_speed")
+
+
+def codes(log: Log) -> dict[str, int]:
+    return {f.code: f.count for f in log.findings}
+
+
+@pytest.fixture
+def turning() -> tuple[np.ndarray, np.ndarray]:
+    t = np.arange(0.0, 10.0, 0.02)
+    return t, np.floor(100.0 * (40.0 * t - 1.0 * t**2) / (2.0 * math.pi))
+
+
+def test_a_counter_becomes_the_mean_speed_of_each_interval(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    log = logged(tmp_path / "a.csv", counts % 65536, t)
+    speed = speed_of(log)
+    true = 40.0 - 2.0 * speed.data.t / 1e9
+    step = 2.0 * math.pi / 100 / 0.02
+    assert np.abs(speed.data.value - true).max() < step
+    assert speed.step == pytest.approx(step)
+    assert "counter-reset" not in codes(log)
+
+
+def test_a_counter_that_wraps_goes_on_and_one_that_resets_does_not(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    wrapped = logged(tmp_path / "a.csv", counts % 4096, t)
+    assert codes(wrapped)["counter-wrapped"] == int(counts[-1]) // 4096
+    counts = np.where(t > 5.0, counts - counts[251], counts)
+    reset = logged(tmp_path / "b.csv", counts, t)
+    assert codes(reset)["counter-reset"] == 1
+    assert np.abs(speed_of(reset).data.value).max() < 45.0
+
+
+def test_a_gap_in_a_counter_gives_no_speed_over_it(
+    tmp_path: Path, turning: tuple[np.ndarray, np.ndarray]
+) -> None:
+    t, counts = turning
+    keep = (t < 4.0) | (t > 4.16)
+    log = logged(tmp_path / "a.csv", counts[keep], t[keep])
+    assert codes(log)["gap"] == 1
+    assert np.diff(speed_of(log).data.t).max() > 0.16e9
+
+
+def test_a_radius_for_each_axle_or_one_for_all(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "t [s],bc [bar],axle1 speed [m/s],axle2 speed [m/s],axle3 speed [m/s]\n"
+        + "".join(f"{i / 10},1,10,10,10\n" for i in range(50))
+    )
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    two = Vehicle(wheel_radius=(Parameter(0.42, 0.0), Parameter(0.43, 0.0)))
+    with pytest.raises(UserError, match="axle 3"):
+        read(source, (), two)
+
+
+def test_an_empty_channel_is_told_and_breaks_nothing(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(
+        "t [s],bc [bar],wheel speed [m/s],train speed [m/s]\n"
+        + "".join(f"{i / 10},1,10,\n" for i in range(50))
+    )
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    assert [len(c.data.t) for c in survey(source, (), Vehicle()).channels] == [50, 50, 0]
+    log = read(source, (), Vehicle())
+    assert {c.meaning for c in log.channels} == {"pressure", "wheel_speed"}
+    assert codes(log)["empty-channel"] == 1
+    copied = unchanged(open_source(tmp_path / "a.csv", ReadOptions()), ())
+    assert [c.name for c in copied.channels] == ["bc [bar]", "wheel speed [m/s]"]
+    assert codes(copied)["empty-channel"] == 1
+    (tmp_path / "b.csv").write_text("t [s],bc [bar]\n0,\n1,\n2,\n")
+    with pytest.raises(UserError, match="no channel holds a number"):
+        unchanged(open_source(tmp_path / "b.csv", ReadOptions()), ())
+
+
+def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -> None:
+    lines = [f"{i / 10},{101.3 + max(i - 20, 0) * 10},10" for i in range(50)]
+    (tmp_path / "a.csv").write_text("t [s],bc [kPa],wheel speed [m/s]\n" + "\n".join(lines) + "\n")
+    source = open_source(tmp_path / "a.csv", ReadOptions())
+    assert codes(read(source, (), Vehicle()))["pressure-absolute"] == 1
+    stated = read(source, (Mapping("pressure", None, "bc", unit="kPa abs"),), Vehicle())
+    assert "pressure-absolute" not in codes(stated)
+    pressure = next(c for c in stated.channels if c.meaning == "pressure")
+    assert abs(pressure.data.value[0]) < 100.0
+
+
+def test_a_needed_name_above_two_columns_is_refused_unless_mapped(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{k / 50},{k % 7},{k % 5},{50 - k / 50}\n" for k in range(200))
+    path.write_text("time [s],BCP 1 [bar],BCP 1 [bar],axle 1 [km/h]\n" + rows)
+    with pytest.raises(UserError, match=r"several columns are called 'BCP 1 .bar.'") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    assert 'pressure."axle 1" = {channel = "BCP 1 [bar]"' in error.value.hint
+    assert 'called "BCP 1 [bar] (2)"' in error.value.hint
+    second = Mapping("pressure", 1, "BCP 1 [bar] (2)", unit="bar")
+    log = read(open_source(path, ReadOptions()), (second,), Vehicle())
+    pressure = log.find("pressure", 1)
+    assert pressure is not None
+    assert pressure.data.value[:6].tolist() == [0, 1e5, 2e5, 3e5, 4e5, 0]
+
+
+def table(path: Path, stamps: np.ndarray, channels: int) -> Path:
+    names = [f"bc pressure {k} [bar],wheel {k} [rad/s]" for k in range(1, channels + 1)]
+    rows = [f"{t:g}{f',{k % 5},{90 - k / 8}' * channels}" for k, t in enumerate(stamps)]
+    path.write_text("\n".join([",".join(["t [s]", *names]), *rows]) + "\n")
+    return path
+
+
+def test_a_fault_of_one_clock_is_told_once(tmp_path: Path) -> None:
+    t = np.arange(100) / 10
+    path = table(tmp_path / "a.csv", np.where(t < 5.0, t, t + 60.0), 4)
+    log = survey(open_source(path, ReadOptions()), (), Vehicle())
+    (gap,) = (f for f in log.findings if f.severity != "info")
+    assert (gap.code, gap.count, gap.first_s) == ("gap", 1, 4.9)
+    assert gap.channel == ", ".join(c.title for c in log.channels)
+    assert gap.message.startswith("8 channels of one clock: no samples for")
+
+
+def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> None:
+    sizes = np.random.default_rng(0).integers(4, 12, 30)
+    path = table(tmp_path / "a.csv", np.repeat(np.arange(30.0), sizes), 1)
+    with pytest.raises(UserError, match=r"samples share each time stamp, 1 s apart") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    assert "more decimals" in error.value.hint
+
+
+@pytest.mark.parametrize("row", ["BC pressure axle 1 [kPa]\ns,bar", "BC [kPa] axle 1 [bar]\n,"])
+def test_a_unit_stated_twice_is_refused_unless_mapped(tmp_path: Path, row: str) -> None:
+    path = tmp_path / "a.csv"
+    names, units = row.split("\n")
+    rows = "".join(f"{k / 100},{k / 10},{k}\n" for k in range(200))
+    path.write_text(f"t [s],{names},axle 1 speed [rpm]\n{units},rpm\n{rows}")
+    for of in (lambda s, m: read(s, m, Vehicle()), unchanged):
+        with pytest.raises(UserError, match=r"stated twice: 'bar' .* and 'kPa' .in the name.$"):
+            of(open_source(path, ReadOptions()), ())
+    mapping = Mapping("pressure", 1, names, unit="kPa")
+    log = read(open_source(path, ReadOptions()), (mapping,), Vehicle())
+    pressure = log.find("pressure", 1)
+    assert pressure is not None
+    assert pressure.data.value.max() == pytest.approx(19.9e3)

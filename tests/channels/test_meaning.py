@@ -1,0 +1,345 @@
+import os
+import subprocess
+import sys
+
+import pytest
+
+from adhesion_cli.channels.meaning import Mapping, understood
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.source import Field
+
+
+def seen(
+    *names: str | tuple[str, ...], mappings: tuple[Mapping, ...] = ()
+) -> list[tuple[object, ...]]:
+    fields = [Field(n) if isinstance(n, str) else Field(*n) for n in names]
+    meant, _ = understood(fields, mappings)
+    return [(m.meaning, m.axle, m.unit) for m in meant]
+
+
+PRESSURE, WHEEL, TRAIN = "pressure", "wheel_speed", "train_speed"
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("BC pressure [kPa]", "v_kmh"), [(PRESSURE, None, "kPa"), (WHEEL, None, "kmh")]),
+        (
+            ("制动缸压力(kPa)", "轮速(km/h)", "列车速度(km/h)"),
+            [(PRESSURE, None, "kPa"), (WHEEL, None, "km/h"), (TRAIN, None, "km/h")],
+        ),
+        (
+            ("C-Druck [bar]", "HL-Druck [bar]", "Radgeschw. [km/h]", "Geschwindigkeit [km/h]"),
+            [
+                (PRESSURE, None, "bar"), (None, None, "bar"),
+                (WHEEL, None, "km/h"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Bremszylinderdruck (bar)", "Raddrehzahl (1/min)", "Zuggeschwindigkeit (km/h)"),
+            [(PRESSURE, None, "bar"), (WHEEL, None, "1/min"), (TRAIN, None, "km/h")],
+        ),
+        (
+            ("bc_pressure_1", "axle2_speed", "train_speed [m/s]"),
+            [(PRESSURE, 1, ""), (WHEEL, 2, ""), (TRAIN, None, "m/s")],
+        ),
+        (
+            ("BCP1_bar", "AxleSpd1_kmh", "TrainSpd_kmh", "MRP_bar"),
+            [(PRESSURE, 1, "bar"), (WHEEL, 1, "kmh"), (TRAIN, None, "kmh"), (None, None, "bar")],
+        ),
+        (
+            ("一轴轮速(km/h)", "二轴制动缸压力(kPa)", "黏着力真值(N)"),
+            [(WHEEL, 1, "km/h"), (PRESSURE, 2, "kPa"), ("truth", None, "N")],
+        ),
+        (
+            ("K [kN]", "F_adhesion_true [N]", "F_adhesion_estimated [N]"),
+            [("clamping_force", None, "kN"), ("truth", None, "N"), (None, None, "N")],
+        ),
+        (
+            ("p [bar]", "v [km/h]", "omega [rad/s]"),
+            [(PRESSURE, None, "bar"), (TRAIN, None, "km/h"), (WHEEL, None, "rad/s")],
+        ),
+        (
+            ("Pression CF essieu 2 [bar]", "Pression conduite générale [bar]",
+             "Vitesse de rotation roue 2 (tr/min)", "Vitesse du train (km/h)"),
+            [
+                (PRESSURE, 2, "bar"), (None, None, "bar"),
+                (WHEEL, 2, "tr/min"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Pressione cilindro freno 1 [bar]", "Pressione condotta generale [bar]",
+             "Velocità asse 1 [giri/min]", "Velocità treno [km/h]"),
+            [
+                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (WHEEL, 1, "giri/min"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Remcilinderdruk as 1 [bar]", "Treinleidingdruk [bar]",
+             "Wielsnelheid as 1 [km/u]", "Treinsnelheid [km/u]"),
+            [
+                (PRESSURE, 1, "bar"), (None, None, "bar"),
+                (WHEEL, 1, "km/u"), (TRAIN, None, "km/u"),
+            ],
+        ),
+        (
+            ("Presión cilindro de freno 1 [bar]", "Velocidad eje 1 [km/h]", "Velocidad tren [m/s]"),
+            [(PRESSURE, 1, "bar"), (WHEEL, 1, "km/h"), (TRAIN, None, "m/s")],
+        ),
+        (
+            ("制动缸压力_1轴_kPa", "轴速1_km/h", "列车管压力(kPa)", "GPS速度 (km/h)"),
+            [
+                (PRESSURE, 1, "kPa"), (WHEEL, 1, "km/h"),
+                (None, None, "kPa"), (TRAIN, None, "km/h"),
+            ],
+        ),
+        (
+            ("Hauptluftleitungsdruck [bar]", "Vorsteuerdruck [bar]", "Cdruck DG2 [bar]"),
+            [(None, None, "bar"), (None, None, "bar"), (PRESSURE, 3, "bar"), (PRESSURE, 4, "bar")],
+        ),
+        (
+            ("BC1 [bar]", "Speed axle 1 [km/h]", "Längsbeschleunigung [m/s^2]", "acc y [g]"),
+            [
+                (PRESSURE, 1, "bar"), (WHEEL, 1, "km/h"),
+                (TRAIN, None, "m/s^2"), (None, None, "g"),
+            ],
+        ),
+        (
+            ("车速 (km/h)", "加速度 (m/s²)", "axle 1 speed (km/h)", "deceleration demand [m/s2]"),
+            [
+                (TRAIN, None, "km/h"), (None, None, "m/s²"),
+                (WHEEL, 1, "km/h"), (None, None, "m/s2"),
+            ],
+        ),
+        (
+            ("Pression [bar]", "Effort de freinage [kN]", "Consigne de vitesse [km/h]", "Vitesse"),
+            [(PRESSURE, None, "bar"), (None, None, "kN"), (None, None, "km/h"), (WHEEL, None, "")],
+        ),
+    ],
+)  # fmt: skip
+def test_reads_the_names_of_csv_columns(names: tuple[str, ...], expected: list[object]) -> None:
+    assert seen(*names) == expected
+
+
+def test_the_reason_told_is_the_same_in_every_run() -> None:
+    code = (
+        "from adhesion_cli.channels.meaning import understood\n"
+        "from adhesion_cli.formats.source import Field\n"
+        "names = ['列车速度', '轴1轮速转速', '1轴制动缸压力', '机车车速']\n"
+        "print([m.reason for m in understood([Field(n) for n in names], ())[0]])"
+    )
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code], env={**os.environ, "PYTHONHASHSEED": str(seed)},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for seed in range(4)
+    }  # fmt: skip
+    assert len(told) == 1
+    assert "列车" in told.pop()
+
+
+def test_reads_topics_fields_and_message_types() -> None:
+    joint = "sensor_msgs/msg/JointState"
+    fields = [
+        Field("/joint_states", "velocity[1]", "axle_2", message_type=joint, encoding="cdr"),
+        Field("/joint_states", "position[1]", "axle_2", message_type=joint, encoding="cdr"),
+        Field("/brake/bc1", "fluid_pressure", message_type="sensor_msgs/msg/FluidPressure"),
+        Field("/brake/bc1", "variance", message_type="sensor_msgs/msg/FluidPressure"),
+    ]
+    meant, _ = understood(fields, ())
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        (WHEEL, 2, "rad/s"), (None, 2, ""), (PRESSURE, 1, "Pa"), (None, 1, ""),
+    ]  # fmt: skip
+    assert "by definition" in meant[0].reason
+
+
+def test_reads_a_result_of_ours_but_not_its_estimates() -> None:
+    fields = [
+        Field("/axle/3/input", name, message_type="adhesion.AxleInput", encoding="protobuf")
+        for name in ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed")
+    ]
+    fields += [Field("/axle/3/truth", "force", message_type="adhesion.Truth")]
+    fields += [Field(f"/axle/3/{t}", "force") for t in ("reference", "estimate/neso")]
+    meant, findings = understood(fields, ())
+    assert [m.meaning for m in meant] == [
+        "pressure", "clamping_force", "wheel_speed", "train_speed", "truth", None, None,
+    ]  # fmt: skip
+    assert [m.unit for m in meant[:5]] == ["Pa", "N", "rad/s", "m/s", "N"]
+    assert {m.axle for m in meant} == {3}
+    assert not findings
+
+
+def test_a_result_says_by_its_types_what_it_holds_whatever_its_topics_begin_with() -> None:
+    prefix = "/wheel 7, reference of a true adhesion pipe"
+    fields = [
+        Field(f"{prefix}/axle/2/input", name, message_type="adhesion.AxleInput")
+        for name in ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed")
+    ]
+    fields += [Field(f"{prefix}/axle/2/truth", "force", message_type="adhesion.Truth")]
+    fields += [Field(f"{prefix}/axle/2/truth", "slip", message_type="adhesion.Truth")]
+    fields += [Field(f"{prefix}/axle/2/slip", "slip", message_type="adhesion.Slip")]
+    meant, findings = understood(fields, ())
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        ("pressure", 2, "Pa"), ("clamping_force", 2, "N"), (WHEEL, 2, "rad/s"), (TRAIN, 2, "m/s"),
+        ("truth", 2, "N"), ("true_slip", 2, "-"), (None, 2, ""),
+    ]  # fmt: skip
+    assert not findings
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("adhesion trial clamping force [N]", "clamping_force"),
+        ("/x.adhesion/axle/1/input.clamping_force [N]", "clamping_force"),
+        ("K_true [N]", "clamping_force"),
+        ("brake force for adhesion test [N]", None),
+        ("actual brake force [kN]", None),
+        ("true normal force [N]", None),
+        ("/adhesion/axle 1/force [N]", None),
+        ("/adhesion/axle 1/F [N]", None),
+        ("adhesion rig load [N]", None),
+        ("actual adhesion force [N]", "truth"),
+        ("adhesion force axle 2 [kN]", "truth"),
+        ("Kraftschluss 2 [kN]", "truth"),
+        ("F_adh_1 [N]", "truth"),
+        ("F_true [N]", "truth"),
+        ("黏着力(N)", "truth"),
+    ],
+)
+def test_only_a_force_that_is_called_adhesion_or_true_is_the_truth(
+    name: str, meaning: str | None
+) -> None:
+    ((found, _, _),) = seen(name)
+    assert found == meaning
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("slip_true_1 [-]", "true_slip"), ("true slip axle 2 [%]", "true_slip"),
+        ("滑移率真值 [%]", "true_slip"), ("slip_true_1", None), ("slip true [km/h]", None),
+        ("slip_1 [-]", None), ("estimated true slip [-]", None), ("true slip sigma [-]", None),
+    ],
+)  # fmt: skip
+def test_a_true_slip_says_so_and_has_a_unit(name: str, meaning: str | None) -> None:
+    ((found, _, _),) = seen(name)
+    assert found == meaning
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("Battery [V]", None), ("supply (mV)", None), ("Vbat_V", None), ("T1 [K]", None),
+        ("set speed [km/h]", None), ("v_max [km/h]", None), ("speed error [km/h]", None),
+        ("yaw rate [deg/s]", None), ("demanded cylinder pressure [bar]", None),
+        ("wheel set 2 speed [km/h]", WHEEL), ("V_wheel 2 [km/h]", WHEEL), ("v [km/h]", TRAIN),
+        ("Force (K) [kN]", "clamping_force"),
+    ],
+)  # fmt: skip
+def test_what_only_shares_a_letter_or_a_unit_is_not_taken(name: str, meaning: str | None) -> None:
+    wheel, found = seen("axle 1 speed [km/h]", name)
+    assert (wheel[0], found[0]) == (WHEEL, meaning)
+
+
+def test_a_folder_of_topics_called_adhesion_makes_no_truth() -> None:
+    fields = ("clamping_force", "bc_pressure", "wheel_speed", "force")
+    meant = [seen((f"/adhesion_rig/axle/1/{f}", "value"))[0][0] for f in fields]
+    assert meant == ["clamping_force", PRESSURE, WHEEL, None]
+
+
+def test_axles_counted_from_zero_move_up_and_are_told() -> None:
+    fields = [Field(n) for n in ("p_bc_0 [bar]", "p_bc_1 [bar]", "omega_0 [rad/s]")]
+    meant, findings = understood(fields, ())
+    assert [m.axle for m in meant] == [1, 2, 1]
+    assert [f.code for f in findings] == ["axles-from-zero"]
+
+
+def test_a_bogie_pressure_serves_both_axles() -> None:
+    meant, findings = understood([Field("bogie2_bc_pressure_kPa"), Field("axle3_speed_kmh")], ())
+    assert {(m.meaning, m.axle) for m in meant} == {(PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3)}
+    assert [f.code for f in findings] == ["bogie-pressure"]
+
+
+def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
+    fields = [Field("wheel speed left [km/h]"), Field("wheel speed right [km/h]")]
+    meant, findings = understood(fields, ())
+    assert [m.meaning for m in meant] == [WHEEL, None]
+    assert [(f.code, f.severity) for f in findings] == [("channel-ambiguous", "warning")]
+
+
+def test_a_mapping_beats_every_guess() -> None:
+    mapping = Mapping("wheel_speed", 1, "x", unit="rpm")
+    assert seen("x", "wheel speed [km/h]", mappings=(mapping,)) == [
+        (WHEEL, 1, "rpm"), (None, None, "km/h"),
+    ]  # fmt: skip
+
+
+def test_a_mapping_to_a_missing_channel_names_the_nearest() -> None:
+    with pytest.raises(UserError) as error:
+        understood([Field("bc_pressure_1")], (Mapping("pressure", 1, "bc_presure_1"),))
+    assert "bc_pressure_1" in error.value.hint
+
+
+def test_a_mapping_to_one_of_several_fields_must_say_which() -> None:
+    fields = [Field("/brake", "front"), Field("/brake", "rear")]
+    with pytest.raises(UserError, match="several fields"):
+        understood(fields, (Mapping("pressure", 1, "/brake", unit="bar"),))
+
+
+def test_lists_in_lists_are_counted_through() -> None:
+    paths = ["bogies[0].bc_pressure_bar", "bogies[1].bc_pressure_bar"]
+    paths += [f"bogies[{b}].wheel_speed_rpm[{w}]" for b in (0, 1) for w in (0, 1)]
+    meant, findings = understood([Field("/brake", p) for p in paths], ())
+    found = {(m.field.path, m.axle) for m in meant}
+    assert found == {
+        ("bogies[0].bc_pressure_bar", 1), ("bogies[0].bc_pressure_bar", 2),
+        ("bogies[1].bc_pressure_bar", 3), ("bogies[1].bc_pressure_bar", 4),
+        ("bogies[0].wheel_speed_rpm[0]", 1), ("bogies[0].wheel_speed_rpm[1]", 2),
+        ("bogies[1].wheel_speed_rpm[0]", 3), ("bogies[1].wheel_speed_rpm[1]", 4),
+    }  # fmt: skip
+    assert [f.code for f in findings] == ["axles-nested"]
+
+
+def test_a_column_name_used_twice_is_no_second_axle() -> None:
+    fields = [Field("wheel speed [km/h]"), Field("wheel speed [km/h] (2)")]
+    meant, findings = understood(fields, ())
+    assert [(m.meaning, m.axle) for m in meant] == [(WHEEL, None), (None, None)]
+    assert [f.code for f in findings] == ["channel-ambiguous"]
+
+
+def test_a_topic_and_field_in_one_column_header() -> None:
+    assert seen("/axle/1/input.train_speed [m/s]", "/axle/1/input.wheel_speed [rad/s]") == [
+        (TRAIN, 1, "m/s"), (WHEEL, 1, "rad/s"),
+    ]  # fmt: skip
+
+
+def test_a_number_beside_the_train_is_no_axle() -> None:
+    assert seen("Ch3 train speed [m/s]", "Ch7 wheel speed axle 2 [km/h]") == [
+        (TRAIN, None, "m/s"), (WHEEL, 2, "km/h"),
+    ]  # fmt: skip
+    meant, findings = understood([Field(f"Train speed {k} [km/h]") for k in (1, 2)], ())
+    assert [(m.meaning, m.axle) for m in meant] == [(TRAIN, None), (None, None)]
+    assert [f.code for f in findings] == ["channel-ambiguous"]
+
+
+def test_a_pressure_that_the_name_calls_absolute() -> None:
+    assert seen("brake cylinder pressure abs [kPa]") == [(PRESSURE, None, "kPa abs")]
+
+
+@pytest.mark.parametrize(
+    ("names", "axles"),
+    [
+        (("/axle1/pressure [bar]", "/axle2/pressure [bar]", "wheels.speed[0] [rpm]",
+          "wheels.speed[1] [rpm]"), [1, 2, 1, 2]),
+        (("p1 [bar]", "speed[0] [rpm]", "speed[1] [rpm]"), [1, 1, 2]),
+        (("p1 [bar]", "p2 [bar]", "wheel speed 0 [rpm]", "wheel speed 1 [rpm]"), [1, 2, 1, 2]),
+        (("p0 [bar]", "p1 [bar]", "p2 [bar]", "wheel speed 1 [rpm]"), [1, 2, 3, 2]),
+        (("p0 [bar]", "p1 [bar]", ("/wheels", "speed[0]")), [1, 2, 1]),
+    ],
+)  # fmt: skip
+def test_only_what_counts_axles_from_zero_moves_up(
+    names: tuple[str | tuple[str, ...], ...], axles: list[int]
+) -> None:
+    assert [axle for _, axle, _ in seen(*names)] == axles

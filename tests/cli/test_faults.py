@@ -1,0 +1,229 @@
+"""Whole commands while the kernel refuses or kills: what is there is whole, or was there before."""
+
+import errno
+import functools
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+from test_atomic_files import FAULTS
+from test_writing import mounted
+
+ROOT = Path(__file__).parents[2]
+SCENARIO = """
+description = "a short stop"
+duration = 20.0
+
+[train]
+speed = 9.0
+
+[[rail.section]]
+at = 0.0
+condition = "low"
+
+[[brake.command]]
+at = 1.0
+pressure = 9e5
+"""
+COMMANDS = {
+    "convert": "convert log.csv out.mcap",
+    "recover": "recover damaged.mcap -o out.mcap",
+    "table": "convert damaged.mcap out.csv",
+    "analyze": "analyze log.csv other.csv -a td --rejects out.csv",
+    "slip": "slip log.csv --figure out.svg",
+    "antiskid": "antiskid short.toml",
+}
+MOST = 60  # strikes of a fault: of 60 calls every one, of more as many, spread
+PAGE = 4096  # bytes of a disk that are given out at once
+OLD = b"of an earlier run"
+# strace knows a file by its name, and ours have none until they are whole: see data/strike.c.
+WRITES = ("ENOSPC", "EIO", "CHANGED")
+CHANGED = "the result does not read back as written"
+STRUCK = [(c, f) for c in COMMANDS for f in FAULTS if not f.startswith("write:error")]
+pytestmark = pytest.mark.skipif(shutil.which("strace") is None, reason="needs strace")
+
+
+def ran(folder: Path, command: str, *under: str) -> subprocess.CompletedProcess[str]:
+    """The command, `under` another if one is given, in a folder that holds what it reads."""
+    return subprocess.run(
+        [*under, sys.executable, "-B", "-m", "adhesion_cli", *COMMANDS[command].split(), "--force"],
+        cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True,
+        text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
+    return ran(folder, command, "strace", "-f", "-qq", *options)
+
+
+def prepared(folder: Path, command: str, *under: str) -> dict[str, bytes]:
+    """Puts the inputs there and runs the command once, as `ran`: its outputs, by name."""
+    lines = (ROOT / "sample_logs" / "service-brake.csv").read_text().splitlines(keepends=True)
+    (folder / "log.csv").write_text("".join(lines[:400]))
+    (folder / "other.csv").write_text("".join([*lines[:300], "1,2,3\n"]))
+    whole = (ROOT / "sample_logs" / "low-adhesion.mcap").read_bytes()
+    (folder / "damaged.mcap").write_bytes(whole[: len(whole) // 2])
+    (folder / "short.toml").write_text(SCENARIO)
+    before = {p.name for p in folder.iterdir()}
+    done = ran(folder, command, *under)
+    assert done.returncode in (0, 3), done.stderr
+    return {p.name: p.read_bytes() for p in folder.iterdir() if p.name not in before}
+
+
+def calls(folder: Path, command: str, call: str) -> int:
+    """How often the command makes a system call."""
+    struck(folder, command, [f"-o{folder / 'trace'}", f"-etrace={call}"])
+    count = len(re.findall(rf"\b{call}\(", (folder / "trace").read_text()))
+    (folder / "trace").unlink()
+    return count
+
+
+def holds(folder: Path, command: str, made: dict[str, bytes], fault: str, nth: int) -> None:
+    """Strikes at the nth call; every output is then that of this run or of the one before."""
+    for name in made:
+        (folder / name).unlink(missing_ok=True)
+    old = {n for n in made if not n.endswith(".sha256")}
+    for name in old:
+        (folder / name).write_bytes(OLD)
+    before = {p.name for p in folder.iterdir()}
+    call = fault.split(":")[0]
+    options = ["-o/dev/null", f"-etrace={call}", f"-einject={fault}:when={nth}"]
+    done = struck(folder, command, options)
+    there = {p.name: p.read_bytes() for p in folder.iterdir()}
+    found = {name: there.pop(name) for name in old & set(there)}
+    earlier = {content == OLD for content in found.values()}
+    assert len(earlier) == 1, (fault, nth)  # never outputs of two runs side by side
+    if earlier == {True} or len(found) < len(old):
+        assert done.returncode not in (0, 3), (fault, nth)
+    for name, content in found.items():
+        if earlier == {False} and not name.endswith(".rrd"):
+            assert content == made[name], (fault, nth, name)
+        elif earlier == {False}:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                assert sum(1 for _ in RrdReader(folder / name).stream()) > 0
+    for name in [n for n in there if n.endswith(".sha256")]:
+        for line in there.pop(name).decode().splitlines()[1:]:
+            digest, of = line.split("  ")
+            assert hashlib.sha256((folder / of).read_bytes()).hexdigest() == digest, (fault, nth)
+    left = set(there) - before
+    if "error" in fault:
+        assert done.returncode in (0, 1, 3), (fault, nth, done.stderr)
+        assert "Traceback" not in done.stderr, (fault, nth)
+        assert not left, (fault, nth)
+    for name in left:  # a run that was killed had no time for it; the next one has
+        assert name.endswith(".part"), name
+        (folder / name).unlink()
+
+
+@functools.cache
+def striker() -> Path:
+    """The library that lets writes fail; the test is left out where none can be made."""
+    library = Path(tempfile.mkdtemp(prefix="strike")) / "strike.so"
+    compiler = shutil.which("cc") or pytest.skip("needs a C compiler")
+    source = ROOT / "tests" / "data" / "strike.c"
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, source], check=True)
+    return library
+
+
+def failing_writes(tmp_path: Path, command: str, error: str, most: int) -> None:
+    """Lets `most` of the writes of a run into its folder fail, each in a run of its own.
+
+    The error CHANGED is none: the write succeeds, and a bit is another one.
+
+    All is then as it was before, which is as a run left it that did not fail.
+    """
+    folder, log = tmp_path / "out", tmp_path / "writes"
+    folder.mkdir()
+    number = getattr(errno, error, 0)
+    text = f"cannot write the results ({os.strerror(number)})" if number else CHANGED
+    under = ("env", f"LD_PRELOAD={striker()}", f"STRIKE_IN={folder}", f"STRIKE_LOG={log}",
+             f"STRIKE_ERROR={number}")  # fmt: skip
+    made = prepared(folder, command, *under, "STRIKE_NTH=0")
+    writes = log.stat().st_size
+    assert writes >= len(made)
+    struck = 0
+    for nth in range(writes, 0, writes // -most):
+        log.unlink()
+        before = {p.name: p.read_bytes() for p in folder.iterdir()}
+        done = ran(folder, command, *under, f"STRIKE_NTH={nth}")
+        if log.stat().st_size < nth:  # a recording comes through a pipe, in more writes or fewer
+            assert done.returncode in (0, 3), done.stderr
+            continue
+        struck += 1
+        assert done.returncode == 1, (error, nth)
+        assert text in done.stderr, (error, nth)
+        assert {p.name: p.read_bytes() for p in folder.iterdir()} == before, (error, nth)
+    assert struck
+
+
+def test_a_failing_write_leaves_the_old_results(tmp_path: Path) -> None:
+    failing_writes(tmp_path, "analyze", "EIO", 2)
+
+
+@pytest.mark.parametrize("command", ["table", "slip"])
+def test_a_write_that_changes_a_byte_leaves_the_old_results(tmp_path: Path, command: str) -> None:
+    failing_writes(tmp_path, command, "CHANGED", 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", WRITES)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_failing_write_does(tmp_path: Path, command: str, error: str) -> None:
+    failing_writes(tmp_path, command, error, MOST)
+
+
+@pytest.mark.parametrize("command", ["convert", "recover", "analyze"])
+def test_a_fault_leaves_nothing_half_written(tmp_path: Path, command: str) -> None:
+    made = prepared(tmp_path, command)
+    for fault in ("fsync:error=EIO", "rename:signal=KILL"):
+        count = calls(tmp_path, command, fault.split(":")[0])
+        assert count, fault
+        holds(tmp_path, command, made, fault, (count + 1) // 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "fault"), STRUCK)
+def test_every_fault_leaves_nothing_half_written(tmp_path: Path, command: str, fault: str) -> None:
+    made = prepared(tmp_path, command)
+    count = calls(tmp_path, command, fault.split(":")[0])
+    for nth in range(1, count + 1, -(-count // MOST)):
+        holds(tmp_path, command, made, fault, nth)
+
+
+def fills_up(folder: Path, command: str, share: float) -> None:
+    """The disk has room for a share of the results."""
+    made = prepared(folder, command)
+    for name in made:
+        (folder / name).unlink()
+    inputs = {p.name: p.read_bytes() for p in folder.iterdir()}
+    taken, needed = (sum(-(-len(x) // PAGE) for x in some.values()) for some in (inputs, made))
+    room = min(int(share * needed), needed - 1)
+    with mounted(folder, f"size={(taken + room) * PAGE}") as disk:
+        for name, content in inputs.items():
+            (disk / name).write_bytes(content)
+        done = ran(disk, command)
+        assert done.returncode == 1
+        assert "No space left on device" in done.stderr
+        assert {p.name for p in disk.iterdir()} == set(inputs)
+
+
+@pytest.mark.parametrize("share", [0.6, 0.9])
+def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path, share: float) -> None:
+    fills_up(tmp_path, "analyze", share)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", np.linspace(0.05, 0.98, 12))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_disk_that_fills_up_ever_does(tmp_path: Path, command: str, share: float) -> None:
+    fills_up(tmp_path, command, share)

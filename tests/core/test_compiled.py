@@ -1,0 +1,242 @@
+"""Compiled code: same numbers as plain Python, kept on disk, never stale."""
+
+import ast
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import adhesion_cli
+from adhesion_cli.core import compiled, estimator
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.physics import wheelset
+
+PACKAGE = Path(adhesion_cli.__file__).parent
+
+BATCH = """
+import json, sys
+import numpy as np
+from adhesion_cli import compiled, estimator
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.physics import wheelset
+est = estimator.registry()[sys.argv[1]]
+w = wheelset(Vehicle(), 1)
+t = np.arange(200) * 1_000_000
+K, y = np.full(200, 21e3), 40.0 - 2e-9 * t
+F = compiled.batch(est, est.Params(), w, t, K, y, np.array([0]))
+online = estimator.online(est, est.Params(), w, zip(t.tolist(), K.tolist(), y.tolist()))
+print(json.dumps([F.tolist(), list(online)]))
+"""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A copy of the package, free to be edited."""
+    path = tmp_path_factory.mktemp("source")
+    shutil.copytree(PACKAGE, path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+    return path
+
+
+def start(path, code, *arguments, **environment):
+    environment = {**os.environ, **{k: str(v) for k, v in environment.items()}}
+    environment |= {"PYTHONPATH": str(path), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, cwd=path, env=environment, stdout=pipe, stderr=pipe, text=True)
+
+
+def answer(process):
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out
+
+
+def machine_code(cache):
+    return {path: path.stat().st_mtime_ns for path in cache.rglob("*.nbc")}
+
+
+class Pair(NamedTuple):
+    a: float
+    b: float
+
+
+def halved(x):
+    return 0.5 * x
+
+
+def swapped(pair, x):
+    return Pair(halved(pair.b) + x, math.exp(-abs(pair.a)))
+
+
+def twice(f, pair, x):
+    return f(f(pair, x), x)
+
+
+def ratio(a, b):
+    return a / b
+
+
+number = st.floats(-1e6, 1e6)
+
+
+def test_compiling_is_told_once_for_a_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(compiled, "_roots", lambda: [tmp_path / "cache"])
+    monkeypatch.setattr(compiled, "tell", told.append)
+    for _ in range(2):
+        compiled._compiled.cache_clear()
+        assert compiled.function(ratio)(1.0, 4.0) == 0.25
+        assert len(told) == 1
+
+
+@given(a=number, b=number, x=number)
+def test_function_is_the_plain_function(a, b, x):
+    assert compiled.function(swapped)(Pair(a, b), x) == swapped(Pair(a, b), x)
+
+
+def test_no_result_is_made_by_calling_python() -> None:
+    """A tuple is: with a signal pending, numba crashes at it."""
+    called, returned = set(), {}
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and node.returns:
+                returned[path, node.name] = ast.unparse(node.returns)
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "compiled.function":
+                called.add((path, ast.unparse(node.args[0])))
+    assert len(called) > 5
+    assert {returned[x] for x in called} <= {"None", "bool", "int", "float"}
+
+
+INTERRUPTED = """
+import signal
+from dataclasses import replace
+from adhesion_cli import antiskid, scenario
+case = scenario.load("slippery-stop")
+antiskid.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+signal.setitimer(signal.ITIMER_REAL, 0.1)
+antiskid.run(case, "none")
+"""
+
+
+def test_a_signal_in_a_compiled_stop_is_heard_at_its_end() -> None:
+    with start(PACKAGE.parent, INTERRUPTED) as process:
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGINT, err
+    assert "KeyboardInterrupt" in err
+
+
+def test_what_goes_by_address_is_compiled_once_for_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_roots", lambda: [tmp_path / "cache"])
+    compiled._compiled.cache_clear()
+    part = compiled.by_address(swapped, Pair(1.0, 2.0), 3.0)
+    kept = {p.name for p in machine_code(tmp_path)}
+    assert compiled.function(twice)(part, Pair(1.0, 2.0), 3.0) == twice(
+        swapped, Pair(1.0, 2.0), 3.0
+    )
+    assert compiled.function(twice)(part, Pair(4.0, 2.0), 5.0) == twice(
+        swapped, Pair(4.0, 2.0), 5.0
+    )
+    assert [p.name.split(".")[0] for p in machine_code(tmp_path) if p.name not in kept] == [
+        "test_compiled_twice"
+    ]
+
+
+def test_division_by_zero_is_inf():
+    assert compiled.function(ratio)(1.0, 0.0) == math.inf
+
+
+def test_an_edited_helper_is_noticed(copy, tmp_path):
+    """And nothing is compiled again while nothing changed."""
+
+    def run():
+        return json.loads(answer(start(copy, BATCH, "neso", XDG_CACHE_HOME=tmp_path)))
+
+    batch, online = run()
+    assert batch == online
+    kept = machine_code(tmp_path)
+    assert kept
+    assert run()[0] == batch
+    assert machine_code(tmp_path) == kept
+
+    helper = copy / PACKAGE.name / "estimators" / "_han.py"
+    text = helper.read_text(encoding="utf-8")
+    assert "alpha - 1.0" in text
+    try:
+        helper.write_text(text.replace("alpha - 1.0", "alpha - 0.9"), encoding="utf-8")
+        edited, online = run()
+    finally:
+        helper.write_text(text, encoding="utf-8")
+    assert edited == online
+    assert edited != batch
+
+
+def test_processes_may_start_at_once(copy, tmp_path):
+    racing = [start(copy, BATCH, "kalman", XDG_CACHE_HOME=tmp_path) for _ in range(2)]
+    first, second = map(answer, racing)
+    assert first == second
+    kept = machine_code(tmp_path)
+    assert answer(start(copy, BATCH, "kalman", XDG_CACHE_HOME=tmp_path)) == first
+    assert machine_code(tmp_path) == kept
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
+@pytest.mark.parametrize("kind", ["no folder", "anybody's", "mine"])
+def test_where_the_cache_is(tmp_path, monkeypatch, kind):
+    """What lies in the cache is run: a folder that others can write to is as bad as none."""
+    home, temporary = tmp_path / "home", tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    if kind == "no folder":
+        home.write_text("a file")
+    elif kind == "anybody's":
+        (home / "adhesion-cli").mkdir(parents=True)
+        (home / "adhesion-cli").chmod(0o777)
+    folder = compiled._folder(set())
+    assert folder.is_relative_to(home if kind == "mine" else temporary)
+    assert folder.is_dir()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the cache is elsewhere")
+def test_old_folders_go(tmp_path, monkeypatch):
+    root = tmp_path / "adhesion-cli"
+    root.mkdir(mode=0o700)
+    for i in range(12):
+        folder = root / f"{i:016x}"
+        folder.mkdir()
+        os.utime(folder, (i, i))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    latest = compiled._folder(set())
+    left = {path.name for path in root.iterdir()}
+    assert left == {latest.name, *(f"{i:016x}" for i in range(5, 12))}
+
+
+def test_importing_compiles_nothing(copy):
+    code = (
+        "import sys, adhesion_cli.core.compiled, adhesion_cli.core.estimator as e; e.registry();"
+        "print(*sys.modules)"
+    )
+    assert "numba" not in answer(start(copy, code)).split()
+
+
+def test_no_samples_no_answer():
+    est = estimator.registry()["leso"]
+    none, no_times = np.zeros(0), np.zeros(0, np.int64)
+    w = wheelset(Vehicle(), 1)
+    assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times).shape == (0,)

@@ -1,0 +1,164 @@
+"""Pressures whose zero or scale changes in mid-log: told by how the train answers each change."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.core.model import Finding, Floats
+from adhesion_cli.core.physics import (
+    G,
+    braked,
+    clamping_force,
+    cylinder_pressure,
+    force_line,
+    wheelset,
+)
+from adhesion_cli.wsp.simulate import Recording
+
+DEFAULT = settings.load()
+BRAKES = (6.0, 0.5), (31.0, 0.8), (56.0, 0.6), (81.0, 0.9)  # when [s], how hard [m/s²]
+SECONDS = 110.0
+Wrong = Callable[[Floats, Floats], Floats]
+
+
+def recordings(
+    rate: float,
+    seed: int,
+    wrong: Wrong,
+    *,
+    train: bool,
+    pads: float = 0.15,
+    percent: float = 2.0,
+    motor: float = 0.0,
+) -> simulated.Recordings:
+    """Two axles that roll through four brakes of 14 s.
+
+    Args:
+        rate: of all channels [Hz].
+        seed: of gradient, pads and noise.
+        wrong: what both pressures [Pa] are taken for, over time [s].
+        train: whether its speed is logged.
+        pads: by this share their friction varies with speed and from brake to brake.
+        percent: up to which the gradient goes, anew every 8 s.
+        motor: by how much it drives the train until shortly before each brake [m/s²].
+    """
+    random, fine = np.random.default_rng(seed), np.arange(0.0, SECONDS, 0.01)
+    w, line = wheelset(DEFAULT.vehicle, 1), force_line(DEFAULT.vehicle)
+    p, friction, driven = np.zeros(len(fine)), np.ones(len(fine)), np.zeros(len(fine))
+    for begin, hard in BRAKES:
+        up = np.clip((fine - begin) / random.uniform(0.5, 3.0), 0.0, 1.0)
+        p += (
+            cylinder_pressure(line, hard / braked(1.0, w))
+            * up
+            * np.clip((begin + 14.0 - fine) / 1.5, 0.0, 1.0)
+        )
+        within = (fine > begin) & (fine < begin + 16.0)
+        bent = random.uniform(-1.0, 1.0) + random.uniform(-1.0, 1.0) * (fine - begin - 7.0) / 7.0
+        friction[within] += pads / 2.0 * bent[within]
+        past = begin - random.uniform(0.2, 3.0)
+        driven += motor * np.clip((past - fine) / 0.5, 0.0, 1.0) * (fine > begin - 6.0)
+    corners = np.arange(0.0, SECONDS + 8.0, 8.0)
+    slope = np.interp(fine, corners, random.uniform(-percent, percent, len(corners)))
+    slows = friction * braked(clamping_force(p, DEFAULT.vehicle), w) - driven
+    slows += w.rolling * G * slope / 100.0
+    v = 60.0 - np.cumsum(slows) * 0.01
+    t = np.arange(0.0, SECONDS - 0.02, 1.0 / rate)
+    ns = np.round(t * 1e9).astype(np.int64)
+
+    def channel(name: str, signal: str, axle: int | None, unit: str, x: Floats) -> Recording:
+        return Recording(name, signal, axle, unit, ns, x, 4)  # type: ignore[arg-type]
+
+    def noisy(x: Floats, sigma: float) -> Floats:
+        y: Floats = np.interp(t, fine, x) + random.normal(0.0, sigma, len(t))
+        return y
+
+    log = [channel("train_speed", "train_speed", None, "m/s", noisy(v, 0.02))] * train
+    for axle in (1, 2):
+        bar = np.maximum(wrong(t, np.interp(t, fine, p)), 0.0) / 1e5
+        bar += random.normal(0.0, 0.005, len(t))
+        log += [
+            channel(f"wheel_speed_{axle}", "wheel_speed", axle, "rad/s", noisy(v / w.radius, 0.01)),
+            channel(f"bc_pressure_{axle}", "pressure", axle, "bar", bar),
+        ]
+    return log
+
+
+def told(log: simulated.Recordings, folder: Path) -> list[Finding]:
+    return [f for f in simulated.told(log, folder, DEFAULT) if f.severity == "warning"]
+
+
+def sound(_: Floats, p: Floats) -> Floats:
+    return p
+
+
+# What goes wrong, and between which times it is told.
+FAULTS: dict[str, tuple[Wrong, float, float]] = {
+    "zero lost in a brake": (lambda t, p: p - 2e5 * (t > 38.0), 32.0, SECONDS),
+    "offset in a brake": (lambda t, p: p + 1.5e5 * (t > 38.0), 32.0, SECONDS),
+    "another scale": (lambda t, p: p * np.where(t > 50.0, 0.55, 1.0), 50.0, SECONDS),
+    "scale that drifts": (lambda t, p: p * (1.0 - 0.55 * t / SECONDS), 55.0, SECONDS),
+    "too much for a while": (lambda t, p: p * np.where(abs(t - 37) < 12, 1.7, 1.0), 24.0, 56.0),
+}
+
+
+@pytest.mark.parametrize("train", [False, True])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_pressures_that_change_in_mid_log_are_told_where_they_do(
+    fault: str, rate: float, train: bool, tmp_path: Path
+) -> None:
+    wrong, begin, end = FAULTS[fault]
+    for seed in range(3):
+        log = recordings(rate, seed, wrong, train=train, pads=0.1, percent=1.0)
+        findings = [f for f in told(log, tmp_path) if f.code != "pressure-spike"]  # a leap is, too
+        (finding,) = findings
+        assert finding.code == "pressure-suspect"
+        said = re.search(r"between ([\d.]+) and ([\d.]+) s the train answers", finding.message)
+        assert said
+        assert begin <= float(said[1]) < float(said[2]) <= end
+
+
+def test_by_how_much_the_train_answers_is_said(tmp_path: Path) -> None:
+    log = recordings(10.0, 3, FAULTS["another scale"][0], train=True, pads=0.0, percent=0.0)
+    (finding,) = told(log, tmp_path)
+    said = re.search(r"answers ([\d.]+) times as hard as .* others ([\d.]+) times", finding.message)
+    assert said
+    after, before = map(float, said.groups())
+    assert before == pytest.approx(1.0, abs=0.02)
+    hard = np.array([hard for _, hard in BRAKES[2:]])
+    line = force_line(DEFAULT.vehicle)
+    w = wheelset(DEFAULT.vehicle, 1)
+    K = hard / braked(1.0, w)
+    logged = clamping_force(0.55 * cylinder_pressure(line, K), DEFAULT.vehicle)
+    assert (K / logged).min() - 0.02 < after < (K / logged).max() + 0.02
+
+
+@pytest.mark.parametrize("train", [False, True])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+def test_pads_and_gradients_are_no_other_sensor(rate: float, train: bool, tmp_path: Path) -> None:
+    for seed in range(4):
+        log = recordings(rate, seed, sound, train=train)
+        assert [f for f in told(log, tmp_path) if "answers" in f.message] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_pads_and_gradients_never_are(rate: float, tmp_path: Path) -> None:
+    for seed in range(100, 150):
+        log = recordings(rate, seed, sound, train=bool(seed % 2))
+        assert [f for f in told(log, tmp_path) if "answers" in f.message] == []
+
+
+@pytest.mark.parametrize("motor", [0.2, 0.6])
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+def test_a_motor_that_is_cut_off_before_the_brake_is_no_other_sensor(
+    rate: float, motor: float, tmp_path: Path
+) -> None:
+    for seed in range(4):
+        log = recordings(rate, seed, sound, train=bool(seed % 2), percent=1.0, motor=motor)
+        assert [f for f in told(log, tmp_path) if "answers" in f.message] == []

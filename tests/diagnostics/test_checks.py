@@ -1,0 +1,886 @@
+"""Sensors that lie: silent on good logs, told or harmless on bad ones."""
+
+import ast
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated
+from simulated import Recordings
+
+from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Channel, Column, Finding, Result, Severity
+from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
+from adhesion_cli.core.units import ATMOSPHERE
+from adhesion_cli.diagnostics import plausible
+from adhesion_cli.dynamics import longitudinal
+from adhesion_cli.dynamics.train_grid import Grid, Scene
+from adhesion_cli.records import axle_records, screen
+from adhesion_cli.wsp import simulate
+
+ROOT = Path(__file__).parents[2]
+CODES = {
+    "speed-frozen", "pressure-frozen", "pressure-saturated", "unit-suspect", "vehicle-suspect",
+    "brake-unknown", "train-clock-offset", "wheel-diameter", "axles-swapped", "reference-noise",
+    "implausible", "speed-spike", "pressure-spike", "pressure-clock-offset", "pressure-zero",
+    "train-frozen", "train-spike", "speed-suspect", "train-offset",
+}  # fmt: skip
+DEFAULT = settings.load()
+VEHICLES = {
+    "paper": [],
+    "light": ["vehicle.axle_mass=3000", "vehicle.wheelset_inertia=60"],
+    "heavy": ["vehicle.axle_mass=14000", "vehicle.lever_ratio=3.2"],
+    "shoes": ["vehicle.axle_mass=9000", "vehicle.lever_ratio=4", "vehicle.friction=0.15"],
+}
+
+
+def found(log: Recordings, folder: Path, stated: settings.Settings = DEFAULT) -> list[Finding]:
+    """What the checks say of a log; not its other findings, as of gaps."""
+    return [f for f in simulated.told(log, folder, stated) if f.code in CODES]
+
+
+def codes(log: Recordings, folder: Path) -> set[str]:
+    return {f.code for f in found(log, folder)}
+
+
+# --- good logs ----------------------------------------------------------------------------------
+
+TRUE = {
+    "leaf-film": {"train-clock-offset"},  # its train speed is 0.1 s late
+    "paper-constant": {"train-clock-offset"},  # its wheel speed is 0.05 s late
+}
+GOOD: dict[str, dict[str, float]] = {
+    "as it is": {},
+    "1 Hz": {"rate": 1.0},
+    "2 Hz, no noise": {"rate": 2.0, "noise": 0.0},
+    "5 Hz, 1 km/h steps": {"rate": 5.0, "kmh": 1.0},
+    "10 Hz, 0.1 km/h steps": {"rate": 10.0, "kmh": 0.1},
+    "50 Hz, train speed": {"rate": 50.0, "train": True},
+    "100 Hz, noisy": {"rate": 100.0, "noise": 1e-2},
+}
+MORE: dict[str, dict[str, float]] = {
+    "no train speed": {"train": False},
+    "10 Hz, 0.1 km/h steps, no train speed": {"rate": 10.0, "train": False, "kmh": 0.1},
+    "100 Hz, no noise": {"rate": 100.0, "noise": 0.0, "train": True},
+    "1 kHz": {"rate": 1000.0},
+}
+
+
+@pytest.mark.parametrize("case", GOOD)
+@pytest.mark.parametrize("name", sorted(simulate.scenarios()))
+def test_a_good_log_is_not_accused(name: str, case: str, tmp_path: Path) -> None:
+    assert codes(simulated.recordings(name, **GOOD[case]), tmp_path) <= TRUE.get(name, set())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("case", {**GOOD, **MORE})
+@pytest.mark.parametrize("name", sorted(simulate.scenarios()))
+def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Path) -> None:
+    stated = settings.load(None, VEHICLES[vehicle])
+    sensors = {**GOOD, **MORE}[case]
+    other = stated.vehicle if vehicle != "paper" else None
+    for seed in range(1 if case == "1 kHz" else 6):
+        log = simulated.recordings(name, seed=seed, vehicle=other, **sensors)
+        told = found(log, tmp_path, stated)
+        if name == "roller-rig" and sensors.get("train") is False:
+            # A wheel that hardly slows is a rig or a gradient: without a train speed only a hint.
+            told = [f for f in told if f.severity != "info"]
+        assert {f.code for f in told} <= TRUE.get(name, set()), (seed, told)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
+def test_the_sample_logs_are_not_accused(path: Path) -> None:
+    log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+    assert not axle_records.records(log, DEFAULT.vehicle)[1]
+
+
+# --- faults -------------------------------------------------------------------------------------
+
+ALWAYS = simulated.during(0.0, math.inf)
+Fault = tuple[set[str], Recordings]
+FORCE = {"unit-suspect", "vehicle-suspect", "brake-unknown", "pressure-suspect", "implausible"}
+
+
+def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
+    """One fault of each kind, at a place and of a size drawn at random, and what must be told."""
+    axles = len(simulated.which(log, "wheel_speed"))
+    axle = int(random.integers(1, axles + 1))
+    end = float(log[0].t[-1]) * 1e-9
+    at, seconds = random.uniform(0.1, 0.6) * end, random.uniform(0.5, 12.0)
+    unit = {r.signal: r.unit for r in log}
+    known = ["Pa", "kPa", "MPa", "bar", "psi"]
+    speeds = [u for u in ("rad/s", "rpm", "m/s", "km/h") if u != unit["wheel_speed"]]
+    brake = "pressure" if "pressure" in unit else "clamping_force"
+    fast, high = (
+        float(random.uniform(1.3, 3.0) * log[simulated.which(log, s)[0]].value.max())
+        for s in ("wheel_speed", brake)
+    )
+    some = simulated.single(random, int(random.integers(1, 20)))
+    then = simulated.during(at, seconds)
+    stuck = {"pressure-frozen", "pressure-suspect", *FORCE}
+    drawn = {
+        "stuck speed": (
+            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", axle, at, seconds),
+        ),
+        "all speeds stuck": (
+            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", 0, at, seconds),
+        ),
+        "no speed": (
+            {"speed-frozen", "wheel-locked"},
+            simulated.put(log, "wheel_speed", axle, then, 0.0),
+        ),
+        "missing speed": (
+            {"gap"}, simulated.put(log, "wheel_speed", axle, then, math.nan),
+        ),
+        "speed drops": (
+            {"speed-spike"}, simulated.put(log, "wheel_speed", axle, some, 0.0),
+        ),
+        "speed spikes": (
+            {"speed-spike", "unit-suspect"}, simulated.put(log, "wheel_speed", axle, some, fast),
+        ),
+        "speed unit": (
+            FORCE, simulated.mislabelled(log, "wheel_speed", str(random.choice(speeds))),
+        ),
+        "speed turned": (
+            {"reverse-running"}, simulated.scaled(log, "wheel_speed", axle, -1.0),
+        ),
+        "time unit": (FORCE, simulated.slower(log, float(random.choice([1e-3, 1e3])))),
+        "stuck brake": (stuck, simulated.stuck(log, brake, 0, at, seconds)),
+        "no brake": (stuck, simulated.put(log, brake, 0, then, 0.0)),
+        "missing brake": ({"gap"}, simulated.put(log, brake, axle, then, math.nan)),
+        "brake drops": ({"pressure-spike"}, simulated.put(log, brake, axle, some, 0.0)),
+        "brake spikes": (
+            {"pressure-spike", "unit-suspect"}, simulated.put(log, brake, axle, some, high),
+        ),
+        "late brake": (
+            {"pressure-clock-offset", *FORCE},
+            simulated.late(log, brake, float(random.choice([-5.0, -1.0, -0.4, 0.4, 1.0, 5.0]))),
+        ),
+        "scaled brake": (
+            FORCE, simulated.scaled(log, brake, 0, float(random.choice([0.4, 0.6, 1.6, 2.5]))),
+        ),
+    }  # fmt: skip
+    if brake == "pressure":
+        drawn["stuck pressure"] = (stuck, simulated.stuck(log, "pressure", axle, at, seconds))
+        drawn["saturated pressure"] = (
+            {"pressure-saturated", *FORCE},
+            simulated.saturated(log, float(random.uniform(0.3, 0.9))),
+        )
+        drawn["pressure unit"] = (
+            FORCE,
+            simulated.mislabelled(
+                log, "pressure", str(random.choice([u for u in known if u != unit["pressure"]]))
+            ),
+        )
+        drawn["from vacuum"] = (
+            {"pressure-absolute", *FORCE}, simulated.scaled(log, "pressure", 0, 1.0, ATMOSPHERE),
+        )  # fmt: skip
+        drawn["below zero"] = (
+            {"pressure-impossible"}, simulated.scaled(log, "pressure", 0, 1.0, -ATMOSPHERE),
+        )  # fmt: skip
+        drawn["pressure turned"] = (
+            {"pressure-impossible"}, simulated.scaled(log, "pressure", axle, -1.0),
+        )  # fmt: skip
+    if axles > 1:
+        one, other = (int(x) + 1 for x in random.permutation(axles)[:2])
+        drawn["dead speed"] = (
+            {"speed-frozen"},
+            simulated.put(log, "wheel_speed", axle, ALWAYS, fast * random.random()),
+        )
+        if brake == "pressure":
+            drawn["dead pressure"] = (
+                {"pressure-frozen"},
+                simulated.put(log, brake, axle, ALWAYS, high / 3.0 * random.random()),
+            )
+        drawn["swapped axles"] = ({"axles-swapped"}, simulated.swapped(log, one, other))
+    return drawn
+
+
+def analysed(log: Recordings, folder: Path) -> Result:
+    path = simulated.write(folder / "log.csv", log)
+    return analyze.analyze(path, lambda **_: DEFAULT, algos=["leso"])
+
+
+def outside(result: Result) -> float:
+    """Share of the truth, of braked wheels that turn, outside the reference's own 95 % band."""
+    wrong = known = 0
+    for a in result.axles:
+        truth = a.record.truth
+        assert truth is not None
+        braked = (a.record.clamping_force_smooth > 100.0) | (np.abs(truth) > 100.0)
+        there = braked & np.isfinite(truth) & np.isfinite(a.reference.force)
+        known += int(there.sum())
+        wrong += int((there & ((truth < a.reference.lower) | (truth > a.reference.upper))).sum())
+    return wrong / max(known, 1)
+
+
+@cache
+def clean(name: str, seed: int, case: str) -> Recordings:
+    return simulated.recordings(name, seed=seed, **SENSORS[case])
+
+
+SENSORS: dict[str, dict[str, float]] = {
+    "as it is": {}, "10 Hz": {"rate": 10.0, "kmh": 0.1}, "50 Hz": {"rate": 50.0, "noise": 1e-3},
+}  # fmt: skip
+DRIVEN = sorted(set(simulate.scenarios()) - {"roller-rig"})
+
+
+def warned(findings: Sequence[Finding]) -> set[str]:
+    """Codes that end with exit 3: what only informs leaves a result that is trusted."""
+    return {f.code for f in findings if f.severity != "info"}
+
+
+def told_of(log: Recordings, folder: Path) -> set[str]:
+    """Codes of all warnings before anything is computed, "refused" where it is not."""
+    path = simulated.write(folder / "log.csv", log)
+    try:
+        one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+        return warned([*one.findings, *axle_records.records(one, DEFAULT.vehicle)[1]])
+    except UserError:
+        return {"refused"}
+
+
+def never_confident_and_wrong(name: str, seed: int, folder: Path, kinds: slice) -> None:
+    """Every fault is told, or what comes out holds the truth as well as without it."""
+    random = np.random.default_rng([seed, *name.encode()])
+    log = clean(name, seed, str(random.choice(list(SENSORS))))
+    allowed = None
+    for kind, (expected, bad) in list(faults(log, random).items())[kinds]:
+        told = told_of(bad, folder)
+        if told & {*expected, "refused"}:
+            continue
+        if allowed is None:
+            allowed = max(0.1, outside(analysed(log, folder)) + 0.05)
+        result = analysed(bad, folder)
+        told = warned(result.findings)
+        assert told & expected or outside(result) < allowed, (kind, told & CODES)
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_no_fault_is_confident_and_wrong(name: str, tmp_path: Path) -> None:
+    start = DRIVEN.index(name) % 3
+    never_confident_and_wrong(name, 0, tmp_path, slice(start, None, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("name", DRIVEN)
+def test_no_fault_ever_is(name: str, seed: int, tmp_path: Path) -> None:
+    never_confident_and_wrong(name, seed, tmp_path, slice(None))
+
+
+@pytest.mark.parametrize("seconds", [-2.0, -1.0, 1.0, 1.8])
+@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "leaf-film"])
+def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path: Path) -> None:
+    (told,) = found(simulated.late(clean(name, 1, "as it is"), "train_speed", seconds), tmp_path)
+    assert (told.code, told.severity) == ("train-clock-offset", "warning")
+    stated = re.search(r"is ([\d.]+) s \(± ([\d.]+)\) (behind|ahead)", told.message)
+    assert stated
+    measured = float(stated[1]) * (1.0 if stated[3] == "behind" else -1.0)
+    own = {
+        "leaf-film": 0.1,
+        "four-axles": -0.025,
+    }  # late in the scenario; pulses of a past interval
+    assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + float(stated[2]))
+
+
+@pytest.mark.parametrize("plus", [-1.0, -0.4, 0.4, 1.0])
+@pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "service-brake"])
+def test_a_train_speeds_offset_is_no_other_clock(name: str, plus: float, tmp_path: Path) -> None:
+    log = simulated.recordings(name, rate=20.0, train=True)
+    told = found(simulated.scaled(log, "train_speed", 0, 1.0, plus), tmp_path)
+    (offset,) = [f for f in told if f.code.startswith("train-")]
+    assert (offset.code, offset.severity) == ("train-offset", "warning")
+    stated = re.search(r"is ([\d.]+) m/s \(± ([\d.]+)\) (above|below)", offset.message)
+    assert stated
+    measured = float(stated[1]) * (1.0 if stated[3] == "above" else -1.0)
+    assert measured == pytest.approx(plus, abs=float(stated[2]))
+
+
+@pytest.mark.parametrize("way", ["late", "offset"])
+def test_a_brake_without_beginning_tells_no_offset_from_a_late_clock(
+    way: str, tmp_path: Path
+) -> None:
+    log = simulated.recordings("paper-constant", rate=20.0, train=True)
+    bad = {
+        "late": simulated.late(log, "train_speed", 1.0),
+        "offset": simulated.scaled(log, "train_speed", 0, 1.0, 1.0),
+    }[way]
+    (told,) = [f for f in found(bad, tmp_path) if f.code.startswith("train-")]
+    assert "nothing in the log tells which" in told.message
+    stated = re.search(r"([\d.]+) s \(± ([\d.]+)\) .*([\d.]{4}) m/s \(± ([\d.]+)\)", told.message)
+    assert stated
+    value, doubt = stated.groups()[:2] if way == "late" else stated.groups()[2:]
+    assert float(value) == pytest.approx(1.0, abs=0.05 + float(doubt))
+
+
+def bent(log: Recordings, signal: str, axle: int, of: Callable[[np.ndarray], np.ndarray]
+) -> Recordings:  # fmt: skip
+    """Values times a function of time [s]."""
+    return simulated.changed(
+        log, signal, lambda r: replace(r, value=of(r.t * 1e-9) * r.value, decimals=None), axle
+    )
+
+
+@pytest.mark.parametrize("axle", [0, 3])  # that one does not slide
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_wheel_speeds_that_drift_from_the_trains_are_told(
+    rate: float, axle: int, tmp_path: Path
+) -> None:
+    log = simulated.recordings("low-adhesion", rate=rate, train=True)
+    up = bent(log, "wheel_speed", axle, lambda t: 1.0 + 0.015 * np.maximum(t - 8.0, 0.0))
+    told = [f for f in found(up, tmp_path) if f.code == "speed-suspect"]
+    assert "warning" in {f.severity for f in told}
+    assert {f.channel.split()[0] for f in told} >= {f"wheel_speed_{axle or 3}"}
+
+
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+@pytest.mark.parametrize("by", [0.0, 0.06, -0.06])
+def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_path: Path) -> None:
+    random, t = np.random.default_rng(1), np.arange(0.0, 90.0, 1.0 / rate)
+    on = sum(np.clip(t - at, 0.0, 1.0) * np.clip(at + 8.0 - t, 0.0, 1.0) for at in (12, 42, 72))
+    w, slows = wheelset(DEFAULT.vehicle, 1), 0.8 * on
+    v = 38.0 - np.cumsum(slows) / rate
+    K = (w.mass + w.inertia / w.radius**2) * slows / w.phi
+    p = np.where(on > 0.0, cylinder_pressure(force_line(DEFAULT.vehicle), K), 0.0)
+    p += random.normal(0.0, 1000.0, len(t))
+    train = v * (1.0 + by * t / 90.0) + random.normal(0.0, 0.01, len(t))
+    rows = (f"{a:.3f},{b:.4f},{c:.4f},{d:.1f}" for a, b, c, d in zip(t, train, v, p, strict=True))
+    path = tmp_path / "log.csv"
+    head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+    told = [f for f in axle_records.records(one, DEFAULT.vehicle)[1] if f.code == "speed-suspect"]
+    assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
+    assert all("than at other times" in f.message and f.severity == "warning" for f in told)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
+    rate: float, share: float, tmp_path: Path
+) -> None:
+    log = simulated.recordings("service-brake", rate=rate, train=True)
+    cut = simulated.changed(
+        log, "wheel_speed", lambda r: replace(r, value=np.minimum(r.value, share * r.value.max()))
+    )
+    assert ("speed-frozen", "warning") in [(f.code, f.severity) for f in found(cut, tmp_path)]
+
+
+def sliding(
+    folder: Path, rate: float, seed: int, wrong: Callable[[np.ndarray], np.ndarray]
+) -> Path:
+    """A train speed and two wheels that slide from the brake's first second on, by (1) and (15).
+
+    Args:
+        folder: for the log.
+        rate: of all channels [Hz].
+        seed: of the slides.
+        wrong: what is added to both pressures over time [Pa].
+    """
+    random, t = np.random.default_rng(seed), np.arange(0.0, 50.0, 1.0 / rate)
+    on = np.sin(np.clip((t - 6.0) / 4.0, 0.0, 1.0) * math.pi / 2.0) ** 2
+    slows = on * (0.5 + 0.1 * np.sin(t / 3.0 + seed))
+    v = 40.0 - (np.cumsum(slows) - slows / 2.0) / rate
+    w, columns = wheelset(DEFAULT.vehicle, 1), [t, v + random.normal(0.0, 0.01, len(t))]
+    for axle in (1, 2):
+        rim = v * (1.0 - on * (0.12 + 0.04 * np.sin(1.3 * t + axle + seed)))
+        K = (w.mass * slows - w.inertia / w.radius**2 * np.gradient(rim, t)) / w.phi
+        p = cylinder_pressure(force_line(DEFAULT.vehicle), np.maximum(K, 0.0)) * np.clip(
+            t - 5, 0, 1
+        )
+        columns += [
+            rim / w.radius,
+            np.maximum(p + wrong(t), 0.0) + random.normal(0.0, 500.0, len(t)),
+        ]
+    head = "time [s],train_speed [m/s],wheel_speed_1 [rad/s],bc_pressure_1 [Pa],"
+    rows = "".join(",".join(f"{x:.4f}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    path = folder / "log.csv"
+    path.write_text(head + "wheel_speed_2 [rad/s],bc_pressure_2 [Pa]\n" + rows)
+    return path
+
+
+@pytest.mark.parametrize("rate", [2.0, 20.0])
+@pytest.mark.parametrize(("plus", "way"), [(0.0, ""), (3.7e5, "less"), (-5e5, "more")])
+def test_pressures_that_err_while_every_wheel_slides_are_told_by_the_forces(
+    plus: float, way: str, rate: float, tmp_path: Path
+) -> None:
+    for seed in range(3):
+        path = sliding(
+            tmp_path, rate, seed, lambda t: plus * np.clip(4.0 - np.abs(t - 22.0) / 2.0, 0.0, 1.0)
+        )
+        one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
+        told = [f for f in axle_records.records(one, DEFAULT.vehicle)[1] if f.severity == "warning"]
+        if way:
+            assert "pressure-suspect" in {f.code for f in told if f"{way} than the" in f.message}
+        else:
+            assert told == []
+
+
+@pytest.mark.parametrize("scale", [0.9, 0.96, 1.04, 1.1])
+def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
+    log = simulated.worn(clean("leaf-film", 1, "as it is"), 1, scale)  # in rpm
+    (told,) = [f for f in found(log, tmp_path) if f.code not in TRUE["leaf-film"]]
+    assert told.code == "wheel-diameter"
+    stated = re.search(r"diameter is ([\d.]+) m", told.message)
+    assert stated
+    assert float(stated[1]) == pytest.approx(0.84 / scale, rel=0.01)  # it creeps on a wet rail
+    for case, train in (("low-adhesion", True), ("four-axles", False)):
+        told = found(simulated.worn(simulated.recordings(case, train=train), 4, scale), tmp_path)[0]
+        assert (told.code, told.channel) == ("wheel-diameter", "wheel_speed_4 [km/h]")
+
+
+@pytest.mark.parametrize("pair", [(1, 2), (1, 3), (2, 4)])
+def test_swapped_axles_are_found_where_they_slide(pair: tuple[int, int], tmp_path: Path) -> None:
+    log = clean("low-adhesion", 1, "as it is")
+    assert codes(simulated.swapped(log, *pair), tmp_path) == {"axles-swapped"}
+
+
+@pytest.mark.parametrize(
+    ("signal", "unit", "likely"),
+    [
+        ("pressure", "kPa", "bar"), ("pressure", "Pa", "bar"), ("pressure", "MPa", "bar"),
+        ("wheel_speed", "m/s", "km/h"),
+    ],
+)  # fmt: skip
+def test_the_unit_that_was_meant_is_named(
+    signal: str, unit: str, likely: str, tmp_path: Path
+) -> None:
+    told = found(
+        simulated.mislabelled(clean("service-brake", 1, "as it is"), signal, unit), tmp_path
+    )
+    assert [(f.code, f.severity) for f in told] == [("unit-suspect", "warning")]
+    assert likely in told[0].message.split("[channels]" if "(" in told[0].message else ";")[-1] or (
+        likely in told[0].message
+    )
+
+
+def test_another_vehicle_is_told(tmp_path: Path) -> None:
+    stated = settings.load(None, ["vehicle.lever_ratio=2.4"])
+    log = simulated.recordings("service-brake", vehicle=stated.vehicle)
+    (told,) = found(log, tmp_path)
+    assert (told.code, told.severity) == ("vehicle-suspect", "warning")
+    assert "lever_ratio" in told.message
+    assert not found(log, tmp_path, stated)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.3, 0.4])
+@pytest.mark.parametrize("gradient", [-25.0, 0.0, 25.0])
+@pytest.mark.parametrize("rate", [1.0, 20.0])
+def test_the_friction_that_would_fit_is_told(
+    friction: float, gradient: float, rate: float, tmp_path: Path
+) -> None:
+    t = np.arange(0.0, 40.0, 1.0 / rate)
+    p = 4e5 * np.clip((t - 4.0) / 2.0, 0.0, 1.0) * np.clip((26.0 - t) / 2.0, 0.0, 1.0)
+    stated = settings.load(None, ["vehicle.lever_ratio=2.4"])
+    w = wheelset(stated.vehicle, 1)
+    slows = w.a * friction * (1.0 - w.rolling) * clamping_force(p, stated.vehicle)
+    slows += w.rolling * G * gradient / 1000.0 / 0.42
+    y = 90.0 - np.cumsum(slows) / rate + np.random.default_rng(2).normal(0.0, 3e-3, len(t))
+    rows = (f"{a:.3f},{b:.0f},{c:.5f}\n" for a, b, c in zip(t, p, y, strict=True))
+    path = tmp_path / "log.csv"
+    path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
+    one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
+    told = [f for f in axle_records.records(one, stated.vehicle)[1] if f.code in CODES]
+    assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
+        friction != 0.3
+    )
+    assert all(f"friction = {friction:.2g}" in f.message for f in told)
+
+
+def test_a_single_axle_that_slows_too_hard_may_slide(tmp_path: Path) -> None:
+    log = simulated.recordings("slippery-stop", train=False)
+    alone = [r for r in log if r.axle in (None, 4)]
+    told = found(alone, tmp_path)
+    assert told
+    assert all("unless this axle slides" in f.message for f in told)
+    every = found(log, tmp_path)
+    assert not [f for f in every if "unless this axle slides" in f.message]
+
+
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+def test_all_speeds_in_another_unit_are_told_as_that(name: str, tmp_path: Path) -> None:
+    log = simulated.recordings(name, train=True)
+    for signal in ("wheel_speed", "train_speed"):
+        log = simulated.scaled(log, signal, 0, 3.6)
+    (told,) = found(log, tmp_path)
+    assert told.severity == "warning"
+    assert "friction =" not in told.message
+
+
+def test_a_pressure_lost_on_a_single_axle_is_a_warning(tmp_path: Path) -> None:
+    log = [r for r in simulated.recordings("service-brake", train=False) if r.axle in (None, 1)]
+    lost = simulated.put(log, "pressure", 0, simulated.during(10.0, 6.0), 0.0)
+    told = [f for f in analysed(lost, tmp_path).findings if f.code.startswith("pressure-")]
+    assert "warning" in {f.severity for f in told}
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion"])
+def test_a_saturated_pressure_leaves_the_band_open(name: str, share: float, tmp_path: Path) -> None:
+    whole = clean(name, 1, "as it is")
+    assert all(np.isfinite(a.reference.upper).sum() == np.isfinite(a.reference.force).sum()
+               for a in analysed(whole, tmp_path).axles)  # fmt: skip
+    result = analysed(simulated.saturated(whole, share), tmp_path)
+    assert "pressure-saturated" in warned(result.findings)
+    for a in result.axles:
+        assert a.record.pressure is not None
+        ends = a.record.pressure >= a.record.pressure.max()
+        known = np.isfinite(a.reference.force)
+        assert (ends & known).any()
+        assert (np.isfinite(a.reference.upper) == (known & ~ends)).all()
+    assert outside(result) < 0.1
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+@pytest.mark.parametrize("axles", [(1,), (1, 2, 3, 4)])
+@pytest.mark.parametrize("name", ["service-brake", "four-axles"])
+def test_what_follows_of_a_saturated_pressure_is_not_told_beside_it(
+    name: str, axles: tuple[int, ...], share: float, tmp_path: Path
+) -> None:
+    whole = clean(name, 1, "as it is")
+    ends = simulated.saturated(whole, share)
+    log = [bad if r.axle in (None, *axles) else r for r, bad in zip(whole, ends, strict=True)]
+    assert {f.code for f in found(log, tmp_path)} == {"pressure-saturated"}
+
+
+@pytest.mark.parametrize("times", [3.0, 5.0, 8.0, 10.0, 20.0])
+def test_time_stamps_too_fast_are_told_by_as_much_with_a_train_speed_too(
+    times: float, tmp_path: Path
+) -> None:
+    log = simulated.slower(clean("four-axles", 1, "as it is"), 1.0 / times)
+    (told,) = found(log, tmp_path)
+    assert told.code == ("unit-suspect" if times > 6.0 else "vehicle-suspect")
+    assert told.severity == "warning"
+    factor = float(told.message.split("slows ")[1].split()[0])
+    assert factor == pytest.approx(times, rel=0.03)
+
+
+def test_milliseconds_taken_for_seconds_are_told_as_that(tmp_path: Path) -> None:
+    told = found(simulated.slower(clean("service-brake", 1, "as it is"), 1e3), tmp_path)
+    assert [(f.code, f.severity) for f in told] == [("unit-suspect", "warning")]
+    assert "ms for s" in told[0].message
+
+
+def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:
+    def off(r: simulate.Recording) -> simulate.Recording:
+        return replace(r, value=0.0 * r.value)
+
+    log = simulated.changed(clean("service-brake", 1, "as it is"), "pressure", off)
+    assert codes(log, tmp_path) == {"brake-unknown"}
+
+
+def test_a_brake_that_pushes_is_told_with_the_sensor(tmp_path: Path) -> None:
+    log = simulated.scaled(clean("low-adhesion", 1, "as it is"), "pressure", 0, 0.3)
+    told = [f for f in analysed(log, tmp_path).findings if f.code == "implausible"]
+    assert {f.channel for f in told} == {f"axle {i}" for i in (1, 2, 3, 4)}
+    assert all("pressure sensor reads too little" in f.message for f in told)
+    assert all(f.severity == "warning" and f.first_s > 3.0 for f in told)
+
+
+def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
+    result = analysed(simulated.recordings("service-brake", rate=10.0, noise=1e7), tmp_path)
+    (told,) = [f for f in result.findings if f.code == "reference-noise"]
+    assert (told.count, told.channel) == (1, "axle 1")
+    (axle,) = result.axles
+    assert all(s.rmse_n is None for s in axle.scores)
+    braked = axle.record.clamping_force > 1000.0
+    assert not np.isfinite(axle.reference.force[braked]).any()
+
+
+# --- sensors, one channel at a time -------------------------------------------------------------
+
+
+def pressure(value: np.ndarray, rate: float, step: float = 0.0) -> Channel:
+    t = np.round(np.arange(len(value)) * 1e9 / rate).astype(np.int64)
+    data = Column(t, value, np.ones(len(t), dtype=np.bool_))
+    gap = round(5e9 / rate)
+    return Channel(
+        "p", "", "pressure", 1, "bar", "", data, len(t), gap_ns=gap, step=step, rate_hz=rate
+    )
+
+
+def application(rate: float, noise: float, step: float) -> np.ndarray:
+    """Cylinder pressure [Pa]: 3 s without brake, a ramp to 4 bar, 14 s of hold, a release."""
+    t = np.arange(0.0, 24.0, 1.0 / rate)
+    p = 4e5 * np.clip((t - 3.0) / 2.0, 0.0, 1.0) * np.clip(22.0 - t, 0.0, 1.0)
+    p += noise * np.random.default_rng(3).standard_normal(len(t))
+    return np.round(p / step) * step if step else p
+
+
+@pytest.mark.parametrize("step", [0.0, 200.0, 1000.0, 5000.0, 20000.0])
+@pytest.mark.parametrize("noise", [0.0, 20.0, 300.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("bottom", [-1e9, 0.0])
+def test_a_steady_pressure_is_not_a_stuck_one(
+    rate: float, noise: float, step: float, bottom: float
+) -> None:
+    channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
+    assert not screen.standing_pressure(channel).stuck.any()
+    assert not screen.standing_pressure(channel).saturated.any()
+
+
+@pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
+def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
+    p = application(100.0, 1000.0, 1000.0)
+    stuck = slice(round(100 * at), round(100 * at) + 300)
+    p[stuck] = p[stuck.start]
+    mask = screen.standing_pressure(pressure(p, 100.0, 1000.0)).stuck
+    assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
+    assert mask[stuck.start + 1 : stuck.stop].all()
+    assert mask[stuck.stop + 2 :].sum() == 0
+
+
+def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
+    p = application(10.0, 0.0, 1000.0)
+    dead = p.copy()
+    dead[70:] = dead[70]
+    dead[40:70] = np.linspace(dead[39], dead[70], 30)
+    others = [pressure(p, 10.0, 1000.0), pressure(0.9 * p, 10.0, 900.0)]
+    mask = screen.standing_pressure(pressure(dead, 10.0, 1000.0), others).stuck
+    assert mask[71:].all()
+    assert not mask[:70].any()
+    assert not screen.standing_pressure(pressure(dead, 10.0, 1000.0)).stuck.any()
+
+
+@pytest.mark.parametrize("slide", [True, False])
+def test_full_pressure_beside_vented_axles_is_no_stuck_one_while_their_wheels_slide(
+    slide: bool,
+) -> None:
+    p = application(10.0, 0.0, 1000.0)
+    t = np.arange(len(p)) / 10.0
+    swing = 0.25 + 0.2 * np.sin(2.0 * np.pi * t / 1.5)
+    others = [pressure(p * np.where(t < 20.0, x, 1.0), 10.0, 1000.0) for x in (swing, 0.9 * swing)]
+    rolls = 60.0 - 2.0 * np.maximum(t - 4.0, 0.0)
+    slip = np.where(p > 0.0, 1.0 - 0.3 * np.maximum(np.sin(2.0 * np.pi * t / 1.5), 0.0), 1.0)
+    turns = [rolls, *(2 * [rolls * slip if slide else rolls])]
+    wheels = [replace(pressure(w, 10.0), meaning="wheel_speed") for w in turns]
+    held = np.where((t > 5.0) & (t < 23.0), 4e5, p)  # which all others' is at the end, too
+    stuck = screen.standing_pressure(pressure(held, 10.0, 1000.0), others, wheels).stuck
+    assert stuck.any() != slide
+
+
+def test_a_pressure_is_saturated_or_stuck_but_not_both() -> None:
+    p = application(25.0, 1000.0, 1000.0)
+    cut, others = np.minimum(p, 2e5), [pressure(p, 25.0, 1000.0), pressure(0.95 * p, 25.0, 950.0)]
+    standing = screen.standing_pressure(pressure(cut, 25.0, 1000.0), others)
+    assert standing.saturated.sum() > 300
+    assert not standing.stuck.any()
+    kept = np.where(np.arange(len(p)) > 200, p[200], p)  # at full pressure when all others let go
+    standing = screen.standing_pressure(pressure(kept, 25.0, 1000.0), others)
+    assert standing.stuck[202:].all()
+    assert not standing.saturated.any()
+
+
+# --- sensors that are dead all along ------------------------------------------------------------
+
+MANY = ["four-axles", "low-adhesion", "slippery-stop"]
+
+
+def with_dead(
+    name: str, signal: str, share: float, train: bool
+) -> tuple[simulated.Recordings, simulated.Recordings]:
+    """A log, and the same with axle 2's sensor always at a share of its highest value."""
+    log = simulated.recordings(name, train=train)
+    top = float(log[simulated.which(log, signal, 2)[0]].value.max())
+    return log, simulated.put(log, signal, 2, ALWAYS, share * top)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
+@pytest.mark.parametrize("name", MANY)
+def test_a_speed_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    log, dead = with_dead(name, "wheel_speed", share, train)
+    told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
+    assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
+        ("speed-frozen", "warning", True)
+    ]
+    without = [r for r in log if r.axle != 2]
+    one, other = (
+        analyze.analyze(simulated.write(tmp_path / "x.csv", x), lambda **_: DEFAULT, ["td"],
+                         train_speed=True)
+        for x in (dead, without)
+    )  # fmt: skip
+    assert [a.record.axle for a in one.axles] == [a.record.axle for a in other.axles]
+    for a, b in zip(one.axles, other.axles, strict=True):  # nothing of the sound axles changes
+        np.testing.assert_array_equal(a.record.train_speed, b.record.train_speed)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_a_pressure_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    _, dead = with_dead(name, "pressure", share, train)
+    assert ("pressure-frozen", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
+    assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
+
+
+def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
+    log = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
+    path = simulated.write(tmp_path / "log.csv", log)
+    with pytest.raises(UserError, match=r"wheel_speed_2.*repeats one value") as told:
+        analyze.analyze(path, lambda **_: DEFAULT, ["td"], axles=[2])
+    assert "check the sensor" in told.value.hint
+
+
+def test_a_gap_hides_no_dead_sensor(tmp_path: Path) -> None:
+    dead = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
+    holed = simulated.put(dead, "wheel_speed", 0, simulated.during(12.0, 4.0), math.nan)
+    assert "speed-frozen" in codes(holed, tmp_path)
+
+
+@pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
+@pytest.mark.parametrize("kmh", [0.0, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_slow_and_coarse_speeds_in_a_fast_table_are_not_dead(
+    name: str, kmh: float, held: float, tmp_path: Path
+) -> None:
+    def slow(r: simulate.Recording) -> simulate.Recording:
+        last = np.searchsorted(r.t, np.floor(r.t / (held * 1e9)) * held * 1e9)
+        return replace(r, value=r.value[np.minimum(last, len(r.t) - 1)])
+
+    log = simulated.changed(simulated.recordings(name, kmh=kmh), "wheel_speed", slow)
+    assert "speed-frozen" not in codes(log, tmp_path)
+
+
+def test_a_train_that_stands_or_runs_evenly_has_no_dead_sensors(tmp_path: Path) -> None:
+    for speed in (0.0, 60.0):
+        log = clean("low-adhesion", 1, "as it is")
+        even = simulated.put(log, "wheel_speed", 0, ALWAYS, speed)
+        even = simulated.put(even, "train_speed", 0, ALWAYS, speed)
+        assert "speed-frozen" not in codes(even, tmp_path)
+
+
+# --- the page that lists them all ---------------------------------------------------------------
+
+
+@cache
+def finding_codes() -> set[str]:
+    """Every code in the source: first arguments of what tells findings, and `code = "…"`."""
+    tellers = {"Finding", "told", "tell", "_tell", "_report", "Fault"}
+    kebab = re.compile(r"[a-z]+(-[a-z0-9]+)*")
+    texts: list[object] = []
+    for path in (ROOT / "adhesion_cli").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Name(id=name) | ast.Attribute(attr=name), args=[ast.Constant(c), *_]
+                ) if name in tellers:
+                    texts.append(c)
+                case ast.Tuple(elts=[ast.Constant(c), _, *_]) if "-" in str(c):
+                    texts.append(c)
+                case ast.Assign(targets=[ast.Name(id="code")], value=ast.Constant(c)):
+                    texts.append(c)
+                case ast.Dict(keys=keys, values=[ast.Constant("info" | "warning" | "error"), *_]):
+                    texts += [
+                        k.value for k in keys if isinstance(k, ast.Constant) and "-" in k.value
+                    ]
+    return {str(t) for t in texts if isinstance(t, str) and kebab.fullmatch(t)} - {"utf-8"}
+
+
+def test_every_finding_that_counts_samples_says_when_first() -> None:
+    of_no_samples = {
+        "time-others", "interleaved", "long-layout", "mcap-damaged", "axles-from-zero",
+        "channel-ambiguous",
+    }  # fmt: skip
+    without = set()
+    for path in (ROOT / "adhesion_cli").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Finding":
+                given = {k.arg for k in node.keywords}
+                counts = len(node.args) > 4 or "count" in given
+                if counts and len(node.args) < 6 and "first_s" not in given:
+                    without.add(ast.literal_eval(node.args[0]))
+    assert without == of_no_samples
+
+
+def test_every_finding_is_documented() -> None:
+    page = (ROOT / "docs" / "findings.md").read_text("utf-8")
+    listed = set(re.findall(r"`([a-z0-9-]+)`", page))
+    assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-frozen"} <= finding_codes()
+    assert sorted(finding_codes() - listed) == []
+    rows = "\n".join(line.split("|")[1] for line in page.splitlines() if line.startswith("| `"))
+    assert sorted(set(re.findall(r"`([a-z0-9-]+)`", rows)) - finding_codes()) == ["info"]
+
+
+def losses(log: Recordings) -> dict[str, Recordings]:
+    """Train speeds as receivers lose them."""
+    (v,) = simulated.which(log, "train_speed")
+    some = simulated.single(np.random.default_rng(1), 6)
+    top = float(log[v].value.max())
+    return {
+        "train-frozen, 5 s": simulated.stuck(log, "train_speed", 0, 8.0, 5.0),
+        "train-frozen, to the end": simulated.stuck(log, "train_speed", 0, 8.0, 1e9),
+        "train-frozen, dead": simulated.put(log, "train_speed", 0, lambda _: True, 0.6 * top),
+        "train-frozen, zero": simulated.put(log, "train_speed", 0, lambda _: True, 0.0),
+        "train-spike, no fix": simulated.put(
+            log, "train_speed", 0, simulated.during(8.0, 3.0), 0.0
+        ),
+        "train-spike, before a fix": simulated.put(
+            log, "train_speed", 0, simulated.during(0.0, 5.0), 0.0
+        ),
+        "train-spike, zeros": simulated.put(log, "train_speed", 0, some, 0.0),
+        "train-spike, twice": simulated.put(log, "train_speed", 0, some, 2.0 * top),
+    }
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=rate)
+    assert not [f for f in simulated.told(log, tmp_path, DEFAULT) if f.severity == "warning"]
+    for fault, bad in losses(log).items():
+        told = [f for f in simulated.told(bad, tmp_path, DEFAULT) if f.severity == "warning"]
+        assert fault.split(",")[0] in {f.code for f in told}, fault
+        assert {f.channel for f in told} == {"train_speed [km/h]"}, (fault, told)
+
+
+def test_a_roller_rig_turns_at_one_speed(tmp_path: Path) -> None:
+    rig = simulated.recordings("roller-rig", rate=20.0)
+    (v,) = simulated.which(rig, "train_speed")
+    even = simulated.put(rig, "train_speed", 0, lambda _: True, float(np.median(rig[v].value)))
+    assert "train-frozen" not in {f.code for f in simulated.told(even, tmp_path, DEFAULT)}
+
+
+def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=20.0)
+    for fault, bad in losses(log).items():
+        result = analysed(bad, tmp_path)
+        for axle in result.axles:
+            if axle.slip is None:
+                continue
+            true = axle.record.true_slip
+            known = np.isfinite(axle.slip) & np.isfinite(true)
+            far = np.abs(axle.slip - true)[known] > 0.02 + 0.2 * np.abs(true[known])
+            assert far.mean() < 0.05, (fault, axle.record.axle)
+
+
+def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    def telling(severity: Severity) -> plausible.Check:
+        return lambda _: iter([Finding(severity, severity, "", "")])
+
+    checks = telling("info"), telling("warning"), telling("error")
+    monkeypatch.setattr(plausible, "CHECKS", (checks,))
+    x = np.zeros((1, 9))
+    grid = Grid(0, 1.0, x, x, x, None)
+    told = plausible.findings(Scene([], grid, DEFAULT.vehicle, 0, longitudinal.AS_STATED))
+    assert [f.code for f in told] == ["info", "warning"]
+
+
+def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
+    """A sensor without noise: about a level while a valve works, then silent while it is held."""
+    t = np.arange(0.0, 200.0, 0.2)
+    works = np.where(t % 50.0 < 25.0, 0.03 * np.sin(2.0 * np.pi * t / 0.71), 0.0)
+    held = np.round((2.0 + works + 0.3 * (t // 50.0)) * 1e5, 2)
+    assert not screen.standing_pressure(pressure(held, 5.0, 0.01)).stuck.any()

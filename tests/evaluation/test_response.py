@@ -1,0 +1,111 @@
+"""Frequency responses against transfer functions worked out by hand, and what the command shows."""
+
+import json
+import math
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.core import estimator
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.physics import wheelset
+from adhesion_cli.evaluation import response
+from adhesion_cli.results import svg
+
+W = wheelset(Vehicle(), 1)
+REGISTRY = estimator.registry()
+FEW = (0.1, 1.0, 10.0)
+
+
+def observer(b1: float, b2: float, f: float) -> complex:
+    s = 2j * math.pi * f
+    return b2 / (s * s + b1 * s + b2)
+
+
+@pytest.mark.parametrize(("name", "gains"), [("leso", (216.0, 216.0)), ("gradient", (4.0, 10.0))])
+def test_linear_observers_have_their_transfer_function(
+    name: str, gains: tuple[float, float]
+) -> None:
+    est = REGISTRY[name]
+    (found,) = response.responses(est, est.Params(), W, FEW)
+    assert found.amplitude_n is None
+    for f, gain, delay, noise in zip(FEW, found.gain, found.delay_s, found.noise_gain, strict=True):
+        exact = observer(*gains, f)
+        assert gain == pytest.approx(abs(exact), rel=5e-3)
+        turns = 2.0 * math.pi * f * delay
+        assert math.remainder(turns + np.angle(exact), 2.0 * math.pi) == pytest.approx(
+            0.0, abs=0.02
+        )
+        assert noise == pytest.approx(abs(exact) * 2.0 * math.pi * f / W.a, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["neso", "td"])
+def test_nonlinear_ones_depend_on_the_amplitude(name: str) -> None:
+    est = REGISTRY[name]
+    found = response.responses(est, est.Params(), W, FEW)
+    assert tuple(r.amplitude_n for r in found) == response.AMPLITUDES
+    assert found[0].gain[1] > 1.04 * found[-1].gain[1]
+    small = (216.0, 216.0 / 0.02**0.5)  # fal is linear near 0
+    if name == "neso":
+        exact = [abs(observer(*small, f)) for f in FEW]
+        assert found[0].gain == pytest.approx(exact, rel=5e-3)
+
+
+def test_harmonic_is_exact_beside_a_slope() -> None:
+    t = np.arange(2000) * 1e-3
+    x = 3.0 - 0.7 * t + 2.0 * np.sin(2.0 * math.pi * t) - 0.5 * np.cos(2.0 * math.pi * t)
+    assert response.harmonic(t, x, 1.0) == pytest.approx(2.0 - 0.5j)
+
+
+def test_command_shows_and_draws_the_settings_stated(tmp_path: Path) -> None:
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "adhesion_cli", "estimators", "--response", *arguments],
+            cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+        )  # fmt: skip
+
+    done = run("-a", "leso", "--set", "leso.beta2=2160", "--json")
+    assert done.returncode == 0, done.stderr
+    (found,) = json.loads(done.stdout)["responses"]
+    exact = [abs(observer(216.0, 2160.0, f)) for f in found["frequency_hz"]]
+    assert found["gain"] == pytest.approx(exact, rel=0.02)
+    assert found["amplitude_n"] is None
+    tree = ET.parse(tmp_path / "response.svg")
+    assert "leso" in {e.text for e in tree.iter() if e.tag.endswith("text")}
+    refused = run("-a", "leso")
+    assert refused.returncode == 1
+    assert "--force" in refused.stderr
+
+
+def curve(path: Path) -> list[tuple[float, float]]:
+    paths = [e.get("d", "") for e in ET.parse(path).iter() if e.get("stroke") == "#123456"]
+    points = paths[0].replace("M", "L").split("L")[1:]
+    return [(float(x), float(y)) for x, y in (p.split() for p in points)]
+
+
+def test_svg_places_points_and_keeps_peaks(tmp_path: Path) -> None:
+    path = tmp_path / "a.svg"
+    x, y = np.arange(100_000.0), np.zeros(100_000)
+    y[77_777], y[50_000:50_010] = 1.0, np.nan
+    line = svg.Line("a & <b>", x, y, "#123456")
+    svg.write(path, "title", [svg.Panel("p", "x", "y", [line], y_range=(0.0, 1.0))])
+    points = curve(path)
+    assert len(points) < 2000
+    tops = [px for px, py in points if py == 0.0]
+    frame = points[-1][0] - points[0][0]
+    assert len(tops) == 1
+    assert (tops[0] - points[0][0]) / frame == pytest.approx(0.77777, abs=1.0 / 300)  # a pixel
+    assert "a & <b>" in {e.text for e in ET.parse(path).iter()}
+
+
+def test_svg_logarithmic_axis_leaves_out_what_it_cannot_show(tmp_path: Path) -> None:
+    path = tmp_path / "a.svg"
+    y = np.array([0.1, 0.0, 10.0, 1000.0])
+    line = svg.Line("", np.arange(4.0), y, "#123456")
+    svg.write(path, "", [svg.Panel("", "", "", [line], log_y=True)])
+    (_, a), (_, b), (_, c) = curve(path)
+    assert a - b == pytest.approx(b - c, abs=0.2)

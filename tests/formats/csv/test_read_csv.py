@@ -1,0 +1,1205 @@
+"""Logs that must be read right, and logs that must be refused in the right words."""
+
+import gzip
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from trains import START, three_trains
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.csv.header_words import is_units_row, time_name
+from adhesion_cli.formats.csv.reader import CsvSource, open_csv
+from adhesion_cli.formats.source import ReadOptions
+
+S = 1_000_000_000
+EPOCH = 1_795_266_307 * S  # 2026-11-21 13:05:07 UTC
+
+
+def read(path: Path, data: bytes | str, **options) -> tuple[CsvSource, dict]:
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    source = open_csv(path, ReadOptions(**options))
+    columns = source.columns(source.fields)
+    return source, {
+        (f.channel, f.group) if f.group else f.channel: c
+        for f, c in zip(source.fields, columns, strict=True)
+    }
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "log.csv"
+
+
+def codes(source: CsvSource) -> set[str]:
+    return {f.code for f in source.findings if f.severity != "info"}
+
+
+PLAIN = "t [s],p,v\n0.00,1.5,20\n0.01,2.5,19\n0.02,3.5,18\n"
+T = [0, 10_000_000, 20_000_000]
+P, V = [1.5, 2.5, 3.5], [20, 19, 18]
+GERMAN = PLAIN.replace(",", ";").replace(".", ",")
+
+SAME = {
+    "comma": PLAIN,
+    "semicolon, decimal comma": GERMAN,
+    "semicolon, decimal point": PLAIN.replace(",", ";"),
+    "tab": PLAIN.replace(",", "\t"),
+    "tab, decimal comma": PLAIN.replace(",", "\t").replace(".", ","),
+    "pipe": PLAIN.replace(",", "|"),
+    "blanks": "t[s]  p     v\n 0.00   1.5  20\n 0.01   2.5  19\n 0.02   3.5  18\n",
+    "blanks and tabs": "t[s] p v\n0.00 \t1.5 20 \n0.01\t\t2.5   19\n0.02  3.5 18\n",
+    "blank after comma": PLAIN.replace(",", ", "),
+    "carriage returns": PLAIN.replace("\n", "\r"),
+    "CRLF": PLAIN.replace("\n", "\r\n"),
+    "no end of line": PLAIN[:-1],
+    "byte order mark": "\ufeff" + PLAIN,
+    "UTF-16 LE with mark": b"\xff\xfe" + PLAIN.encode("utf-16-le"),
+    "UTF-16 BE with mark": b"\xfe\xff" + PLAIN.encode("utf-16-be"),
+    "UTF-16 LE": PLAIN.encode("utf-16-le"),
+    "UTF-16 BE": PLAIN.encode("utf-16-be"),
+    "gzip": gzip.compress(PLAIN.encode()),
+    "sep line": "sep=;\n" + GERMAN,
+    "quoted": '"t [s]","p","v"\n"0.00","1.5","20"\n"0.01","2.5","19"\n"0.02","3.5","18"\n',
+    "blank before quotes": '"t [s]", "p", "v"\n"0.00", "1.5", "20"\n"0.01", "2.5", "19"\n'
+    '"0.02", "3.5", "18"\n',
+    "stray quotes": 'Pipe 5" wide\n'
+    + PLAIN.replace("v\n", 'v,6" note\n')
+    .replace("0\n", '0,1"\n')
+    .replace("9\n", '9,2"\n')
+    .replace("8\n", "8,c\n"),
+    "quoted decimal comma": 't [s],p,v\n"0,00","1,5",20\n"0,01","2,5",19\n"0,02","3,5",18\n',
+    "preamble": "Vehicle: X,Date: 2026-01-01\nOperator: Y\n\n" + PLAIN,
+    "preamble of pairs": "Vehicle,ET 423,\nSample rate,100,\n,,\n" + PLAIN,
+    "comment lines": "# made by X\n% rate, 100, Hz\n// more\n" + PLAIN,
+    "comments between": PLAIN.replace("0.01,", "# stop, 1, 2\n# x\n0.01,"),
+    "commented header": "# " + PLAIN,
+    "trailing delimiters": PLAIN.replace("\n", ",\n"),
+    "trailing delimiter in rows only": PLAIN.replace("\n", ",\n").replace("v,", "v"),
+    "blank lines": PLAIN.replace("\n", "\n\n"),
+    "lines of blanks": PLAIN.replace("\n", "\n  \n"),
+    "units row": PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"),
+    "units row in brackets": PLAIN.replace("t [s],p,v\n", "t,p,v\n[s],[bar],[km/h]\n"),
+    "blanks in aligned names": "t in s   p of 1  v of 1\n0.00      1.5     20\n"
+    "0.01      2.5     19\n0.02      3.5     18\n",
+    "ms": "time_ms,p,v\n0,1.5,20\n10,2.5,19\n20,3.5,18\n",
+    "us": "timestamp_us,p,v\n0,1.5,20\n10000,2.5,19\n20000,3.5,18\n",
+    "ns": "t [ns],p,v\n0,1.5,20\n10000000,2.5,19\n20000000,3.5,18\n",
+    "ms with fraction": "t (ms),p,v\n0.000,1.5,20\n10.000,2.5,19\n20.000,3.5,18\n",
+    "Chinese header": "时间(s),p,v\n0,1.5,20\n0.01,2.5,19\n0.02,3.5,18\n".encode("gb18030"),
+    "Latin-1 header": (
+        "Zeit in s;p;v;T in °C für Öl\n0,00;1,5;20;1\n0,01;2,5;19;1\n0,02;3,5;18;1\n"
+    ).encode("cp1252"),
+    "exponents": "t [s],p,v\n0E0,1.5e0,2e1\n1E-2,25e-1,+1.9E+01\n2.0e-02,3.5,18.\n",
+    "empty column": PLAIN.replace("v\n", "v,w\n")
+    .replace("0\n", "0,\n")
+    .replace("9\n", "9,\n")
+    .replace("8\n", "8,\n"),
+    "text column": PLAIN.replace("v\n", "v,state\n")
+    .replace("0\n", "0,on\n")
+    .replace("9\n", '9,"o,f"\n')
+    .replace("8\n", "8,on\n"),
+    "quoted line ends": PLAIN.replace("v\n", 'v,"no\nte"\n')
+    .replace("0\n", '0,"a\nb"\n')
+    .replace("9\n", '9,""""\n')
+    .replace("8\n", "8,c\n"),
+    "catman": (
+        "HBM_CATMAN_DATAFILE\t5.0\nTitel:\tBremsprobe\nKanäle:\t3\n"
+        + GERMAN.replace("t [s]", "Zeit  1 - Standardmessrate [s]").replace(";", "\t")
+    ).encode("cp1252"),
+    "LabVIEW": "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\n"
+    "Channels\t2\t\nSamples\t3\t3\nDate\t2026/11/21\t2026/11/21\nX0\t0.0\t0.0\n"
+    "***End_of_Header***\t\t\n" + PLAIN.replace("v\n", "v,Comment\n").replace(",", "\t"),
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_reads_the_same_log_in_every_form(log, name):
+    source, columns = read(log, SAME[name])
+    names = list(columns)
+    p, v = columns[names[0]], columns[names[1]]
+    assert p.t.tolist() == T
+    assert p.value.tolist() == P
+    assert v.value.tolist() == V
+    assert p.valid.all()
+    assert v.valid.all()
+    assert p.t is v.t
+    assert not codes(source)
+    assert source.rows == 3
+    assert not source.absolute
+
+
+STAMPS = {
+    "ISO T": ("time", "2026-11-21T13:05:07", "2026-11-21T13:05:07.25"),
+    "ISO blank": ("time", "2026-11-21 13:05:07.000", "2026-11-21 13:05:07.250"),
+    "ISO Z": ("time", "2026-11-21T13:05:07Z", "2026-11-21T13:05:07.25Z"),
+    "ISO offset": ("time", "2026-11-21T15:05:07+02:00", "2026-11-21T15:05:07.25+02:00"),
+    "ISO short offset": ("time", "2026-11-21T08:05:07-0500", "2026-11-21T08:05:07.25-0500"),
+    "ISO half-hour offset": ("time", "2026-11-21T18:35:07+05:30", "2026-11-21T18:35:07.25+05:30"),
+    "ISO comma": ("time", "2026-11-21 13:05:07,000", "2026-11-21 13:05:07,250"),
+    "slashes": ("时间", "2026/11/21 13:05:07.0", "2026/11/21 13:05:07.25"),
+    "Chinese": ("日期时间", "2026年11月21日 13:05:07.0", "2026年11月21日 13:05:07.25"),
+    "milliseconds after colon": ("time", "2026-11-21 13:05:07:000", "2026-11-21 13:05:07:250"),
+    "German": ("Zeitstempel", "21.11.2026 13:05:07,000", "21.11.2026 13:05:07,250"),
+    "German in Datum": ("Datum", "21.11.2026 13:05:07,000", "21.11.2026 13:05:07,250"),
+    "US, day above 12": ("Time", "11/21/2026 1:05:07.000 PM", "11/21/2026 1:05:07.250 PM"),
+    "British, day above 12": ("Time", "21/11/2026 13:05:07.000", "21/11/2026 13:05:07.250"),
+    "MATLAB": ("Time", "21-Nov-2026 13:05:07.000", "21-Nov-2026 13:05:07.250"),
+    "date and time": ("Date;Time", "2026-11-21;13:05:07.000", "2026-11-21;13:05:07.250"),
+    "Datum und Uhrzeit": ("Datum;Uhrzeit", "21.11.2026;13:05:07,000", "21.11.2026;13:05:07,250"),
+    "compact date": ("日期;时间", "20261121;13:05:07.000", "20261121;13:05:07.250"),
+    "epoch s": ("t", "1795266307.000", "1795266307.250"),
+    "epoch s, six digits": ("timestamp", "1795266307.000000", "1795266307.250000"),
+    "epoch ms": ("t", "1795266307000", "1795266307250"),
+    "epoch us": ("t", "1795266307000000", "1795266307250000"),
+    "epoch ns": ("t", "1795266307000000000", "1795266307250000000"),
+    "epoch, long fraction": (
+        "t",
+        "1795266307.0000000000000000000",
+        "1795266307.2500000000000000000",
+    ),
+    "epoch with exponent": ("t", "1.795266307e9", "1.79526630725e9"),
+    "Excel": ("t", "46347.5452199074", "46347.5452228009"),
+    "MATLAB serial": ("t", "740307.545219907", "740307.545222801"),
+}
+
+
+@pytest.mark.parametrize("delimiter", ["\t", ";"])
+@pytest.mark.parametrize("name", STAMPS)
+def test_reads_every_form_of_absolute_time(log, name, delimiter):
+    header, first, second = STAMPS[name]
+    text = f"{header};p\n{first};1\n{second};2\n"
+    source, columns = read(log, text.replace(";", delimiter))
+    t = columns["p"].t
+    tolerance = 50_000 if "Excel" in name or "serial" in name else 0
+    assert abs(t - [EPOCH, EPOCH + S // 4]).max() <= tolerance
+    assert source.absolute
+    assert not codes(source)
+
+
+RELATIVE = {
+    "time of day": ("Time;p\n13:05:07,000;1\n13:05:07,250;2\n", {}, 47_107 * S),
+    "minutes and seconds": ("Time;p\n05:07.000;1\n05:07.250;2\n", {}, 307 * S),
+    "seconds, MATLAB": ("Time,p\n75.000 sec,1\n75.25 sec,2\n", {}, 75 * S),
+    "days, pandas": (
+        "time,p\n1 days 00:00:12.500000,1\n1 days 00:00:12.750000,2\n",
+        {},
+        86_412_500_000_000,
+    ),
+    "minutes": ("Zeit [min];p\n0.5;1\n0.75;2\n", {}, 30 * S),
+    "stated ms": ("x;p\n1000;1\n1250;2\n", {"time_channel": "x", "time_unit": "ms"}, S),
+    "by number": ("1;7\n1.25;8\n1.5;9\n", {"time_channel": "column 1", "time_unit": "s"}, S),
+}
+
+
+@pytest.mark.parametrize("name", RELATIVE)
+def test_reads_every_form_of_relative_time(log, name):
+    text, options, start = RELATIVE[name]
+    source, columns = read(log, text, **options)
+    (column,) = columns.values()
+    assert column.t[0] == start
+    assert not source.absolute
+
+
+def test_a_time_in_an_unknown_form_is_refused_and_no_measured_column_taken_for_it(log):
+    log.write_text("time,p [bar]\n" + "".join(f"PT{k}S,{k / 10}\n" for k in range(9)))
+    with pytest.raises(UserError, match="'time' holds no times, as 'PT0S'") as error:
+        open_csv(log, ReadOptions())
+    assert "export it in seconds" in error.value.hint
+
+
+def rows(step: float, n: int, form: str = "g") -> str:
+    return "".join(f"{k * step:{form}},1\n" for k in range(n))
+
+
+@pytest.mark.parametrize(
+    ("step", "n", "unit"),
+    [(0.01, 3000, "s"), (0.1, 600, "s"), (1, 120, "s"), (10, 10_000, "ms"), (5, 4000, "ms")],
+)
+def test_decides_the_unit_of_a_bare_time_where_only_one_is_plausible(log, step, n, unit):
+    source, columns = read(log, "time,p\n" + rows(step, n, ".10g"))
+    assert f"; {unit} (" in source.time_reason
+    assert np.diff(columns["p"].t)[0] == step * {"s": S, "ms": 10**6}[unit]
+    assert "time-unit-guessed" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize(("step", "n"), [(1, 20_000), (1000, 60_000), (10, 37)])
+def test_asks_for_the_unit_where_several_are_plausible(log, step, n):
+    log.write_text("time,p\n" + rows(step, n, ".0f"))
+    with pytest.raises(UserError, match="unit of time column 'time'") as error:
+        open_csv(log, ReadOptions())
+    assert 'time = {channel = "time", unit = "ms"}' in error.value.hint
+
+
+def test_epoch_nanoseconds_are_exact(log):
+    stamps = [1_795_266_307_123_456_789 + k for k in (0, 1, 3)]
+    _, columns = read(log, "t_ns,p\n" + "".join(f"{t},1\n" for t in stamps))
+    assert columns["p"].t.tolist() == stamps
+
+
+def test_bad_and_missing_cells_are_counted_apart_and_located(log):
+    text = "t [s],p\n0,1\n1,abc\n2,\n3,NaN\n4,1e400\n5,1_000\n6,٣\n7,0x10\n8,-\n9,inf\n10, 5 \n"
+    source, columns = read(log, text)
+    p = columns["p"]
+    assert p.value[p.valid].tolist() == [1, 5]
+    assert np.isnan(p.value[~p.valid]).all()
+    bad, missing, infinite = (
+        next(f for f in source.findings if f.code == c)
+        for c in ("csv-bad-cells", "csv-missing-cells", "not-a-number")
+    )
+    assert (bad.count, bad.channel, bad.severity) == (4, "p", "warning")
+    assert "line 3: 'abc'" in bad.message
+    assert bad.first_s == 1.0
+    assert (infinite.count, infinite.severity) == (2, "warning")
+    assert "line 6: '1e400'" in infinite.message
+    assert (missing.count, missing.severity) == (3, "info")
+    assert "line 4: ''" in missing.message
+
+
+@pytest.mark.parametrize("cell", ["inf", "-Infinity", "+INF", "1e400", '"inf"'])
+def test_infinity_is_a_value_lost(log, cell):
+    rows = "".join(f"{k},{cell if k == 7 else k}\n" for k in range(20))
+    source, columns = read(log, "t [s],p\n" + rows, rejects=True)
+    assert columns["p"].valid.tolist() == [k != 7 for k in range(20)]
+    (lost,) = source.findings
+    assert (lost.code, lost.severity, lost.count) == ("not-a-number", "warning", 1)
+    assert lost.first_s == 7.0
+    assert [(r.line, r.reason) for r in source.rejects] == [(9, "infinite")]
+
+
+def test_rows_left_out_are_counted_by_class_and_located(log):
+    text = "t [s];p\n0;1\n1;2;3\n2\nabc;4\n;5\n# note; x\n\n3;6\nMaximum;6\n"
+    source, columns = read(log, text)
+    assert columns["p"].value.tolist() == [1, 6]
+    assert source.lines == {
+        "header": 1, "used": 2, "too many cells": 1, "too few cells": 1, "time unreadable": 2,
+        "time missing": 1, "comment": 1, "blank": 1,
+    }  # fmt: skip
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert (skipped.count, skipped.first_s) == (5, 0.0)
+    for place in ("line 3: '1;2;3'", "line 4: '2'", "line 5: 'abc;4'", "line 6: ';5'"):
+        assert place in skipped.message
+
+
+@pytest.mark.parametrize(
+    ("lines", "first_s"),
+    [
+        ([";7", "10;1", "12;1", "15;1"], 0.0),  # none before it: the one behind it
+        (["10;1", "12;1", "x", "15;1", "abc;2"], 2.0),
+        (["10;1", "12;1", "abc;3", "y", "15;1"], 2.0),
+        (["10;1", "12;1", "15;1", ";4"], 5.0),
+        ([*(f"{10 + k};1" for k in range(200_000)), "x", "300000;1"], 199_999.0),  # blocks later
+    ],
+)
+def test_rows_left_out_say_when(log, lines, first_s):
+    source, _ = read(log, "t [s];p\n" + "\n".join(lines) + "\n")
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert skipped.first_s == first_s
+
+
+@pytest.mark.parametrize("stamp", ["2024-10-27 02:59:{}", "02:59:{}", "02:59:{} +0100", "{}"])
+@pytest.mark.parametrize(("rate", "digits"), [(100, 3), (30, 6)])
+def test_fractions_without_leading_zeros_are_refused(log, stamp, rate, digits):
+    seconds = [divmod(k * 10**digits // rate, 10**digits) for k in range(300)]
+
+    def text(form):
+        rows = (f"{stamp.format(f'{5 + s:02}.{form(f)}')};{s}" for s, f in seconds)
+        return "Time;p\n" + "\n".join(rows) + "\n"
+
+    with pytest.raises(UserError, match="lack their leading zeros") as refused:
+        read(log, text(str))
+    assert f"all {digits} decimals" in refused.value.hint
+    for sound in (lambda f: f"{f:0{digits}}", lambda f: f"{f:0{digits}}".rstrip("0") or "0"):
+        _, columns = read(log, text(sound))
+        assert len(columns["p"].t) == 300
+
+
+@pytest.mark.parametrize("stamp", ["2024-10-27T02:59:{}Z", "{}"])
+def test_fractions_without_leading_zeros_are_refused_behind_the_head_too(log, stamp):
+    seconds = [divmod(k, 10_000) for k in range(11_000, 32_000)]  # 1100 to 1999 and on
+    rows = (f"{stamp.format(f'{5 + s:02}.{f}')};1" for s, f in seconds)
+    with pytest.raises(UserError, match="lack their leading zeros"):
+        read(log, "Time;p\n" + "\n".join(rows) + "\n")
+
+
+def test_row_that_ends_inside_a_number_is_left_out(log):
+    whole = "t [s];p\n" + "".join(f"{k};{k},25\n" for k in range(30))
+    for end, left in (("30;30,2", 1), ("30;30,", 1), ("30;3", 1), ("30;30,25", 0)):
+        source, columns = read(log, whole + end, rejects=True)
+        assert len(columns["p"].t) == 31 - left
+        assert source.lines["cut off"] == left
+        assert [(r.line, r.text) for r in source.rejects] == [(32, end)] * left
+    many = "t [s];p\n" + "".join(f"{k};{k / 7!r}\n" for k in range(30))
+    assert len(read(log, many.replace(".", ",") + "30;4,2")[1]["p"].t) == 31  # as they come
+
+
+@pytest.mark.parametrize("end", ["\n", "\r"])
+def test_half_a_character_at_the_end_is_a_line(log, end):
+    data = b"\xff\xfe" + PLAIN.replace("\n", end).encode("utf-16-le") + b"1"
+    source, columns = read(log, data, rejects=True)
+    assert columns["p"].value.tolist() == P
+    assert source.lines == {"header": 1, "used": 3, "too few cells": 1}
+    assert [(r.line, r.byte) for r in source.rejects] == [(5, len(data) - 1)]
+
+
+def test_column_with_a_unit_and_no_numbers_is_told(log):
+    rows = "".join(f"{k},{k}.5D+00,{k},x,N51\n" for k in range(9))
+    source, columns = read(log, "t [s],p [bar],v [km/h],state,lat [deg]\n" + rows)
+    assert list(columns) == ["v [km/h]"]
+    (told,) = source.findings
+    assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p [bar]", 9)
+    with pytest.raises(UserError, match="its cells are no numbers"):
+        open_csv(log, ReadOptions(strict=True))
+
+
+def test_many_rows_of_another_width_are_counted_and_cost_little(log):
+    """Half of them stand alone in blocks; 100 times as long by asking about each (32 µs)."""
+    sound = "".join(f"0.{k:03};1\n" for k in range(700))
+    rows = sound + "".join(f"1.{k:03};1\n1;2;3\n\n# a;b;c\nx\n" for k in range(200))
+    text = "t [s];p\n" + rows + "x;y;z\nx\n" * 400_000
+    began = time.process_time()
+    source, columns = read(log, text)
+    assert time.process_time() - began < 8.0
+    assert source.lines == {
+        "header": 1, "used": 900, "too many cells": 400_200, "too few cells": 400_200,
+        "comment": 200, "blank": 200,
+    }  # fmt: skip
+    assert sum(source.lines.values()) == text.count("\n")
+    assert len(columns["p"].value) == 900
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    for place in ("line 703: '1;2;3'", "line 706: 'x'"):
+        assert place in skipped.message
+
+
+def test_second_reading_reports_nothing_twice(log):
+    source, _ = read(log, "t [s];p;v\n0;1;1\n1;x;2\n2;3;y\n3;4;5;6\n")
+    before = list(source.findings)
+    source.columns(source.fields[:1])
+    assert source.findings == before
+
+
+def test_temperatures_are_no_times(log):
+    text = "T,T1,Datum\n" + "".join(f"{20 - k % 2},{k},2026-11-21 13:05:0{k}\n" for k in range(9))
+    source, columns = read(log, text)
+    assert list(columns) == ["T", "T1"]
+    assert source.absolute
+
+
+def test_time_in_doubt_gives_way_to_one_that_is_not(log):
+    text = "time,timestamp,p\n" + "".join(f"{k},2026-11-21T13:05:0{k}Z,1\n" for k in range(2))
+    source, columns = read(log, text)
+    assert columns["p"].t[0] == EPOCH - 7 * S
+    assert "time-others" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize(
+    "other", ["timestamp_ms,{0}5", "GPS time [s],{1}.25", "Zeitstempel,{0}000", "t_raw [s],1{1}"]
+)
+def test_another_clock_of_the_same_rows_is_told_at_most(log, other):
+    """Of another origin or unit, or held."""
+    name, cell = other.split(",")
+    rows = (f"{k / 100},{cell.format(k, k // 100)},{k}" for k in range(300))
+    _, columns = read(log, "\n".join((f"time [s],{name},p [bar]", *rows, "")))
+    assert columns["p [bar]"].t.tolist() == [k * S // 100 for k in range(300)]
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("Time [hh:mm:ss.fff]", None), ("Timestamp (UTC)", None), ("elapsed_seconds", "s"),
+        ("timeMs", "ms"), ("Zeit in ms", "ms"), ("时间（毫秒）", "ms"), ("Time/s", "s"),
+        ("t_us", "us"), ("TIME (µs)", "us"), ("时间戳", None), ("Zeit [min]", "min"),
+    ],
+)  # fmt: skip
+def test_knows_time_by_its_name(header, unit):
+    assert time_name(header)
+    assert time_name(header)[1] == unit
+
+
+@pytest.mark.parametrize("header", ["T1", "T [°C]", "Bremszeit", "response time", "times", "speed"])
+def test_knows_what_is_no_time(header):
+    assert time_name(header) is None
+
+
+def test_midnight_that_is_continued_is_not_told_as_a_new_start(log):
+    source, _ = read(log, "Uhrzeit;p\n23:59:59.50;1\n00:00:00.50;2\n00:00:01.50;3\n")
+    assert "time-of-day-wrapped" not in codes(source)
+
+
+def test_time_of_day_is_told_to_start_anew_at_midnight(log):
+    source, columns = read(log, "Time,p\n23:59:59.5,5\n00:10:00.0,5.5\n00:10:00.5,5.5\n")
+    assert columns["p"].t.tolist() == [86_399_500_000_000, 600 * S, 600 * S + S // 2]
+    assert codes(source) == {"time-of-day-wrapped"}
+
+
+def test_column_that_starts_with_words_is_still_a_channel(log):
+    late = "".join(f"{k},1.5,{'OFF' if k < 900 else k}\n" for k in range(1000))
+    source, columns = read(log, "t [s],p,v\n" + late)
+    assert columns["v"].value[columns["v"].valid].tolist() == list(range(900, 1000))
+    (bad,) = (f for f in source.findings if f.code == "csv-bad-cells")
+    assert (bad.count, bad.channel) == (900, "v")
+
+
+def test_column_of_the_other_decimal_mark_is_left_out_and_told(log):
+    text = "t [s];p;lat\n" + "".join(f"{k},5;1,{k}5;51.{k}\n" for k in range(8))
+    source, columns = read(log, text)
+    assert list(columns) == ["p"]
+    assert codes(source) == {"csv-mixed-decimals"}
+
+
+@pytest.mark.parametrize(
+    "head", ["s,bar,km/h\nt,p,v\n", "t,p,v\ns,bar,km/h\nof the logger,cylinder,wheel\n"]
+)
+def test_units_stand_above_the_names_or_above_remarks(log, head):
+    source, columns = read(log, PLAIN.replace("t [s],p,v\n", head))
+    assert [f.unit for f in source.fields] == ["bar", "km/h"]
+    assert columns[source.fields[0].channel].t.tolist() == T
+    assert source.lines["units"] == 1
+
+
+def test_a_remark_behind_the_first_row_hides_no_header(log):
+    text = "t [s],p,Remark\n0,1,go\n" + "".join(f"{k},{k}\n" for k in range(1, 30))
+    source, columns = read(log, text, rejects=True)
+    assert columns["p"].value.tolist() == list(range(1, 30))
+    assert left_out(source) == (1, "rows left out: 1 have too many cells (first in line 2: "
+                                   "'0,1,go')")  # fmt: skip
+
+
+def test_names_that_are_numbers_are_a_header_beside_a_time(log):
+    _, columns = read(log, "time [s],1,2\n0,1,2\n1,2,3\n2,3,4\n")
+    assert list(columns) == ["1", "2"]
+
+
+def numbered(width: int, first: int, n: int, delimiter: str = ",") -> str:
+    return "".join(
+        delimiter.join([f"{k / 100:.2f}", *(f"{k % 9 + c}.5" for c in range(1, width))]) + "\n"
+        for k in range(first, first + n)
+    )
+
+
+def left_out(source: CsvSource) -> tuple[int, str]:
+    (found,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert found.severity == "warning"
+    assert len(list(source.rejects)) == found.count
+    assert found.count == sum(source.lines.values()) - sum(
+        source.lines[kind] for kind in ("used", "header", "preamble", "units")
+    )
+    return found.count, found.message
+
+
+@pytest.mark.parametrize("widths", [(3, 4), (4, 3)])
+def test_rows_above_a_second_header_are_left_out_and_told(log, widths):
+    names = [",".join(["t [s]", "p [bar]", "v [km/h]", "w [km/h]"][:w]) + "\n" for w in widths]
+    text = names[0] + numbered(widths[0], 0, 20) + names[1] + numbered(widths[1], 20, 90)
+    source, columns = read(log, text, rejects=True)
+    assert source.rows == 90
+    assert len(columns) == widths[1] - 1
+    count, message = left_out(source)
+    assert count == 20
+    assert "first in line 2: '0.00," in message
+    assert [r.line for r in source.rejects] == [*range(2, 22)]
+    with pytest.raises(UserError, match="another table"):
+        read(log, text, strict=True)
+
+
+def test_a_change_of_delimiter_is_told_with_its_line(log):
+    text = "t [s],p,v\n" + numbered(3, 0, 20) + numbered(3, 20, 90, ";")
+    with pytest.raises(UserError, match="from line 22 on have no header") as error:
+        read(log, text)
+    assert "split" in error.value.hint
+    source, _ = read(log, text, rejects=True, time_channel="column 1", time_unit="s")
+    assert source.rows == 90
+    assert left_out(source)[0] == 20
+
+
+def test_a_preamble_of_words_and_numbers_is_no_rows(log):
+    text = "Vehicle,12\n2026-11-21,13:05:07\nbogie,1\n1,2\ndiameter,0.92,0.91,0.9\n"
+    source, _ = read(log, text + "t [s],p,v\n" + numbered(3, 0, 20))
+    assert source.lines["preamble"] == 5
+    assert not codes(source)
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        "t [s],v,p",
+        "t [s],p [kPa],v",
+        "T [s],P,other",
+        "p,v,t [s]",
+        "Sek,Druck [bar],Weg [km/h]",
+        "s,kPa,km/h",
+    ],
+)
+def test_a_later_header_of_other_columns_ends_the_table(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, columns = read(log, text, rejects=True)
+    assert source.rows == 30
+    assert columns["p"].t.max() == 290_000_000
+    count, message = left_out(source)
+    assert count == 51
+    assert f"split the log there (first in line 33: '{second}')" in message
+    with pytest.raises(UserError):
+        read(log, text, strict=True)
+
+
+@pytest.mark.parametrize(
+    "second", ["t [s],p,v", "s,bar,km/h", "\ufefft [s],p,v", '"t [s]", p,v', "[s],[bar],[km/h]"]
+)
+def test_the_same_header_again_is_no_loss(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, _ = read(log, text, rejects=True, strict=True)
+    assert (source.rows, list(source.rejects), codes(source)) == (80, [], set())
+    assert sum(source.lines.values()) == text.count("\n")
+    (told,) = (f for f in source.findings if f.code == "csv-header-again")
+    assert (told.severity, told.count) == ("info", 1)
+    assert "line 33" in told.message
+
+
+@pytest.mark.parametrize("second", ['"T [s]", P ,v', "t [s],p", "lost,lost,lost"])
+def test_the_same_header_again_costs_its_own_row(log, second):
+    text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
+    source, _ = read(log, text, rejects=True)
+    assert source.rows == 80
+    assert left_out(source)[0] == 1
+
+
+def test_a_later_header_in_a_comment_ends_the_table_too(log):
+    text = numbered(3, 0, 30, " ")
+    head = "# time p v\n"
+    source, _ = read(log, f"{head}{text}# time for tea\n{text}", time_unit="s")
+    assert source.rows == 60
+    source, _ = read(log, f"{head}{text}{head}{text}# time v p\n{text}", time_unit="s")
+    assert source.rows == 60
+    assert source.lines["another header"] == 30
+
+
+def test_a_header_again_in_a_long_table_is_no_device(log):
+    text = "".join(f"{k / 100},{a},5\n" for k in range(30) for a in (1, 2))
+    source, _ = read(log, f"time [s],axle,p\n{text}time [s],axle,p\n{text}")
+    assert [f.group for f in source.fields] == ["1", "2"]
+
+
+def test_numbers_with_their_unit_in_each_cell(log):
+    text = "t [s],p,v,note\n" + "".join(f"{k / 100},{k}.5 bar,{k}km/h,{k} x\n" for k in range(20))
+    source, columns = read(log, text + "0.2,9 mbar,7 km/h,-\n", rejects=True)
+    assert [(f.channel, f.unit, f.unit_from) for f in source.fields] == [
+        ("p", "bar", "cells"),
+        ("v", "km/h", "cells"),
+    ]
+    assert columns["p"].value[:3].tolist() == [0.5, 1.5, 2.5]
+    assert np.isnan(columns["p"].value[-1])
+    assert columns["v"].value[-1] == 7
+    (found,) = (f for f in source.findings if f.code == "csv-bad-cells")
+    assert (found.channel, found.count) == ("p", 1)
+
+
+def test_words_that_begin_late_in_a_column_are_no_damage(log):
+    source, _ = read(
+        log, "t [s],p,event\n" + "".join(f"{k},1,\n" for k in range(900)) + "900,1,go\n"
+    )
+    assert not codes(source)
+    assert "csv-bad-cells" in {f.code for f in source.findings}
+
+
+@pytest.mark.parametrize("end", ["\x1a", "\x1a\x1a"])
+def test_the_end_of_a_file_as_dos_marked_it_is_none_of_its_rows(log, end):
+    source, columns = read(log, PLAIN + end)
+    assert not source.findings
+    assert columns["p"].value.tolist() == P
+
+
+def test_strict_refuses_what_would_be_a_finding(log):
+    log.write_text("t [s];p\n0;1\n1;x\n2;3\n")
+    source = open_csv(log, ReadOptions(strict=True))
+    with pytest.raises(UserError, match="hold no number"):
+        source.columns(source.fields)
+
+
+def test_units_row_gives_units_and_header_text_stays(log):
+    text = "Zeit;BC pressure [kPa];v\n[s];[bar];[km/h]\n0;1;2\n1;2;3\n"
+    log.write_text(text)
+    fields = open_csv(log, ReadOptions()).fields
+    assert [(f.channel, f.unit, f.unit_from) for f in fields] == [
+        ("BC pressure [kPa]", "bar", "units row"),
+        ("v", "km/h", "units row"),
+    ]
+
+
+_ROWS = [f"{i / 100:.2f}\t{1 + i / 7:.4f}\t{70 - i / 9:.4f}" for i in range(30)]
+_LABVIEW = (
+    "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\t{columns}\n***End_of_Header***\t\n\t\n"
+    "Channels\t2\t\t\nY_Unit_Label\tbar\tkm/h\t\nDelta_X\t0.01\t0.01\t\n"
+    "***End_of_Header***\t\t\t\nX_Value\tp\tv\tComment\n"
+) + "".join(f"{row}\t\n" for row in _ROWS)
+_UNNAMED = "".join(f"\t{row}\n" for row in _ROWS)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "label"),
+    [
+        (_LABVIEW.replace("{columns}", "One"), 7, "Y_Unit_Label"),
+        ("Channel\tTime\tp\tv\nunit_string\ts\tbar\tkm/h\n" + _UNNAMED, 2, "unit_string"),
+        (
+            "Channel Name\tTime\tp\tv\nUnit\ts\tbar\tkm/h\nNI_ChannelLength\t30\t30\t30\n"
+            + _UNNAMED,
+            2, "Unit",
+        ),
+    ],
+)  # fmt: skip
+def test_rows_that_their_first_cell_names_give_units_and_no_data(log, text, line, label):
+    source, columns = read(log, text)
+    assert [f.unit for f in source.fields if f.channel in ("p", "v")] == ["bar", "km/h"]
+    assert source.stated["units row"] == f"line {line} (its first cell is {label!r})"
+    assert columns["p"].value[:2].tolist() == [1.0, 1.1429]
+    assert len(columns["v"].value) == 30
+    assert not codes(source)
+
+
+def test_units_of_a_labview_log_with_a_time_for_each_channel_are_not_guessed(log):
+    source, _ = read(log, _LABVIEW.replace("{columns}", "Multi"))
+    assert not any(f.unit for f in source.fields)
+
+
+def test_a_remark_beside_a_row_is_no_label(log):
+    _, columns = read(log, "Remark\tTime\tp\tv\nbegin\t-0.01\t5.25\t80\n" + _UNNAMED)
+    assert columns["p"].value[:2].tolist() == [5.25, 1.0]
+
+
+def test_units_row_may_hold_a_unit_we_do_not_know(log):
+    text = "Zeit;Druck;v;Luft;Rate\nhh:mm:ss.fff;bar;km/h;Nl/min;Hz\n"
+    log.write_text(text + "13:05:07,0;1;2;3;4\n13:05:07,5;1;2;3;4\n")
+    fields = open_csv(log, ReadOptions()).fields
+    assert [(f.channel, f.unit) for f in fields] == [
+        ("Druck", "bar"), ("v", "km/h"), ("Luft", "Nl/min"), ("Rate", "Hz"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "row", [["t", "p", "v"], ["a", "x"], ["time", "bar", "pressure"], ["-", ""]]
+)
+def test_short_names_are_no_units_row(row):
+    assert not is_units_row(row)
+
+
+def test_header_rows_are_joined(log):
+    _, columns = read(
+        log, ",Axle 1,,Axle 2,\nt,p,v,p,v\ns,bar,km/h,bar,km/h\n0,1,2,3,4\n1,2,3,4,5\n"
+    )
+    assert {k: c.value[0] for k, c in columns.items()} == {
+        "Axle 1 p": 1, "Axle 1 v": 2, "Axle 2 p": 3, "Axle 2 v": 4,
+    }  # fmt: skip
+
+
+def test_preamble_pairs_are_metadata(log):
+    source, _ = read(
+        log, "Vehicle: ET 423;Date: 2026-11-21\nOperator;Smith\n\nt [s];p;v\n0;1;2\n1;2;3\n"
+    )
+    assert source.metadata == {
+        "preamble": {"Vehicle": "ET 423", "Date": "2026-11-21", "Operator": "Smith"}
+    }
+
+
+def test_duplicate_names_are_made_distinct(log):
+    source, columns = read(log, "t [s],x,x\n0,1,2\n1,2,3\n")
+    assert list(columns) == ["x", "x (2)"]
+    assert columns["x (2)"].value.tolist() == [2, 3]
+    assert "csv-duplicate-names" in {f.code for f in source.findings}
+
+
+LONG = "time [s],axle,p\n0,1,10\n0,2,20\n0.1,1,11\n0.1,2,21\n0.2,1,12\n0.2,2,22\n"
+
+
+def test_long_layout_is_found_by_its_name(log):
+    source, columns = read(log, LONG)
+    assert columns["p", "1"].value.tolist() == [10, 11, 12]
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+    assert columns["p", "2"].t.tolist() == [0, S // 10, S // 5]
+    assert "long-layout" in {f.code for f in source.findings}
+
+
+def test_long_layout_one_device_after_the_other(log):
+    head, *body = LONG.splitlines(keepends=True)
+    _, columns = read(log, head + "".join(body[0::2] + body[1::2]))
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+
+
+TWO_KEYS = "time [s],car,axle,p\n" + "".join(
+    f"{k / 10 + late * (2 * car + axle):.4g},{car},{axle},{100 * car + 10 * axle + k}\n"
+    for late in (0, 0.01)
+    for k in range(20 * (late > 0), 20 + 20 * (late > 0))
+    for car in (1, 2)
+    for axle in (1, 2)
+)  # half of it with one stamp for all, half with one for each row
+
+
+def test_two_columns_tell_series_apart(log):
+    source, columns = read(log, TWO_KEYS)
+    assert [group for _, group in columns] == ["1, 1", "1, 2", "2, 1", "2, 2"]
+    assert columns["p", "2, 1"].value.tolist() == [210 + k for k in range(40)]
+    (told,) = (f for f in source.findings if f.code == "long-layout")
+    assert 'group = {channel = "car", equals = "1"}' in told.message
+
+
+def test_the_rows_of_one_car_are_told_apart_by_axle(log):
+    source, columns = read(log, TWO_KEYS, group_channel="car", group_equals="2")
+    assert [group for _, group in columns] == ["1", "2"]
+    assert columns["p", "2"].value.tolist() == [220 + k for k in range(40)]
+    assert source.lines["other group"] == 80
+
+
+def test_a_column_that_repeats_another_is_no_part_of_the_name(log):
+    text = (
+        LONG.replace("axle", "axle,sensor,unit").replace(",1,", ",1,a,u,").replace(",2,", ",2,b,u,")
+    )
+    _, columns = read(log, text)
+    assert list(columns) == [("p", "1"), ("p", "2")]
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+
+
+def test_table_of_signals(log):
+    text = "time [s];Kanal;Wert;Einheit\n" + "".join(
+        f"{k},5;v Achse 1;{k},25;km/h\n" + (f"{k},5;BCP 1;{k};bar\n" if k % 2 else "")
+        for k in range(40)
+    )
+    source, columns = read(log, text)
+    assert [(f.channel, f.group, f.unit, f.unit_from) for f in source.fields] == [
+        ("v Achse 1", "", "km/h", "units column"), ("BCP 1", "", "bar", "units column"),
+    ]  # fmt: skip
+    assert columns["BCP 1"].value.tolist() == [*range(1, 40, 2)]
+    assert columns["v Achse 1"].t.tolist() == [k * S + S // 2 for k in range(40)]
+
+
+def test_signal_that_changes_its_unit_is_two_series(log):
+    text = "time [s],signal,value,unit\n" + "".join(
+        f"{k},p,{k},{'bar' if k < 20 else 'kPa'}\n{k},v,1,km/h\n" for k in range(40)
+    )
+    source, _ = read(log, text)
+    assert sorted((f.channel, f.unit) for f in source.fields) == [
+        ("p", "bar"), ("p", "kPa"), ("v", "km/h"),
+    ]  # fmt: skip
+
+
+def test_row_number_called_id_is_no_device(log):
+    _, columns = read(log, "id,t [s],p\n" + "".join(f"{k},{k / 8},1\n" for k in range(20_000)))
+    assert list(columns) == ["id", "p"]
+    assert len(columns["p"].t) == 20_000
+
+
+def test_group_of_very_many_values_is_refused(log):
+    log.write_text("t [s],x,p\n" + "".join(f"{k},{k},1\n" for k in range(5000)))
+    with pytest.raises(UserError, match="too many to be devices"):
+        open_csv(log, ReadOptions(group_channel="x"))
+
+
+def test_group_keeps_only_the_rows_asked_for(log):
+    source, columns = read(
+        log, LONG.replace("axle", "x"), group_channel="x", group_equals="2", time_channel="time [s]"
+    )
+    assert columns["p", "2"].value.tolist() == [20, 21, 22]
+    assert source.lines["other group"] == 3
+    assert source.rows == 6
+
+
+@pytest.mark.parametrize(
+    ("stated", "text", "hint"),
+    [
+        ({"delimiter": "§"}, "delimiter '§' is not one character between cells", '"tab"'),
+        ({"delimiter": '"'}, "is not one character between cells", '"tab"'),
+        ({"delimiter": ";;"}, "is not one character between cells", '"tab"'),
+        ({"encoding": "base64"}, "unknown encoding 'base64'", "cp1252"),
+        ({"encoding": "foo"}, "unknown encoding 'foo'", "cp1252"),
+        (
+            {"time_channel": "t [s]", "time_unit": "iso"},
+            "column 't .s.' holds numbers, as '0.00', not stamps",
+            "one of ns, us, ms, s",
+        ),
+        ({"time_unit": "weeks"}, "unknown time unit 'weeks'", "known: ns"),
+    ],
+)
+def test_what_is_stated_and_cannot_be_is_refused(log, stated, text, hint):
+    log.write_text(PLAIN.replace(",", "§") if "§" in stated.values() else PLAIN)
+    with pytest.raises(UserError, match=text) as error:
+        open_csv(log, ReadOptions(**stated))
+    assert hint in error.value.hint
+
+
+def test_unknown_group_value_names_the_known_ones(log):
+    log.write_text(LONG)
+    with pytest.raises(UserError, match="no row has '7'") as error:
+        open_csv(log, ReadOptions(group_channel="axle", group_equals="7"))
+    assert "1, 2" in error.value.hint
+
+
+def test_time_guessed_from_a_rising_column_is_told(log):
+    source, columns = read(log, "idx,a,p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n4,1.5,6\n5,4.5,5\n")
+    assert columns["p"].t.tolist() == [0, S // 2, S, 3 * S // 2, 9 * S // 2]
+    assert codes(source) == {"time-guessed"}
+    for name in ("x [s]", "Test time", "sec"):  # it says that it is a time
+        source, _ = read(log, f"idx,{name},p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
+        assert not codes(source)
+
+
+@pytest.mark.parametrize("name", ["", "k", "Scan", "Distance [m]", "angle [°]"])
+def test_what_rises_but_counts_rows_or_is_measured_is_no_time(log, name):
+    log.write_text(f"{name},p,v\n" + "".join(f"{k},1.5,{9 - k}\n" for k in range(9)))
+    with pytest.raises(UserError, match="no column is a time") as error:
+        open_csv(log, ReadOptions())
+    assert "time = {channel" in error.value.hint
+    assert open_csv(log, ReadOptions(time_channel="column 1", time_unit="s")).fields
+
+
+def test_no_count_of_rows_stands_in_for_stamps_that_cannot_be_read(log):
+    log.write_text("x,Timestamp,p\n" + "".join(f"{k}.5,day {k},1.5\n" for k in range(9)))
+    with pytest.raises(UserError, match="'Timestamp' holds no times, as 'day 0'"):
+        open_csv(log, ReadOptions())
+
+
+@pytest.mark.parametrize("start", [0, 43_200])
+@pytest.mark.parametrize("rate", [1, 10])
+def test_clock_times_written_as_one_number_are_refused(log, start, rate):
+    def text(form):
+        times = (divmod(k, rate) for k in range(200 * rate))
+        rows = (f"{form((start + s) % 86_400)}.{f};1" for s, f in times)
+        return "UTC time;p\n" + "\n".join(rows) + "\n"
+
+    with pytest.raises(UserError, match="hours, minutes and seconds as one number") as refused:
+        read(log, text(lambda s: f"{s // 3600:02}{s // 60 % 60:02}{s % 60:02}"))
+    assert "12:34:56.7" in refused.value.hint
+    source, _ = read(log, text(lambda s: f"{s:06}"))
+    assert source.rows == 200 * rate
+
+
+def test_stamps_of_which_some_have_a_zone_are_told(log):
+    text = "".join(f"2026-11-21T13:05:0{k}{'Z' * (k % 3 > 0)},1\n" for k in range(9))
+    source, columns = read(log, "time,p\n" + text)
+    assert np.diff(columns["p"].t).tolist() == [S] * 8
+    (told,) = (f for f in source.findings if f.code == "time-naive")
+    assert told.message.startswith("some stamps in 'time' name no time zone")
+
+
+def test_log_order_is_kept(log):
+    _, columns = read(log, "t [s],p\n5,1\n3,2\n3,3\n9,4\n")
+    assert columns["p"].t.tolist() == [5 * S, 3 * S, 3 * S, 9 * S]
+
+
+@pytest.mark.parametrize("rows", [2_000, 200_000])  # in the head, and behind it
+def test_space_never_written_costs_only_its_rows(log, rows):
+    lines = b"".join(b"%d,1.5\n" % k for k in range(rows))
+    hole = lines[:-20].rindex(b"\n") - 3  # begins and ends inside a row: neither half is used
+    text = lines[:hole] + b"\0" * 4096 + lines[hole + 13 :]
+    source, columns = read(log, b"t [s],p\n" + text + b"\0" * 70_000)
+    lost = lines[: hole + 14].count(b"\n") - lines[:hole].count(b"\n") + 1
+    assert len(columns["p"].t) == rows - lost
+    assert columns["p"].valid.all()
+    assert source.lines["NUL bytes"] == 2
+    (skipped,) = (f for f in source.findings if f.code == "csv-rows-skipped")
+    assert f"2 hold NUL bytes, as of space that was reserved and never written (first in line " \
+        f"{lines[:hole].count(10) + 2}:" in skipped.message  # fmt: skip
+
+
+def test_damaged_gzip_keeps_what_was_whole(log):
+    text = "t [s],p\n" + "".join(f"{k},{k % 77}.5\n" for k in range(50_000))
+    source, columns = read(log, gzip.compress(text.encode())[:-4000])
+    n = len(columns["p"].t)
+    assert 10_000 < n < 50_000
+    assert columns["p"].t.tolist() == [k * S for k in range(n)]
+    assert "csv-gzip-damaged" in codes(source)
+    assert source.lines["cut off"] <= 1
+
+
+REFUSED = {
+    "empty": (b"", "is empty", "header and data"),
+    "only blanks": (b"\n \n\n", "is empty", "header and data"),
+    "header only": (b"t [s],p 1 [bar],v 1 [km/h]\n", "one line .* and no data rows", "data rows"),
+    "header and units only": (b"t;p;v\ns;bar;km/h\n", "no data rows", "data rows"),
+    "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
+    "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
+    "NUL bytes": (b"t,p\n0,1\n" + b"1,\0\0\0\0\0\n" * 9, "NUL bytes in line 3", "text log"),
+    "xlsx": (b"PK\x03\x04" + bytes(100), "Excel", "export"),
+    "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
+    "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),
+    "HTML behind a remark": (b"<!-- saved --><html><body>\n<table>\n", "HTML", "download"),
+    "Git LFS pointer": (
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n",
+        "Git LFS",
+        "git lfs pull",
+    ),
+    "JSON": (b'[{"t": 0, "p": 1}, {"t": 1, "p": 2}]', "JSON", "export"),
+    "MCAP": (b"\x89MCAP0\r\n" + bytes(100), "MCAP", "suffix"),
+    "unterminated quote": (
+        b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500,
+        "quote opened in line 3",
+        "quote",
+    ),
+    "unterminated quote in the header": (
+        b't [s],"p [bar],v [km/h]\n' + b"2,3,4\n" * 500,
+        "quote opened in line 1 does not close",
+        "quote",
+    ),
+    "no header": (
+        b"0,1,2\n1,2,3\n2,3,4\n",
+        "no header",
+        'time = {channel = "column 1", unit = "s"}',
+    ),
+    "header of other width": (
+        b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n",
+        "names 2 columns, the rows have 3",
+        "header = false",
+    ),
+    "decimal comma as delimiter": (
+        b"t [s],p,v\n" + b"".join(b"0,%02d,1,50,80,05\n" % k for k in range(9)),
+        "names 3 columns, the rows have 6: the comma is delimiter and decimal mark",
+        "semicolons",
+    ),
+    "only NUL bytes": (bytes(2_000_000), "holds nothing but NUL bytes", "again"),
+    "rows out of order": (
+        b"t [s],p\n" + b"".join(b"%d,1\n" % (k ^ 1) for k in range(30)),
+        "'t .s.' falls in 15 of the first 30 rows",
+        "rows older than those before are then left out",
+    ),
+    "no line end": (b"1" * 50_000_000, "no line end", "one row per line"),
+    "20000 columns": (
+        b"\n".join([b",".join([b"%d" % k for k in range(20_000)])] * 3),
+        "20000 columns",
+        "channels",
+    ),
+    "grouped thousands": (
+        b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n',
+        "column 'p' groups digits, as in '1,234.5'",
+        "without thousands separators, as '1234.5'",
+    ),
+    "grouped thousands or another decimal mark": (
+        b"t [s];p\n0.00;7,000\n0.01;8,100\n0.02;8,200\n",
+        "column 'p' groups digits, as in '7,000'",
+        "if ',' is its decimal mark, with '.' as the others",
+    ),
+    "cell of 10 MB in the first row": (
+        b't [s],p\n0,"' + b"x" * 10_000_000 + b'"\n1,2\n',
+        "line 2 is longer than 512 KiB",
+        "one row per line",
+    ),
+    "comma, thousands or decimal": (
+        b"t;p\n1;1,234\n2;2,345\n3;3,456\n",
+        "decimal comma or grouped",
+        "decimal",
+    ),
+    "point, thousands or decimal": (
+        b"t [s];p\n1;1.234\n2;987\n3;1.002\n",
+        "grouped thousands or a decimal",
+        "decimal",
+    ),
+    "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
+    "day or month": (
+        b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n",
+        "day/month or month/day",
+        'unit = "dmy"',
+    ),
+    "day or year": (
+        b"Date;Time;p\n24/05/13;13:00:00;1\n24/05/13;13:00:01;2\n",
+        "'24/05/13' in 'Date' . 'Time' may be day/month/year or year/month/day",
+        "four digits",
+    ),
+    "date only": (
+        b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
+        "'Date' holds no times, as '2026-01-01'",
+        "time = {channel",
+    ),
+    "two different times": (
+        b"t [s];p;t [s];v\n0;1;5;1\n1;2;6;2\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
+    "seconds beyond 2060": (
+        b"t [s];p\n1795266307000;1\n1795266307010;2\n",
+        "beyond the year 2060",
+        "unit",
+    ),
+    "a time for each channel": (
+        b"x [s];p;x [s];v\n0;1;0;1\n1;2;0.5;2\n2;3;1;2\n3;3;;\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
+    "numbered times": (
+        b"t1 [s];p;t2 [s];v\n0;1;5;1\n1;2;6;2\n",
+        "both times, and differ",
+        'channel = "column 1"',
+    ),
+    "a time for each of two channels, the slower one first": (
+        b"t_p [s];p;t_w [s];v\n" + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
+        "'t_p .s.' and 't_w .s.' are both times, and differ",
+        "one time axis",
+    ),
+    "a time beside it that is another channel's": (
+        b"time [s];p;Time speed [s];v\n"
+        + b"".join(b"%d;1;%.1f;1\n" % (k, k / 2) for k in range(9)),
+        "both times, and differ",
+        "one time axis",
+    ),
+    "two times apart": (
+        b"Zeit Druck;p;Zeit Drehzahl;v\n" + b"".join(b"%d;1;%d;1\n" % (k, k + 1) for k in range(9)),
+        "both times, and differ",
+        "one time axis",
+    ),
+    "a unit of time stated twice": (
+        b"time_ms;p\ns;bar\n0;1\n0.01;2\n0.02;3\n",
+        "unit of time column 'time_ms' is stated twice: 's' .units row. and 'ms' .header.",
+        'channel = "time_ms"',
+    ),
+    "hours or minutes": (
+        b"Time;p\n12:05;1\n12:06;2\n",
+        "hours and minutes or minutes and seconds",
+        "seconds",
+    ),
+    "clock stands still": (
+        b"t [s],p\n5.0,1\n5.0,2\n5.0,3\n",
+        "clock stands still: all 3 rows have '5.0' in column 't .s.'",
+        "another column",
+    ),
+    "time runs backwards": (
+        b"t [s],p\n" + b"".join(b"%d,%d\n" % (99 - k, k) for k in range(9)),
+        "'t .s.' runs backwards .from 99 to 91.",
+        "oldest first",
+    ),
+    "stamps run backwards": (
+        b"time,p\n" + b"".join(b"2026-01-01 00:00:%02d,%d\n" % (30 - k, k) for k in range(9)),
+        "'time' runs backwards",
+        "oldest first",
+    ),
+    "no delimiter": (b"speed\n1.5\n2.5\n3.5\n", "no delimiter", "time column"),
+}
+
+
+def test_a_point_that_is_a_decimal_mark_elsewhere_groups_no_digits(log):
+    _, columns = read(log, b"t [s],p,v\n0.00,0.01,19.001\n0.01,0.02,19\n0.02,0.02,18.998\n")
+    assert columns["v"].value.tolist() == [19.001, 19.0, 18.998]
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refuses_in_the_right_words(log, name):
+    data, text, hint = REFUSED[name]
+    with pytest.raises(UserError, match=text) as error:
+        read(log, data)
+    assert str(log) in error.value.text
+    assert hint in error.value.hint
+    assert "\n" not in error.value.text + error.value.hint
+
+
+def test_refuses_a_missing_file_and_a_folder(tmp_path):
+    with pytest.raises(UserError, match="no such file"):
+        open_csv(tmp_path / "none.csv", ReadOptions())
+    with pytest.raises(UserError, match="not a file"):
+        open_csv(tmp_path, ReadOptions())
+
+
+def test_refuses_to_inflate_beyond_the_cap(log):
+    log.write_bytes(gzip.compress(b"t [s],p\n" + b"1,2\n" * 1_000_000))
+    source = open_csv(log, ReadOptions(max_unpacked=1 << 20))
+    with pytest.raises(UserError, match="inflates to more than 1 MiB"):
+        source.columns(source.fields)
+
+
+def test_giant_cell_is_one_wrong_row(log):
+    body = b"".join(b"%d,1.5\n" % k for k in range(300_000))
+    source, columns = read(log, b"t [s],p\n" + body + b"x" * 10_000_000 + b"\n300000,1\n")
+    assert len(columns["p"].t) == 300_001
+    assert source.lines["too few cells"] == 1
+
+
+def test_interleaved_devices_without_a_name_are_reported(log):
+    text = "".join(f"{k // 2}.{k % 2},{k % 2},{[5, 90][k % 2] + k * 0.01:.2f}\n" for k in range(40))
+    source, _ = read(log, text, time_channel="column 1", time_unit="s")
+    (found,) = (f for f in source.findings if f.code == "interleaved")
+    assert found.severity == "warning"
+    assert found.channel == "column 2"
+    assert 'group = {channel = "column 2", equals = "0"}' in found.message
+
+
+def test_log_of_three_interleaved_trains(tmp_path):
+    path = tmp_path / "trains.csv"
+    path.write_text(three_trains())
+    with pytest.raises(UserError, match=r"no header.*'column 2' holds 3, 4, 5"):
+        open_csv(path, ReadOptions())
+    whole = open_csv(path, ReadOptions(time_channel="column 1", time_unit="s"))
+    assert [f.channel for f in whole.findings if f.code == "interleaved"] == ["column 2"]
+    source = open_csv(
+        path,
+        ReadOptions(
+            time_channel="column 1", time_unit="s", group_channel="column 2", group_equals="5"
+        ),
+    )
+    by_name = {f.channel: f for f in source.fields}
+    (speed,) = source.columns([by_name["column 12"]])
+    assert speed.t[0] == START * S
+    assert speed.value[:3].tolist() == [95.1, 97.4, 98.7]
+    assert (np.diff(speed.t) > 0).all()
+    assert source.absolute
+    assert source.lines == {"used": len(speed.t), "other group": 2 * len(speed.t)}
+
+
+REJECTED = {
+    "61": ("too few cells", ""),
+    "62,1,2,3": ("too many cells", ""),
+    "x,1,压": ("time unreadable", ""),
+    ",=1+2,压": ("time missing", ""),
+    "63,压,1": ("no number", "p"),
+    '64,x,"\n\n压"': ("no number", "p"),
+    "\0\0,1": ("NUL bytes", ""),
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16-le", "utf-16-be", "gb18030"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("block", [64, 1 << 20])
+def test_every_row_and_cell_left_out_can_be_found_again(log, monkeypatch, encoding, end, block):
+    monkeypatch.setattr("adhesion_cli.formats.csv.lines._BLOCK", block)
+    good = [f"{k},{k}.5,压{k}" for k in range(60)]
+    lines = ["t [s],p,注", *good, "# 压", *REJECTED, "", *good]
+    raw = "\n".join(lines).replace("\n", end).encode(encoding)
+    source, _ = read(log, raw, rejects=True, encoding=encoding)
+    found = list(source.rejects)
+    assert [(r.reason, r.column) for r in found] == list(REJECTED.values())
+    mark = 3 * (encoding == "utf-8-sig")
+    for reject, row in zip(found, REJECTED, strict=True):
+        text = row.replace("\n", end)
+        assert reject.text == text
+        assert raw[reject.byte :].startswith(text.encode(encoding.removesuffix("-sig")))
+        before = raw[mark : reject.byte].decode(encoding)
+        assert before.count(end) == reject.line - 1
+    assert list(source.rejects) == found
+
+
+def test_rejects_of_a_file_that_changed_meanwhile(log):
+    source, _ = read(
+        log, "t [s],p\n" + "".join(f"{k},1\n" for k in range(9)) + "x,1\n", rejects=True
+    )
+    log.write_text("t [s],p\n")
+    with pytest.raises(UserError, match="changed while it was read"):
+        list(source.rejects)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="asks Linux for its peak")
+def test_reading_holds_the_columns_and_not_the_text(log):
+    row = b",1.5," + b"x" * 1000 + b"\n"
+    with log.open("wb") as file:
+        file.write(b"t [s],p,note\n")
+        file.writelines(b"%d%b" % (k, row) for k in range(150_000))
+    code = (
+        "import re, sys\n"
+        "from pathlib import Path\n"
+        "from adhesion_cli.formats.csv.reader import open_csv\n"
+        "from adhesion_cli.formats.source import ReadOptions\n"
+        "source = open_csv(Path(sys.argv[1]), ReadOptions())\n"
+        "status = Path('/proc/self/status')\n"
+        "peak = lambda: int(re.search(r'VmHWM:\\s*(\\d+) kB', status.read_text())[1])\n"
+        "before = peak()\n"
+        "(column,) = source.columns(source.fields)\n"
+        "assert len(column.t) == 150_000\n"
+        "print(peak() - before)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, log], capture_output=True, text=True, check=True
+    )
+    assert 0 < int(done.stdout) * 1024 < log.stat().st_size * 0.6

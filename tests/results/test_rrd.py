@@ -1,0 +1,320 @@
+"""Recordings read back with Rerun's own reader."""
+
+import socket
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from made_results import EPOCH, result
+from recordings import batches, column, static
+from rerun.chunk import RrdReader
+
+from adhesion_cli.core.model import Finding, Floats, Result, Vehicle
+from adhesion_cli.core.physics import G
+from adhesion_cli.rail.creep_law import Contact, condition, creep_force
+from adhesion_cli.rail.fit import Interval, RailFit
+from adhesion_cli.results import rrd
+from adhesion_cli.results.rrd import parts, results
+
+PATCH = Contact().patch(Vehicle().axle_mass.value * G)
+ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("rrd") / "small.rrd"
+    rrd.write_result(path, result(2, 400), ALGORITHMS)
+    return path
+
+
+def brake_start(analysed: Result) -> int:
+    return min(int(a.record.t[a.applications[0].start]) for a in analysed.axles)
+
+
+def test_numbers_and_gaps(small: Path) -> None:
+    analysed = result(2, 400)
+    zero = brake_start(analysed)
+    for axle in analysed.axles:
+        root, record = f"/axle/{axle.record.axle}", axle.record
+        (first, second) = record.segments
+        breaks = [first.stop, second.start]
+
+        def drawn(values: Floats, inside: bool, at: list[int] = breaks) -> Floats:
+            values = values.astype(float).copy()
+            if inside:
+                values[slice(*at)] = np.nan
+            return np.insert(values, at, np.nan)
+
+        t, speed = column(small, f"{root}/speed", "scalars")
+        expected = np.insert(record.t, breaks, record.t[np.array(breaks) - 1] + 1) - zero
+        np.testing.assert_array_equal(t, expected)
+        radius = analysed.vehicle.radius(1).value
+        assert record.train_speed is not None
+        assert record.truth is not None
+        np.testing.assert_allclose(speed[:, 0], drawn(record.train_speed * 3.6, False), rtol=1e-15)
+        np.testing.assert_allclose(
+            speed[:, 1], drawn(record.wheel_speed * radius * 3.6, False), rtol=1e-15
+        )
+        _, estimates = column(small, f"{root}/force/estimates", "scalars")
+        _, errors = column(small, f"{root}/error", "scalars")
+        for i, algo in enumerate(ALGORITHMS):
+            np.testing.assert_array_equal(estimates[:, i], drawn(axle.estimates[algo], True))
+            np.testing.assert_array_equal(errors[:, i], drawn(axle.error(algo), True))
+        _, force = column(small, f"{root}/force/reference", "values")
+        _, variance = column(small, f"{root}/force/reference", "variances")
+        np.testing.assert_array_equal(force[:, 0], drawn(axle.reference.force, True))
+        np.testing.assert_allclose(variance[:, 0], drawn(axle.reference.sigma**2, True), rtol=1e-15)
+        _, middle = column(small, f"{root}/force/band", "values")
+        _, square = column(small, f"{root}/force/band", "variances")
+        half = np.sqrt(square[:, 0])
+        np.testing.assert_allclose(middle[:, 0] - half, drawn(axle.reference.lower, True))
+        np.testing.assert_allclose(middle[:, 0] + half, drawn(axle.reference.upper, True))
+
+
+def test_clock_beside_brake_time(small: Path, tmp_path: Path) -> None:
+    (batch,) = batches(small, "/axle/1/speed")
+    clock = batch["clock"].cast(pa.int64()).to_numpy(zero_copy_only=False)
+    time = batch["time"].cast(pa.int64()).to_numpy(zero_copy_only=False)
+    assert clock.min() == EPOCH
+    assert set(clock - time) == {brake_start(result(2, 400))}
+    rrd.write_result(tmp_path / "a.rrd", result(1, 50, start=0), ALGORITHMS)
+    (batch,) = batches(tmp_path / "a.rrd", "/axle/1/speed")
+    assert "clock" not in batch.schema.names
+
+
+def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path: Path) -> None:
+    whole = dict(
+        zip(
+            static(small, "/axle/1/force/estimates", "names"),
+            static(small, "/axle/1/force/estimates", "colors"), strict=True,
+        )
+    )  # fmt: skip
+    assert list(whole) == list(ALGORITHMS)
+    assert len(set(whole.values())) == 5
+    analysed = result(1, 50)
+    (axle,) = analysed.axles
+    some = replace(axle, estimates={a: axle.estimates[a] for a in ("td", "neso")})
+    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)), ALGORITHMS)
+    assert static(tmp_path / "a.rrd", "/axle/1/force/estimates", "names") == ["neso", "td"]
+    for entity in ("force/estimates", "error"):
+        colours = static(tmp_path / "a.rrd", f"/axle/1/{entity}", "colors")
+        assert colours == [whole["neso"], whole["td"]]
+
+
+def test_events_and_summary(small: Path, tmp_path: Path) -> None:
+    (batch,) = batches(small, "/events")
+    texts = [cell[0] for cell in batch["TextLog:text"].to_pylist()]
+    assert texts[0] == "-0.19 s  unit-guessed: speed 1: km/h from the header"
+    assert "+0.00 s  axle 1: brake applied" in texts
+    (text,) = static(small, "/summary", "text")
+    assert "| neso | truth |" in text
+    assert "**warning** gap\\: speed 2" in text
+    (about,) = static(small, "/about", "text")
+    assert "Rauch, Tung, Striebel" in about
+    assert "| neso.beta1 | 216.0 |" in about
+
+    hostile = Finding("x", "info", "![](http://evil/) <b> | \x1b[2J", "*\u202e")
+    analysed = replace(result(1, 50), findings=(hostile,))
+    rrd.write_result(tmp_path / "a.rrd", analysed, ALGORITHMS)
+    (text,) = static(tmp_path / "a.rrd", "/summary", "text")
+    assert "x\\: \\*\\\\u202e\\: \\!\\[\\]\\(http\\://evil/\\) \\<b\\> \\| \\\\x1b\\[2J" in text
+
+
+def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
+    reader = RrdReader(small)
+    (store,) = reader.blueprints()
+    seen: dict[str, list[Any]] = {}
+    for chunk in reader.stream(store=store):
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if ":" in name:  # a component
+                seen.setdefault(f"{chunk.entity_path} {name}", []).extend(batch[name].to_pylist())
+    # the range that linked charts share: without it they show half a minute
+    assert seen[f"/{parts.GLOBAL_VIEW}/TimeAxis TimeAxis:view_range"] == [
+        [{"start": None, "end": None}]  # infinite
+    ]
+    linked = [v for k, v in seen.items() if k.endswith("TimeAxis:link")]
+    assert len(linked) == 2 * (4 + 2 + 1)  # charts of force, of slip, states
+    titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
+    assert {"Axle 1: speed [km/h]", "Axle 2: adhesion force [N]", "Events"} <= titles
+    assert "Axle 1: estimate minus truth [N]" in titles
+    states = [v for k, v in seen.items() if k.endswith(":play_state")]
+    assert states == [[[1]]]  # paused
+
+
+def test_sparse_result(tmp_path: Path) -> None:
+    """No pressure, no truth, no train speed, no slip, no brake application, one sample."""
+    analysed = result(1, 50)
+    (axle,) = analysed.axles
+    record = replace(axle.record, pressure=None, train_speed=None, truth=None)
+    bare = replace(axle, record=record, scores=(), applications=(), slip=None, estimates={})
+    path = tmp_path / "a.rrd"
+    rrd.write_result(path, replace(analysed, axles=(bare,), findings=()), ALGORITHMS)
+    t, force = column(path, "/axle/1/force/reference", "values")
+    assert t[0] == 0  # counts from the log's start
+    assert len(force) == 52
+    assert not batches(path, "/axle/1/force/truth")
+    rrd.write_result(path, replace(analysed, axles=(), findings=()), ALGORITHMS)
+    empty = replace(axle, slip=np.full(50, np.nan))
+    rrd.write_result(path, replace(analysed, axles=(empty,)), ALGORITHMS)
+
+
+def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
+    monkeypatch.setattr(results, "_OVERVIEW_ROWS", 100)
+    path = tmp_path / "a.rrd"
+    rrd.write_result(path, result(1, 2000), ALGORITHMS)
+    t, full = column(path, "/axle/1/force/estimates", "scalars")
+    few_t, few = column(path, "/overview/axle/1/force/estimates", "scalars")
+    assert len(full) == 2002
+    assert 90 <= len(few) <= 100
+    np.testing.assert_array_equal(np.nanmin(few, axis=0), np.nanmin(full, axis=0))
+    np.testing.assert_array_equal(np.nanmax(few, axis=0), np.nanmax(full, axis=0))
+    assert np.isnan(few).any()  # the gap shows
+    step = -(-2 * len(t) // 100)
+    for k in range(0, len(few), 2):
+        rows = slice(k // 2 * step, k // 2 * step + step)
+        assert few_t[k] == t[rows][0]
+        if np.isfinite(full[rows]).any():
+            np.testing.assert_array_equal(few[k], np.nanmin(full[rows], axis=0))
+            np.testing.assert_array_equal(few[k + 1], np.nanmax(full[rows], axis=0))
+    _, band = column(path, "/overview/axle/1/force/band", "values")
+    assert len(band) == len(few)
+
+
+def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
+    logs = [result(1, 60, name="a.csv"), result(1, 60, start=0, name="b odd/name.mcap")]
+    rrd.write_comparison(tmp_path / "c.rrd", logs, ALGORITHMS)
+    first, _ = column(tmp_path / "c.rrd", "/a/axle/1/speed", "scalars")
+    second, _ = column(tmp_path / "c.rrd", "/name/axle/1/speed", "scalars")
+    np.testing.assert_array_equal(first, second)
+
+
+def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
+    analysed = result(1, 400)
+    (axle,) = analysed.axles
+    n = len(axle.record)
+    slip = np.linspace(0.0, 0.1, n)
+    curved = replace(axle, slip=slip, slope=np.zeros(n), slope_confidence=np.ones(n))
+    stated = {"slip_low": 0.02, "slip_high": 0.06, "slope_low": -0.1, "slope_high": 0.4}
+    made = replace(
+        analysed, axles=(curved,), settings={**analysed.settings, "bands": stated}
+    )  # fmt: skip
+    path = tmp_path / "a.rrd"
+    rrd.write_result(path, made, ALGORITHMS)
+    t, edges = column(path, "/axle/1/slope/band", "scalars")
+    assert edges.tolist() == [[-0.1, 0.4]] * 2
+    assert t.tolist() == [
+        axle.record.t[0] - brake_start(made),
+        axle.record.t[-1] - brake_start(made),
+    ]
+    edges = [line[0][0] for line in static(path, "/axle/1/slip/band", "strips")]
+    assert "green: slip band 2 to 6 %" in static(path, "/axle/1/slip/notes", "labels")
+    _, now = column(path, "/axle/1/slip/now", "positions")
+    x = np.array([point[0] for (point,) in now])
+    known = slip[np.isfinite(axle.reference.force)]
+    ends = np.interp([0.02, 0.06], known, x)
+    np.testing.assert_allclose(edges, ends, atol=0.5)
+    made = replace(made, settings={**made.settings, "bands": {**stated, "slip_high": 0.9}})
+    rrd.write_result(path, made, ALGORITHMS)
+    assert len(static(path, "/axle/1/slip/band", "strips")) == 1  # the other lies outside
+    rrd.write_result(path, replace(analysed, axles=(curved,)), ALGORITHMS)
+    assert not batches(path, "/axle/1/slope/band")
+    assert not batches(path, "/axle/1/slip/band", static=True)
+
+
+def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
+    analysed = result(1, 400)
+    (axle,) = analysed.axles
+    slip = np.linspace(0.0, 0.2, len(axle.record))
+    law, path = condition("low"), tmp_path / "a.rrd"
+    peak = Interval(0.03, 0.02, 0.05)
+    rail = RailFit(law, (), (), {}, 0.05, peak, Interval(0.02, 0.01, 0.03), None, 12.0)
+    made = replace(analysed, axles=(replace(axle, slip=slip),))
+    rrd.write_result(path, made, ALGORITHMS, [("a note", rail)])
+    _, now = column(path, "/axle/1/slip/now", "positions")
+    known = np.isfinite(axle.reference.force)
+    x = np.poly1d(np.polyfit(slip[known], [point[0] for (point,) in now], 1))
+    curve, (left, right) = static(path, "/axle/1/slip/fit/curve", "strips")
+    assert (left[0], right[0]) == pytest.approx((x(0.02), x(0.05)), abs=0.1)
+    ((at, _),) = static(path, "/axle/1/slip/fit/peak", "positions")
+    assert at == pytest.approx(x(0.03), abs=0.1)
+    ruled = static(path, "/axle/1/slip/grid", "strips")
+    y = [line[0][1] for line in ruled if line[0][1] == line[1][1]]
+    marks = [n for n in static(path, "/axle/1/slip/labels", "labels") if "." in n or n == "0"]
+    mu = np.poly1d(np.polyfit(y, [float(n) for n in marks[-len(y) :]], 1))
+    for place, height in curve:
+        s = (place - x(0.0)) / (x(1.0) - x(0.0))
+        force = creep_force(s * 12.0, 12.0, law, PATCH)[0]
+        assert mu(height) == pytest.approx(force / PATCH.load, rel=0.02, abs=1e-3)
+    assert "fit at 12.0 m/s" in static(path, "/axle/1/slip/notes", "labels")[0]
+    assert static(path, "/axle/1/note", "text") == ["a note"]
+
+
+def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:
+    content, path = small.read_bytes(), tmp_path / "a.rrd"
+    path.write_bytes(content)
+    rows = sum(c.num_rows for c in RrdReader(path).stream().filter(is_static=False))
+    parts.verify(path, rows)
+    with pytest.raises(OSError, match="read back"):
+        parts.verify(path, rows + 1)
+    for cut in (0, 100, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:cut])
+        with pytest.raises(OSError, match="read back"):
+            parts.verify(path, rows)
+
+
+@pytest.mark.slow
+def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real viewer, without a window, on a software renderer (mesa-vulkan-drivers)."""
+    drivers = sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))
+    if not drivers:
+        pytest.skip("needs a software Vulkan driver")
+    monkeypatch.setenv("VK_ICD_FILENAMES", str(drivers[0]))
+    monkeypatch.setenv("WGPU_BACKEND", "vulkan")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    from rerun.experimental import ViewerClient
+
+    recording = tmp_path / "a.rrd"
+    rrd.write_result(recording, result(2, 2000), ALGORITHMS)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    executable = str(Path(sys.executable).with_name("rerun"))
+    with ViewerClient.spawn(
+        headless=True, port=port, hide_welcome_screen=True, executable_path=executable
+    ) as viewer:
+        viewer.open([str(recording)])
+        for _ in range(300):
+            state = viewer.get_state()
+            viewer.take_screenshot(max_size=200)  # draws a frame
+            if state.recordings and state.views and not state.loading:
+                break
+            time.sleep(0.2)
+        for _ in range(5):
+            viewer.take_screenshot(max_size=200)
+        state = viewer.get_state()
+    names = sorted(v.name for v in state.views)
+    first, second = ([n for n in names if n.startswith(f"Axle {k}: ")] for k in (1, 2))
+    assert len(first) == 10
+    assert second == [n.replace("Axle 1", "Axle 2") for n in first]
+    rest = set(names) - {*first, *second}
+    assert rest == {"Events", "How this was made", "Scores and findings"}
+    assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
+    (shown,) = state.recordings
+    assert {t.name for t in shown.timelines} == {"time", "clock"}
+
+
+def test_a_new_estimator_shifts_no_colour_it_does_not_collide_with() -> None:
+    five = results._colours(ALGORITHMS)
+    assert len(set(five.values())) == 5
+    assert results._colours(ALGORITHMS[::-1]) == five
+    six = results._colours([*ALGORITHMS, "zeta"])  # last in the alphabet: it gives way
+    assert {a: six[a] for a in ALGORITHMS} == five
+    assert len(set(six.values())) == 6
+    assert len(results._colours([f"a{i}" for i in range(30)])) == 30  # more names than colours

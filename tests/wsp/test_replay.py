@@ -1,0 +1,272 @@
+"""A log's stop run again, against the closed loop on the rail that the log was simulated on."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import static
+from simulated import recordings, simulation, write
+
+from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.cli.app import app
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Parameter, Result
+from adhesion_cli.rail import creep_law, fit, slip
+from adhesion_cli.wsp import closed_loop, replay, scenario, simulate
+from adhesion_cli.wsp.scenario import Command, Rail, Section, Wsp
+
+NAME = "low-adhesion"
+KNOWN = (
+    "vehicle.friction={value=0.3, tolerance=0.003}",
+    "vehicle.efficiency={value=0.97, tolerance=0.0}",
+    "vehicle.axle_mass={value=4797.0, tolerance=10.0}",
+)
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("log") / "low.csv", recordings(NAME))
+
+
+@cache
+def analysed(path: Path) -> Result:
+    return analyze.analyze(path, settings.load, ["kalman"], train_speed=True)
+
+
+@pytest.fixture(autouse=True)
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "_DRAWS", 12)
+
+
+def test_the_stop_is_the_logs(log: Path) -> None:
+    case, true = replay.case(analysed(log)), simulation(NAME)
+    at = int(np.searchsorted(true.t, case.start_s * 1e9))
+    assert case.logged_m == pytest.approx(true.distance[-1] - true.distance[at], abs=1.0)
+    assert case.scenario.train.axles == 4
+    assert case.scenario.train.speed == pytest.approx(true.train_speed[at], abs=0.1)
+    asked = [c.clamping_force for c in case.scenario.brake.command]
+    assert max(asked) == pytest.approx(true.clamping_force[:, 3].max(), rel=0.01)  # it only rolls
+    slid = true.distance[np.argmax(true.slip[:, 0] > 0.01)] - true.distance[at]
+    assert case.track.knots[1] == pytest.approx(slid, abs=3.0)
+    assert np.ptp(case.track.values[2:], axis=(0, 1)).max() == 0.0  # axles 3 and 4 never leave dry
+    assert len(case.draws) == 12
+    assert [f.code for f in case.findings] == ["rail-not-observable"] * 2
+
+
+def test_the_interval_holds_the_stop_on_the_true_rail(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["antiskid", "--from-log", str(log), "--json", "-o", str(tmp_path)]
+    arguments += [x for text in KNOWN for x in ("--set", text)]
+    assert app(arguments, standalone_mode=False) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "adhesion.antiskid/1"
+    assert document["draws"] == 12
+    assert {p.name for p in tmp_path.iterdir()} == {
+        "low.antiskid.rrd", "low.antiskid.sha256",
+        *(f"low.{law}.antiskid.mcap" for law in ("none", "patent", "rule")),
+    }  # fmt: skip
+    (told,) = static(tmp_path / "low.antiskid.rrd", "/verdict", "text")
+    assert all(f["code"] in told for f in document["findings"])
+    beside = document["beside"]
+    assert beside["patent"]["patent_less_this_m"] is None
+    assert beside["none"]["patent_less_this_m"][2] < -20.0  # though their own intervals overlap
+    assert sum(x["shortest"] for x in beside.values()) <= 1.0
+    assert beside["none"]["shortest"] == 0.0
+    s = scenario.load(NAME)
+    for law in ("none", "patent", "rule"):
+        stop = closed_loop.run(s, law)
+        start = np.interp(document["start_s"], stop.t * 1e-9, stop.distance)
+        low, high = document["intervals"][law]["stopping_distance_m"]
+        assert low < stop.distance[-1] - start < high, law
+        assert high < 1.2 * low, law  # and it says something
+        value = document["controllers"][law]["stopping_distance_m"]
+        assert low <= value <= high
+        assert value == pytest.approx(stop.distance[-1] - start, rel=0.02)
+        true = closed_loop.verdict(stop, s, closed_loop.dry_distance(s))
+        found = document["controllers"][law]
+        assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
+        assert found["extension"] == pytest.approx(true.extension, abs=0.02)
+        assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.04)
+
+
+def test_a_train_in_part_is_told(log: Path) -> None:
+    """Axles left out, or a train that slows harder than its axles say, as one with others does."""
+    part = analyze.analyze(log, settings.load, ["kalman"], [1, 2], train_speed=True)
+    (told,) = (f for f in replay.case(part).findings if f.code == "train-in-part")
+    assert "without axle 3, 4" in told.message
+    whole = analysed(log)
+    heavy = replace(whole.vehicle, axle_mass=Parameter(1.5 * 4797.0, 10.0))
+    for result, many in ((whole, 0), (replace(whole, vehicle=heavy), 1)):
+        codes = [f.code for f in replay.case(result).findings]
+        assert codes.count("train-in-part") == many
+
+
+def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:
+    steep = creep_law.Condition(k_a=8.0, k_s=5.0, f0=0.04, A=0.5, B=0.2)
+    track = replay._track([10.0], [steep])
+    assert track.values[0, -1] == pytest.approx([1.0, 1.0, steep.f0, steep.A, steep.B])
+
+
+def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
+    film = write(tmp_path / "film.csv", recordings("leaf-film"))
+    with pytest.raises(UserError, match="no rail to replay under axle 1: slides too short") as told:
+        replay.case(analysed(film))
+    assert "--from" in told.value.hint
+    blind = write(tmp_path / "blind.csv", recordings(NAME, train=False))
+    with pytest.raises(UserError, match="no rail to replay under axle 1: the train speed") as told:
+        replay.case(analysed(blind))
+    assert "train speed" in told.value.hint  # no other slides would help
+    service = write(tmp_path / "service.csv", recordings("service-brake", train=True))
+    with pytest.raises(UserError, match="no axle slides"):
+        replay.case(analysed(service))
+
+
+def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> None:
+    result = analysed(log)
+    two = Result(result.log, result.vehicle, result.axles[:2], result.findings, result.settings)
+    case = replay.case(two)
+    assert [f.severity for f in case.findings if f.code == "demand-guessed"] == ["warning"]
+    assert not case.demanded  # they slide while the brake fills
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    first = min(x.start for a in two.axles for x in slip.slides(a))
+    begin = case.start_s * 1e9 + result.log.start_ns()
+    after = asked[int((first - begin) * 1e-9 / replay._EVERY) + 1 :]
+    assert (np.diff(after) >= 0.0).all()
+    assert after[-1] == pytest.approx(simulation(NAME).clamping_force[:, 0].max(), rel=0.02)
+
+
+def test_a_demand_that_nobody_saw_is_none() -> None:
+    """Both axles slide while the brake still fills; one alone slides when it had stood."""
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    K = np.minimum(np.arange(100.0), 40.0) * 500.0
+    limited = np.where(np.arange(100) < 20, K, 7000.0)
+    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), np.array([limited, limited]), t >= t[15])
+    asked, known, told = replay._demand(stop, [int(t[15]), int(t[20])])
+    assert [(f.code, f.severity) for f in told] == [("demand-guessed", "warning")]
+    assert known.tolist() == [True] * 20 + [False] * 80
+    assert (asked <= K).all()
+    assert (np.diff(asked) >= 0.0).all()
+    stop = stop._replace(K=np.array([limited, np.where(np.arange(100) < 60, K, 9000.0)]))
+    asked, known, told = replay._demand(stop, [int(t[15]), int(t[60])])
+    assert [(f.code, f.severity) for f in told] == [("demand-guessed", "info")]
+    assert known.all()
+    assert asked == pytest.approx(K)
+
+
+def braked(
+    path: Path, axles: int, duration: float, wsp: Wsp, *commands: Command, low: Rail | None = None
+) -> tuple[replay.Case, simulate.Simulation]:
+    """The replay of a log in which every axle slides, and which may end before the stop does."""
+    s = simulate.load(NAME)
+    cleaning = tuple(1.0 + 0.1 * i for i in range(axles))
+    train = replace(s.train, axles=axles, positions=(), cleaning=cleaning)
+    train = replace(train, speed=12.0) if low else train
+    brake = replace(s.brake, command=commands)
+    s = replace(s, duration=duration, train=train, brake=brake, wsp=wsp, rail=low or s.rail)
+    true = simulate.run(s)
+    log = write(path / "log.csv", simulate.log(true))
+    return replay.case(analyze.analyze(log, settings.load, ["kalman"], train_speed=True)), true
+
+
+FULL = Command(2.0, pressure=6.5e5, ramp=1.5)
+
+
+def test_a_vent_of_every_axle_is_no_release(tmp_path: Path) -> None:
+    """It vents all there is for 0.4 s, and leaves the brake alone below 1 m/s."""
+    case, true = braked(tmp_path, 1, 60.0, Wsp(period=0.4, vent_time=0.1), FULL)
+    at = int(np.searchsorted(true.t, case.start_s * 1e9))
+    assert (true.clamping_force[at + 3000 : -20000, 0] < 100.0).any()
+    assert case.logged_m == pytest.approx(true.distance[-1] - true.distance[at], abs=1.0)
+    assert "stop-extended" not in {f.code for f in case.findings}
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    assert (np.diff(asked[10:]) >= 0.0).all()  # as the largest so far
+    assert asked[30] == pytest.approx(13.8e3, rel=0.02)
+
+
+def test_a_release_is_one(tmp_path: Path) -> None:
+    """By hand at 14 s from 15.1 m/s, while the axles slide; the log goes on."""
+    case, _ = braked(tmp_path, 2, 36.0, Wsp(), FULL, Command(14.0, pressure=0.0))
+    assert case.logged_m is None
+    (told,) = (f for f in case.findings if f.code == "stop-extended")
+    v = float(told.message.split(" m/s")[0].split()[-1])
+    assert v == pytest.approx(15.0, abs=0.7)
+    asked = np.array([c.clamping_force for c in case.scenario.brake.command])
+    assert len(asked) * replay._EVERY == pytest.approx(14.0 - case.start_s, abs=1.0)
+    assert asked[-1] == asked.max()
+
+
+def test_a_demand_that_every_axle_shows_again_is_known() -> None:
+    """Reduced while all slide: the forces stand at one level, as nothing but the demand makes."""
+    t = np.arange(300, dtype=np.int64) * round(1e9 * replay._EVERY)
+    random = np.random.default_rng(1)
+    K = np.where(t < 10**10, 12e3, 5e3) + random.normal(0.0, 20.0, (2, 300))
+    K[0, 30:150] = K[1, 32:150] = 4e3
+    K[1, 40:45] = 0.0  # one vents, the other does not
+    stop = replay._Braking(t, np.linspace(20.0, 10.0, 300), K, (t >= t[30]) & (t < t[150]))
+    asked, known, told = replay._demand(stop, [int(t[30]), int(t[32])])
+    assert (told[0].code, told[0].severity) == ("demand-guessed", "warning")
+    assert known[:32].all()
+    assert not known[32:45].any()
+    assert known[160:].all()
+    assert asked[160:] == pytest.approx(5e3, rel=0.03)
+    assert asked[40] == pytest.approx(12e3, rel=0.02)
+
+
+def test_a_demand_larger_than_it_stood_is_not_known() -> None:
+    t = np.arange(100, dtype=np.int64) * round(1e9 * replay._EVERY)
+    K = np.where(np.arange(100) < 30, 6e3, 2e3)
+    K[60:65] = 8e3  # refilled to more than it stood at
+    stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), K[None], t >= t[30])
+    asked, known, _ = replay._demand(stop, [int(t[30])])
+    assert known[:30].all()
+    assert not known[30:].any()
+    assert asked[[40, 80]] == pytest.approx([6e3, 8e3])
+
+
+def test_draws_of_an_unknown_demand_reach_what_locks_a_wheel(tmp_path: Path) -> None:
+    """Though the log shows it in the end, when slide protection leaves the brake alone."""
+    low = Rail((Section(0.0, "very-low"),))
+    case, _ = braked(tmp_path, 1, 60.0, Wsp(slowest=3.0), FULL, low=low)
+    asked = np.array([[c.clamping_force for c in s.brake.command] for s, _ in case.draws])
+    assert not case.demanded
+    best = np.array([c.clamping_force for c in case.scenario.brake.command])
+    middle, last = len(best) // 2, len(best) - 1
+    assert best[last] > 1.1 * best[middle]
+    assert asked[:, middle].min() == pytest.approx(best[middle])
+    assert asked[:, middle].max() > 1.1 * best[middle]
+
+
+@pytest.mark.slow
+def test_a_guessed_demand_is_in_every_interval(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All axles are at the limit from the first moment, and slide past it 640 m later."""
+    monkeypatch.setattr(fit, "_DRAWS", 40)
+    there = ["-o", str(tmp_path), "--json"]
+    assert app(["antiskid", "slippery-stop", "--seed", "1", *there], standalone_mode=False) == 0
+    true = json.loads(capsys.readouterr().out)["controllers"]
+    log = str(tmp_path / "slippery-stop.patent.antiskid.mcap")
+    assert app(["antiskid", "--from-log", log, *there], standalone_mode=False) == 3
+    document = json.loads(capsys.readouterr().out)
+    assert "demand-guessed" in {f["code"] for f in document["findings"]}
+    assert document["dry_distance_m"] is None
+    for law, values in document["controllers"].items():
+        assert values["extension"] is None
+        for name in values.keys() - {"extension"}:
+            low, high = document["intervals"][law][name]
+            assert 0.98 * low <= true[law][name] <= 1.02 * high, (law, name)  # 24 of 95 % each
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[], ["slippery-stop", "--from-log", "a.csv"], ["slippery-stop", "--axle", "1"],
+     ["--from-log", "a.csv", "--rails"]],
+)  # fmt: skip
+def test_a_stop_has_one_source(arguments: list[str]) -> None:
+    with pytest.raises(UserError) as told:
+        app(["antiskid", *arguments], standalone_mode=False)
+    assert told.value.code == 2
