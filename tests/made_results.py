@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli.core import physics
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import (
     AxleRecord,
     AxleResult,
     Channel,
     Column,
-    Finding,
     Log,
     Reference,
     Result,

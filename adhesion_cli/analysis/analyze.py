@@ -10,18 +10,8 @@ from ..channels.log import open_source, read
 from ..core import compiled, estimator, physics, signals
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.model import (  # fmt: skip
-    Z95,
-    AxleRecord,
-    AxleResult,
-    Bools,
-    Finding,
-    Reference,
-    Result,
-    Severity,
-    Vehicle,
-    quantities,
-)
+from ..core.finding import Finding, Severity
+from ..core.model import Z95, AxleRecord, AxleResult, Bools, Reference, Result, Vehicle, quantities
 from ..diagnostics import plausible
 from ..evaluation import metrics
 from ..rail import slip

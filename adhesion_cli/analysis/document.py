@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..core.model import Channel, Finding, Floats, Log, Result
+from ..core.finding import Finding
+from ..core.model import Channel, Floats, Log, Result
 from ..core.text import utf8
 
 if TYPE_CHECKING:
@@ -281,7 +282,14 @@ def channel_document(channel: Channel) -> dict[str, Any]:
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """Findings as the JSON names them."""
-    return [asdict(f) for f in findings]
+    return [
+        {
+            "code": f.code, "severity": f.severity, "channel": f.channel, "count": f.count,
+            "first_s": f.first_s, "spans": f.spans, "values": dict(f.values),
+            "names": dict(f.names), "message": f.message, "hint": f.hint,
+        }
+        for f in findings
+    ]  # fmt: skip
 
 
 def rows_used(result: Result) -> int:

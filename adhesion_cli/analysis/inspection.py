@@ -9,7 +9,8 @@ from typing import Any
 from ..channels.log import needed, open_source, survey, without_empty
 from ..channels.meaning import name
 from ..core.errors import UserError, as_told
-from ..core.model import Finding, Log, Severity
+from ..core.finding import Finding, Severity
+from ..core.model import Log
 from ..diagnostics import plausible
 from ..formats.source import Source
 from .document import channel_document, findings_document, iso

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..core import time_axis, units
 from ..core.errors import UserError
-from ..core.model import MADE, Channel, Column, Finding, Floats, Log, Meaning, Vehicle
+from ..core.finding import Finding
+from ..core.model import MADE, Channel, Column, Floats, Log, Meaning, Vehicle
 from ..formats.source import ReadOptions, Source
 from .meaning import Mapping, Meant, first_name, name, title, understood
 
@@ -251,8 +252,8 @@ def _once(told: Sequence[tuple[int, Finding]]) -> list[Finding]:
         if len(names) == 1:
             findings.append(replace(f, channel=names[0]))
             continue
-        text = f"{len(names)} channels of one clock: {f.message}"
-        findings.append(replace(f, channel=", ".join(names), message=text))
+        text = f.text and f"{len(names)} channels of one clock: {f.text}"
+        findings.append(replace(f, channel=", ".join(names), text=text))
     return findings
 
 

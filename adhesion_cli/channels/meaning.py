@@ -12,7 +12,8 @@ from functools import lru_cache
 
 from ..core import units
 from ..core.errors import UserError, unknown
-from ..core.model import Finding, Meaning
+from ..core.finding import Finding
+from ..core.model import Meaning
 from ..formats.source import Field
 
 

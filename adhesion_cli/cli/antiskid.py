@@ -23,7 +23,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..core.model import Finding
+    from ..core.finding import Finding
     from ..core.stop import Stop
     from ..wsp.scenario import Scenario
     from ..wsp.sweep import Beside, Row

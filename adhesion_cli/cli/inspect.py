@@ -40,7 +40,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 def _text(doc: dict[str, Any]) -> str:
-    from ..core.model import Finding
+    from ..core.finding import Finding
     from ..core.text import printable
     from . import terminal
 
@@ -56,7 +56,7 @@ def _text(doc: dict[str, Any]) -> str:
         if value not in ("", None)
     ]
     lines += _channels(doc["channels"])
-    found = [Finding(**f) for f in doc["findings"]]
+    found = [Finding.of_document(f) for f in doc["findings"]]
     return "\n".join([*lines, terminal.findings(found)] if found else lines)
 
 

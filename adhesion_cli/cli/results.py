@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from .options import Shared, checked, inputs, pictures, places, targets
 
 if TYPE_CHECKING:
-    from ..core.model import Finding, Result
+    from ..core.finding import Finding
+    from ..core.model import Result
     from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..core.model import Finding, Result, Score
+from ..core.finding import Finding
+from ..core.model import Result, Score
 from ..core.text import printable
 
 _NAMES = 200  # characters of the channels of a finding; all of them are in --json

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import UserError
+from .finding import Finding
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -27,22 +28,6 @@ RECOVERED = "adhesion.recovered"  # metadata of what is made of a damaged file: 
 Meaning = Literal[
     "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
 ]  # fmt: skip
-Severity = Literal["info", "warning", "error"]
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing about the data that the user must be able to know.
-
-    `warning` and `error` mean that data was dropped, repaired or refused: they set exit code 3.
-    """
-
-    code: str  # stable, kebab-case: "gap", "time-backward", "speed-frozen"
-    severity: Severity
-    message: str
-    channel: str = ""
-    count: int = 1
-    first_s: float | None = None  # seconds after the log's start
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .model import Bools, Channel, Column, Finding, Floats, Times
+from .finding import Finding
+from .model import Bools, Channel, Column, Floats, Times
 
 WRAPS_NS = {
     "32-bit millisecond counter": 2**32 * 10**6,

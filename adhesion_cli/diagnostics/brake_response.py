@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.model import Bools, Finding, Floats
+from ..core.finding import Finding
+from ..core.model import Bools, Floats
 from ..core.physics import braked, wheelset
 from ..core.signals import true_runs
 from ..dynamics import longitudinal

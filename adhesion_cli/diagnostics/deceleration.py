@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Z95, Bools, Finding, Floats, Severity
+from ..core.finding import Finding, Severity
+from ..core.model import Z95, Bools, Floats
 from ..core.physics import GRADIENT, LOCKING, G, clamping_force
 from ..core.units import listed, others
 from ..dynamics import longitudinal

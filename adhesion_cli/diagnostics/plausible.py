@@ -5,7 +5,8 @@ Nothing is changed here: every finding names what to state so that the log is un
 
 from collections.abc import Callable, Iterator, Sequence
 
-from ..core.model import AxleRecord, Finding, Log, Vehicle
+from ..core.finding import Finding
+from ..core.model import AxleRecord, Log, Vehicle
 from ..dynamics.train_grid import Scene
 from ..records import axle_records
 from . import brake_response, deceleration, pressures, wheels

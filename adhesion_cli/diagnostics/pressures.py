@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Bools, Finding, Floats, Severity
+from ..core.finding import Finding, Severity
+from ..core.model import Bools, Floats
 from ..core.physics import clamping_force, force_line
 from ..core.signals import finite_median, true_runs
 from ..core.units import listed, others

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import Bools, Channel, Finding, Floats, Vehicle
+from ..core.finding import Finding
+from ..core.model import Bools, Channel, Floats, Vehicle
 from ..core.signals import true_runs
 from ..core.units import UNITS, listed, others
 from ..dynamics.train_grid import CRAWL, LEAST, Grid, Scene, far, lasting

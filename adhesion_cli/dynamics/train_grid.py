@@ -7,15 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.model import (  # fmt: skip
+from ..core.finding import Finding, Severity
+from ..core.model import (
     Z95,
     AxleRecord,
     Bools,
     Channel,
-    Finding,
     Floats,
     Parameter,
-    Severity,
     Times,
     Vehicle,
     Wheelset,

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from ..core.model import Column, Finding, Reject
+from ..core.finding import Finding
+from ..core.model import Column, Reject
 
 TimeSource = Literal["log", "publish", "header"]  # the clocks of an MCAP message
 

@@ -18,18 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled, physics, signals
-from ..core.model import (  # fmt: skip
-    Z95,
-    AxleRecord,
-    AxleResult,
-    Finding,
-    Floats,
-    Parameter,
-    Regions,
-    Severity,
-    Times,
-    Vehicle,
-)
+from ..core.finding import Finding, Severity
+from ..core.model import Z95, AxleRecord, AxleResult, Floats, Parameter, Regions, Times, Vehicle
 from ..core.physics import reference_speed
 from . import events, fit
 from .events import CAUGHT, Slide

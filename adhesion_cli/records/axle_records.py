@@ -9,18 +9,17 @@ import numpy as np
 
 from ..core import time_axis, units
 from ..core.errors import UserError
-from ..core.model import (  # fmt: skip
+from ..core.finding import Finding, Severity
+from ..core.model import (
     Z95,
     AxleRecord,
     Bools,
     Channel,
     Column,
-    Finding,
     Floats,
     Log,
     Meaning,
     Parameter,
-    Severity,
     Times,
     Vehicle,
 )

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from ..core import physics
 from ..core.controller import registry
 from ..core.errors import UserError
-from ..core.model import Bools, Finding, Floats, Result, Times, Vehicle
+from ..core.finding import Finding
+from ..core.model import Bools, Floats, Result, Times, Vehicle
 from ..core.signals import true_runs
 from ..core.stop import JUDGED_FROM, Stop, Verdict
 from ..core.text import printable

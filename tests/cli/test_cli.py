@@ -18,7 +18,6 @@ from adhesion_cli.channels.log import open_source
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.model import Log, Vehicle
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.records import axle_records
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_logs"
@@ -377,14 +376,14 @@ def test_a_fault_of_ours_in_one_log_stops_no_other_s_inspection(
     logs = [str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv")]
     for log in logs:
         Path(log).write_text(rows(400))
-    real = axle_records.records
+    real = plausible.records
 
     def fails(log: Log, vehicle: Vehicle) -> Any:
         if log.path == logs[1]:
             raise ValueError("math domain error")
         return real(log, vehicle)
 
-    monkeypatch.setattr(axle_records, "records", fails)
+    monkeypatch.setattr(plausible, "records", fails)
     assert app(["inspect", *logs, "--json", "--debug"], standalone_mode=False) == 1
     out, err = capsys.readouterr()
     first, second, third = json.loads(out)["logs"]

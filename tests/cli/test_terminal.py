@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.cli.terminal import findings, table
-from adhesion_cli.core.model import Finding
+from adhesion_cli.core.finding import Finding
 
 text = st.lists(st.text("abc_[]", min_size=1, max_size=30), max_size=6).map(" ".join)
 figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")

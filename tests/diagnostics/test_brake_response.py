@@ -9,7 +9,8 @@ import pytest
 import simulated
 
 from adhesion_cli.analysis import settings
-from adhesion_cli.core.model import Finding, Floats
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Floats
 from adhesion_cli.core.physics import (
     G,
     braked,

@@ -16,13 +16,14 @@ from simulated import Recordings
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.log import open_source, read
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Channel, Column, Finding, Result, Severity
+from adhesion_cli.core.finding import Finding, Severity
+from adhesion_cli.core.model import Channel, Column, Result
 from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import plausible
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Grid, Scene
-from adhesion_cli.records import axle_records, screen
+from adhesion_cli.records import screen
 from adhesion_cli.wsp import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -99,7 +100,7 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
 @pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
 def test_the_sample_logs_are_not_accused(path: Path) -> None:
     log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    assert not axle_records.records(log, DEFAULT.vehicle)[1]
+    assert not plausible.records(log, DEFAULT.vehicle)[1]
 
 
 # --- faults -------------------------------------------------------------------------------------
@@ -243,7 +244,7 @@ def told_of(log: Recordings, folder: Path) -> set[str]:
     path = simulated.write(folder / "log.csv", log)
     try:
         one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        return warned([*one.findings, *axle_records.records(one, DEFAULT.vehicle)[1]])
+        return warned([*one.findings, *plausible.records(one, DEFAULT.vehicle)[1]])
     except UserError:
         return {"refused"}
 
@@ -358,7 +359,7 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
     path.write_text("\n".join([head, *rows]) + "\n")
     one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    told = [f for f in axle_records.records(one, DEFAULT.vehicle)[1] if f.code == "speed-suspect"]
+    told = [f for f in plausible.records(one, DEFAULT.vehicle)[1] if f.code == "speed-suspect"]
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all("than at other times" in f.message and f.severity == "warning" for f in told)
 
@@ -418,7 +419,7 @@ def test_pressures_that_err_while_every_wheel_slides_are_told_by_the_forces(
             tmp_path, rate, seed, lambda t: plus * np.clip(4.0 - np.abs(t - 22.0) / 2.0, 0.0, 1.0)
         )
         one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        told = [f for f in axle_records.records(one, DEFAULT.vehicle)[1] if f.severity == "warning"]
+        told = [f for f in plausible.records(one, DEFAULT.vehicle)[1] if f.severity == "warning"]
         if way:
             assert "pressure-suspect" in {f.code for f in told if f"{way} than the" in f.message}
         else:
@@ -489,7 +490,7 @@ def test_the_friction_that_would_fit_is_told(
     path = tmp_path / "log.csv"
     path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
     one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
-    told = [f for f in axle_records.records(one, stated.vehicle)[1] if f.code in CODES]
+    told = [f for f in plausible.records(one, stated.vehicle)[1] if f.code in CODES]
     assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
         friction != 0.3
     )

@@ -11,7 +11,7 @@ import simulated
 from simulated import Recordings
 
 from adhesion_cli.analysis import settings
-from adhesion_cli.core.model import Finding
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.wsp.simulate import Recording
 
 DEFAULT = settings.load()

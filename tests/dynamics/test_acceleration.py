@@ -9,7 +9,8 @@ from simulated import Recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.log import open_source, read
-from adhesion_cli.core.model import AxleRecord, Finding
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import AxleRecord
 from adhesion_cli.core.physics import G
 from adhesion_cli.diagnostics import plausible
 from adhesion_cli.rail import slip

@@ -5,7 +5,8 @@ import pytest
 
 from adhesion_cli.core import time_axis
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import AxleRecord, Channel, Column, Finding, Log, Meaning, Vehicle
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import AxleRecord, Channel, Column, Log, Meaning, Vehicle
 from adhesion_cli.core.physics import clamping_force, rolling_deceleration, wheelset
 from adhesion_cli.diagnostics import plausible
 

@@ -21,8 +21,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel as LogChannel
-from adhesion_cli.core.model import Column, Finding, Floats, Log, Times
+from adhesion_cli.core.model import Column, Floats, Log, Times
 from adhesion_cli.results import descriptors, mcap, mcap_container, names
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"

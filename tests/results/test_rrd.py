@@ -14,7 +14,8 @@ from made_results import EPOCH, result
 from recordings import batches, column, static
 from rerun.chunk import RrdReader
 
-from adhesion_cli.core.model import Finding, Floats, Result, Vehicle
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Floats, Result, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit

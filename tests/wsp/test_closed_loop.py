@@ -25,8 +25,8 @@ from adhesion_cli.core.controller import APPLY, HOLD, VENT, Observed, registry
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.stop import LOCKED, Stop, Verdict
+from adhesion_cli.diagnostics import plausible
 from adhesion_cli.rail import creep_law, slip, slope
-from adhesion_cli.records import axle_records
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (
     closed_loop,
@@ -849,7 +849,7 @@ def test_a_late_receiver_of_1_hz_shows_by_the_forces(tmp_path: Path, seed: int) 
     log.write_text("\n".join(lines) + "\n")
     stated = partial(settings.load, folder=False)(None, [])
     one = read(open_source(log, stated.read), (), vehicle)
-    records, findings = axle_records.records(one, vehicle)
+    records, findings = plausible.records(one, vehicle)
     assert "train-clock-offset" in {f.code for f in findings}
     for record in records:
         assert record.train_speed_late is not None

@@ -18,7 +18,8 @@ import pyarrow as pa
 
 from ...core import units
 from ...core.errors import UserError
-from ...core.model import Bools, Finding, Times
+from ...core.finding import Finding
+from ...core.model import Bools, Times
 from ..source import ReadOptions
 from . import arrow as pc
 from .dialect import INFINITE, NULLS, Dialect, is_null, number_grammar

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import UserError
-from ...core.model import Finding, Floats, Times
+from ...core.finding import Finding
+from ...core.model import Floats, Times
 from ..source import ReadOptions
 from .clock import column_index, toml
 from .dialect import Dialect, is_null

@@ -15,7 +15,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...core.errors import UserError
-from ...core.model import Column, Finding, Reject, Severity, Times
+from ...core.finding import Finding, Severity
+from ...core.model import Column, Reject, Times
 from ...core.time_axis import earliest, unwrapped
 from ...core.units import in_name
 from ...core.units import unit as known_unit

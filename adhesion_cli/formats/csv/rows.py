@@ -19,7 +19,8 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from ...core.errors import UserError
-from ...core.model import Bools, Floats, Severity, Times
+from ...core.finding import Severity
+from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
 from . import arrow as pc
 from .clock import Clock, checked_floats, is_missing

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ...core.errors import UserError
-from ...core.model import RECOVERED, Column, Finding, Floats, Reject, Severity, Times
+from ...core.finding import Finding, Severity
+from ...core.model import RECOVERED, Column, Floats, Reject, Times
 from ..source import Field, ReadOptions
 from .fields import (
     MOST_LEAVES,

@@ -14,7 +14,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ...core import physics, signals
-from ...core.model import AxleResult, Bools, Finding, Floats, Result, Score, Times
+from ...core.finding import Finding
+from ...core.model import AxleResult, Bools, Floats, Result, Score, Times
 from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit

@@ -44,7 +44,7 @@ from mcap_logs import (
 
 from adhesion_cli.channels.log import unchanged
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Finding
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.results import mcap_container

@@ -1,0 +1,109 @@
+"""A finding: one thing about the data that the user must be able to know.
+
+A finding is data: a code, where it is, and the numbers that belong to it. Its words stand once, in
+the catalogue `findings.toml`; terminal, JSON, `adhesion explain` and the docs all read them there.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+Severity = Literal["info", "warning", "error"]
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """What the catalogue says of a code."""
+
+    code: str
+    section: str  # where the documentation lists it
+    title: str
+    message: str  # template of one line; its fields are the finding's values and names
+    cause: str
+    effect: str  # on the result
+    remedy: str  # a template, too
+    limits: str = ""  # what the check cannot see
+    old: tuple[str, ...] = ()  # codes it had before
+
+
+@cache
+def catalogue() -> dict[str, Words]:
+    """Every code with its words, in the order of the file."""
+    text = Path(__file__).with_name("findings.toml").read_text("utf-8")
+    return {
+        code: Words(code, **{**entry, "old": tuple(entry.get("old", ()))})
+        for code, entry in tomllib.loads(text).items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing about the data that the user must be able to know.
+
+    `warning` and `error` mean that data was dropped, repaired or refused, or that a result cannot
+    be trusted: they set exit code 3.
+    """
+
+    code: str  # stable, kebab-case, an entry of the catalogue
+    severity: Severity
+    text: str = ""  # a message of its own, while its code has no entry in the catalogue
+    channel: str = ""
+    count: int = 1
+    started: float | None = None  # seconds after the log's start, where there are no spans
+    spans: tuple[Span, ...] = ()  # from and to, seconds after the log's start
+    values: Mapping[str, float] = field(default_factory=dict)  # the name ends with the unit
+    names: Mapping[str, str] = field(default_factory=dict)  # texts: a column, a unit
+
+    @classmethod
+    def of_document(cls, f: Mapping[str, Any]) -> "Finding":
+        """A finding as `--json` states it, with its message as it stands there."""
+        own = {k: f[k] for k in ("code", "severity", "channel", "count", "values", "names")}
+        spans = tuple((a, b) for a, b in f["spans"])
+        return cls(text=f["message"], started=f["first_s"], spans=spans, **own)
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.severity, self.text, self.channel, self.count, self.spans))
+
+    @property
+    def first_s(self) -> float | None:
+        """Seconds after the log's start; None where it has no time."""
+        return self.spans[0][0] if self.spans else self.started
+
+    @property
+    def message(self) -> str:
+        """One line that says what is wrong."""
+        if self.text:
+            return self.text
+        return catalogue()[self.code].message.format(**self.values, **self.names)
+
+    @property
+    def hint(self) -> str | None:
+        """What to do, None where nothing need be done."""
+        words = None if self.text else catalogue()[self.code]
+        return (words.remedy.format(**self.values, **self.names) or None) if words else None
+
+
+def merged(spans: Sequence[Span], most: int = 20) -> tuple[Span, ...]:
+    """The spans in the order of time, those with the least between them joined to at most `most`.
+
+    Args:
+        spans: from and to [s], in any order.
+        most: how many may be left.
+    """
+    found: list[Span] = []
+    for begin, end in sorted(spans):
+        if found and begin <= found[-1][1]:
+            found[-1] = found[-1][0], max(found[-1][1], end)
+        else:
+            found.append((begin, end))
+    if len(found) <= most:
+        return tuple(found)
+    gaps = [(b[0] - a[1], i) for i, (a, b) in enumerate(pairwise(found), 1)]
+    kept = sorted(i for _, i in sorted(gaps, reverse=True)[: most - 1])
+    edges = [0, *kept, len(found)]
+    return tuple((found[i][0], found[j - 1][1]) for i, j in pairwise(edges))
