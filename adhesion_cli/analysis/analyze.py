@@ -51,7 +51,7 @@ def checked(settings: Settings) -> Settings:
     return settings
 
 
-def analyze(
+def analyze(  # noqa: PLR0913
     path: Path,
     load: Callable[..., Settings],
     algos: Sequence[str] = (),

@@ -355,7 +355,7 @@ def _from_vacuum(pressure: Floats) -> bool:
     return 0.85e5 < low < 1.1e5 and top > 2.0 * low
 
 
-def _rate(
+def _rate(  # noqa: PLR0913
     data: Column,
     starts: tuple[int, ...],
     gap_ns: int,

@@ -177,7 +177,7 @@ def _speaks_of(kind: str, word: str) -> str:
 
 
 @lru_cache(1 << 15)  # `inspect` asks twice
-def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:
+def _guess(field: Field) -> tuple[Meaning | None, int | None, str, str]:  # noqa: C901, PLR0912, PLR0915
     """Meaning, axle, unit and reason: a message of ours says by its type, others by their names."""
     if ours := _of_ours(field):
         return ours

@@ -35,7 +35,7 @@ _OF_FILES = {name: "--" + name for name in ("out", "force", "view")}
 
 
 @shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json", "figure")
-def command(
+def command(  # noqa: PLR0913, PLR0915
     shared: Shared,
     scenario: Annotated[
         str | None,
@@ -236,7 +236,7 @@ def _paths(shared: Shared, name: str) -> list[Path]:
     return [(shared.out or Path()) / n for n in names]
 
 
-def _write(
+def _write(  # noqa: PLR0913
     paths: Sequence[Path], shared: Shared, source: Path, case: "Scenario",
     stops: "Sequence[tuple[Stop, dict[str, Any]]]", settings: "Stated",
     document: dict[str, Any], text: str, findings: "Sequence[Finding]" = (),

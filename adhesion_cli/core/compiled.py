@@ -79,7 +79,7 @@ def call(params, constants, t_all, K_all, y_all, starts, F_all):
 """
 
 
-def batch(
+def batch(  # noqa: PLR0913
     est: Estimator,
     p: Any,
     w: Wheelset,

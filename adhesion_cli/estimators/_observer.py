@@ -3,7 +3,7 @@
 import math
 
 
-def advance(
+def advance(  # noqa: PLR0913
     e: float,
     d: float,
     b1: float,

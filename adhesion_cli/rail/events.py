@@ -42,7 +42,7 @@ class Slide(NamedTuple):
         )
 
 
-def slides(
+def slides(  # noqa: PLR0913
     segment: slice, t: Times, v: Floats, s: Floats, clear: Floats, F: Floats, at_least: bool,
     noise: Floats | None = None,
 ) -> Iterator[Slide]:  # fmt: skip

@@ -172,7 +172,7 @@ def _adhesion(slip: float, speed: float, x: Floats, patch: Patch, bend: Bend) ->
     return math.exp(g) * force / patch.load
 
 
-def _course(
+def _course(  # noqa: PLR0913
     p: Points, patch: Patch, bend: Bend, radius: float, x: Floats, aside: float, mean: Floats,
     variance: Floats,
 ) -> None:  # fmt: skip
@@ -336,7 +336,7 @@ def fit(
     )
 
 
-def _utilisation(
+def _utilisation(  # noqa: PLR0913
     p: Points, h: Floats, draws: Floats, scales: Floats, radius: float, speeds: Floats,
     could: Floats,
 ) -> Floats:  # fmt: skip

@@ -187,7 +187,7 @@ def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
 # Slope and region
 
 
-def _march(
+def _march(  # noqa: PLR0913
     p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slip_noise: Floats,
     mu_noise: Floats, slope: Floats, sure: Floats, code: Regions,
 ) -> None:  # fmt: skip

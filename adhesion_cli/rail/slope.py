@@ -162,7 +162,7 @@ def init(p: Params, slip: float, mu: float) -> State:
     return State(slip, mu, z, z, z, z, z, z, z, z, z, z, z, z, math.nan)
 
 
-def step(
+def step(  # noqa: PLR0913
     p: Params, s: State, h: float, slip: float, mu: float, slip_noise: float, mu_noise: float
 ) -> State:
     """State one sample later; a sample without slip or μ (standstill) makes the next one a start.

@@ -374,7 +374,7 @@ def _aligned(
     return _Aligned(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def _record(
+def _record(  # noqa: PLR0913
     log: Log, vehicle: Vehicle, axle: int, window: Window,
     speed: Channel, brake: Channel, train: Channel | None,
     true: tuple[Channel | None, Channel | None], others: Sequence[Channel], limit: float,

@@ -66,7 +66,7 @@ class Smooth(NamedTuple):
     rate_sigma: Floats
 
 
-def fit(
+def fit(  # noqa: PLR0913
     runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float],
     slack: Sequence[float] = (0.5, 0.5), near: Noise | None = None,
 ) -> tuple[Noise, float]:  # fmt: skip
@@ -202,7 +202,7 @@ def _switching(leave: Floats, h: float, T: Floats) -> None:
             T[i, j] = stay if i == j else leave[i, j] / out * (1.0 - stay)
 
 
-def _predict(
+def _predict(  # noqa: PLR0913
     m0: float, m1: float, P00: float, P01: float, P11: float,
     h: float, gain: float, ds: float, c: float, q: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
@@ -216,7 +216,7 @@ def _predict(
     )
 
 
-def _filter(
+def _filter(  # noqa: PLR0913
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats,
     y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats,
@@ -292,7 +292,7 @@ def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:
     into[j, 3], into[j, 4], into[j, 5] = P01, P11, p
 
 
-def _backward(
+def _backward(  # noqa: PLR0913
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats, kept: Floats, out: Floats,
 ) -> None:  # fmt: skip
@@ -359,7 +359,7 @@ def _backward(
             out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
 
 
-def _gained(
+def _gained(  # noqa: PLR0913
     D00: float, D01: float, D11: float, P00: float, P01: float, P11: float, det: float
 ) -> tuple[float, float, float]:
     """What later samples change of the covariance P (its determinant `det`): D without growth.

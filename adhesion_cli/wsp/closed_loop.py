@@ -209,7 +209,7 @@ def _march(
     return len(trace.demand)
 
 
-def _given(
+def _given(  # noqa: PLR0913
     plant: Plant, track: Track, h: float, v: Floats, x: Floats, w: Floats,
     force: Floats, peak: Floats, peak_slip: Floats,
 ) -> None:  # fmt: skip

@@ -299,7 +299,7 @@ def _jump(plant: Plant, wheels: Wheels, demanded: float) -> None:
         wheels.p[i] = p
 
 
-def _step(
+def _step(  # noqa: PLR0913
     plant: Plant, track: Track, s: Wheels, demand: float, rise: float,
     t: float, h: float, v: float, x: float,
 ) -> float:  # fmt: skip

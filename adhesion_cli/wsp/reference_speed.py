@@ -66,7 +66,7 @@ def further(before: Known, rolls: bool, fastest: float, slowing: float, h: float
     return Known(v, before.doubt + _SHARE * slowing * h, before.pilot)
 
 
-def watched(
+def watched(  # noqa: PLR0913
     w: Wheelset, before: Witness, v: float, slowing: float, rim: float, K: float, F: float,
     valve: int, h: float,
 ) -> Witness:  # fmt: skip

@@ -290,7 +290,7 @@ def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
     return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
 
 
-def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:
+def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:  # noqa: C901
     """`value` from a TOML as the annotated type `kind`, checked."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
@@ -329,7 +329,7 @@ def _check(s: Scenario, where: str) -> None:
         raise UserError(f"{where}: {text}", hint, code=2)
 
 
-def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:
+def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:  # noqa: C901, PLR0912
     n = s.train.axles
     for key in ("positions", "cleaning"):
         if len(getattr(s.train, key)) not in (0, n):

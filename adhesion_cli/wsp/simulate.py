@@ -68,7 +68,7 @@ def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
         before[i] = w[i]
 
 
-def _integrate(
+def _integrate(  # noqa: PLR0913
     plant: Plant, track: Track, demand: Demand, train: Train, wheels: Wheels, dt: float,
     pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip

@@ -99,7 +99,7 @@ def beside(
     return answers
 
 
-def verdicts(
+def verdicts(  # noqa: PLR0913
     scenario: Scenario,
     rails: Sequence[str],
     laws: Sequence[str],

@@ -136,7 +136,7 @@ def slip_of(radius: float, v: float, y: float) -> float:
     return s
 
 
-def observed(
+def observed(  # noqa: PLR0913
     w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
     speed_noise: float, at_least: int,
 ) -> Observed:  # fmt: skip
@@ -191,7 +191,7 @@ def start(
     return train, axles
 
 
-def tick(
+def tick(  # noqa: PLR0913
     c: Constants, train: Known, before: list[Axle], h: float, v: float, y: Values, K: Values
 ) -> tuple[Known, list[Axle]]:
     """The train and the state of every axle one tick later.

@@ -192,7 +192,7 @@ class Clock:
         return bool(max(-ends[0], ends[1]) * NS_PER_UNIT[self.unit] < _EXACT)
 
 
-def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:
+def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Any) -> Clock:  # noqa: C901, PLR0912
     """Decide which column is the time, in which form and unit, and why.
 
     Args:
@@ -617,7 +617,7 @@ def _date_form(cells: Sequence[str], unit: str | None) -> str | None:
     return next((form for form, ok in fits.items() if ok), None)
 
 
-def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str) -> Clock | None:
+def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str) -> Clock | None:  # noqa: C901, PLR0912
     cells = dialect.column(i)
     columns = [i]
     date_only = clock_only = False

@@ -336,7 +336,7 @@ def _refuse_text_formats(text: str, path: Path) -> None:
         raise UserError(f"{path}: is JSON, not CSV", "export the log as CSV or MCAP")
 
 
-def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, str]:
+def _encoding(head: bytes, options: ReadOptions, path: Path) -> tuple[str, int, str]:  # noqa: C901, PLR0912
     """Codec, bytes of byte order mark, and why."""
     for mark, codec in (
         (codecs.BOM_UTF8, "utf-8"),
@@ -622,7 +622,7 @@ def _labelled_units(labelled: list[tuple[int, list[str]]]) -> tuple[int, list[st
     return next(((n, cells) for n, cells in labelled if is_units_name(cells[0])), None)
 
 
-def _headers(
+def _headers(  # noqa: C901
     table: list[tuple[int, list[str]]], start: int, width: int, decimal: str
 ) -> tuple[list[list[str]], int | None, int]:
     """Header rows above the data (top first); index of the units row, and of the topmost row."""

@@ -31,7 +31,7 @@ class Parsed(NamedTuple):
     odd: NDArray[np.int64]  # column, row, first byte and byte behind of each that was; (m, 4)
 
 
-def parse(
+def parse(  # noqa: PLR0913
     data: NDArray[np.uint8],
     delimiter: str,
     decimal: str,
@@ -71,7 +71,7 @@ def parse(
     return Parsed(times, values, odd[:found]) if found >= 0 else None
 
 
-def _parse(
+def _parse(  # noqa: C901, PLR0912, PLR0913, PLR0915
     data: NDArray[np.uint8],
     delimiter: int,
     decimal: int,
@@ -143,7 +143,7 @@ def _parse(
     return found
 
 
-def _stamp(
+def _stamp(  # noqa: C901, PLR0912
     data: NDArray[np.uint8],
     start: Any,
     zoned: bool,

@@ -142,7 +142,7 @@ class Scan:
     again: int = 0  # rows that are the header once more
     skipped_at: int | None = None  # time before the first row left out, else behind it [ns]
 
-    def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:
+    def read(self) -> tuple[Times, NDArray[np.int64], dict[int, Floats]]:  # noqa: C901
         """Times, group codes and values of the rows that have a time and a wanted group."""
         self.lines.update(self.dialect.before)
         if above := self.dialect.above:
@@ -247,7 +247,7 @@ class Scan:
                 column[self.used : end] = column[part.rows][keep]
         self.used = end
 
-    def _parse(self, block: Block, at: int) -> _Part:
+    def _parse(self, block: Block, at: int) -> _Part:  # noqa: C901
         """One block's columns; changes nothing but `types`, and `columns` from `at` on."""
         if part := self._plain(block, at):
             return part

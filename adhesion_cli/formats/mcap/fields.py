@@ -255,7 +255,7 @@ def states_unit(key: str) -> bool:
     return key in ("unit", "units") or key.startswith("unit.")
 
 
-def leaves(
+def leaves(  # noqa: C901
     tree: Tree, schema_unit: Units, metadata: dict[str, str]
 ) -> tuple[list[Leaf], list[str]]:
     """Every number of a message, in its order.
@@ -295,7 +295,7 @@ def leaves(
                 return metadata[key], f"channel metadata {key!r}", ()
         return *schema_unit(steps), ()
 
-    def walk(node: Tree, steps: Steps, label: str, label_at: Steps) -> None:
+    def walk(node: Tree, steps: Steps, label: str, label_at: Steps) -> None:  # noqa: C901, PLR0912
         if is_number(node):
             if len(path(steps)) > _LONGEST:
                 left_out.append(f"{path(steps)[:_LONGEST]} (a name too long)")

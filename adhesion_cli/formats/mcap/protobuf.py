@@ -301,7 +301,7 @@ class _LockStep:
         texts += [(-2, steps) for steps, length in wanted.lengths.items() if not length]
         self._root = self._node(decoder._type, (), [*enumerate(wanted.leaves), *texts])
 
-    def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:
+    def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:  # noqa: C901, PLR0912
         node = _Node({}, [], np.zeros(len(self._start), np.bool_))
         depth = len(at)
         by_name: dict[str, list[tuple[int, Steps]]] = {}

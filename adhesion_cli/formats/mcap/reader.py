@@ -207,7 +207,7 @@ class McapSource:
                 )  # fmt: skip
         return list(series.values())
 
-    def _discover(self) -> None:
+    def _discover(self) -> None:  # noqa: C901, PLR0912, PLR0915
         """Finds the numbers in each series' first messages."""
         total, more, spare = 0, list[str](), _SPARE
         for s in self._series:

@@ -495,7 +495,7 @@ class Walk:
     def _content(self, at: int, length: int) -> _Content:
         return _Content(self._file.read(at + HEADER.size, length), at)
 
-    def _record(self, opcode: int, at: int, length: int, in_data: bool) -> None:
+    def _record(self, opcode: int, at: int, length: int, in_data: bool) -> None:  # noqa: C901, PLR0912
         end = at + HEADER.size + length
         self._kinds[opcode] += 1
         if in_data and opcode in _INDEXED.values():

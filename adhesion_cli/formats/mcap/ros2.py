@@ -99,7 +99,7 @@ class Ros2Decoder:
                 self._check(member.type, (*above, kind), done)
         done.add(kind)
 
-    def tree(self, message: bytes) -> Tree:
+    def tree(self, message: bytes) -> Tree:  # noqa: C901
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
         buffer = np.zeros(len(message) + PADDING, np.uint8)
         buffer[: len(message)] = np.frombuffer(message, np.uint8)
@@ -242,7 +242,7 @@ class Ros2Decoder:
             faults.append(Fault("mcap-bad-message", "no plain CDR encapsulation", rows))
         return values, faults
 
-    def _same_order(
+    def _same_order(  # noqa: C901, PLR0915
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         values = np.full((len(wanted.leaves), len(start)), np.nan)
@@ -368,7 +368,7 @@ class _Walk:
     offset 0 and are thrown away.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         types: dict[str, tuple[_Member, ...]],
         buffer: Bytes,
