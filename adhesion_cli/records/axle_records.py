@@ -24,8 +24,8 @@ from ..core.model import (
     Vehicle,
 )
 from ..core.physics import clamping_force, force_line
-from ..diagnostics.pressures import late as late_alone
 from ..dynamics import acceleration, longitudinal, train_clock
+from ..dynamics.pressure_comparison import late as late_alone
 from ..dynamics.train_grid import Axle, Explanation, Grid, Scene, grid
 from . import sample_and_hold, screen
 
