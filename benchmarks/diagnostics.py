@@ -27,11 +27,11 @@ import pyarrow as pa
 from numba import njit
 from pyarrow import csv
 
-from adhesion_cli.errors import UserError
-from adhesion_cli.model import Finding, Parameter, Vehicle
-from adhesion_cli.read import align
-from adhesion_cli.read.log import open_source, read
-from adhesion_cli.read.source import ReadOptions
+from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Finding, Parameter, Vehicle
+from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.source import ReadOptions
 
 HELD_OUT = 20261123  # seed of the published figures; thresholds are set on other seeds
 GRAVITY = 9.80665  # [m/s²]
@@ -529,7 +529,7 @@ def reported(test: Test, folder: Path) -> list[Finding]:
     csv.write_csv(pa.table(columns), path)
     try:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
-        _, findings = align.records(log, test.vehicle)
+        _, findings = plausible.records(log, test.vehicle)
     except UserError as error:
         return [Finding("refused", "error", str(error))]
     return [*log.findings, *findings]

@@ -33,10 +33,6 @@ _PADS = 0.05, 0.6  # cast iron at high speed has less friction than any other, n
 _AXLES = 2e3, 45e3  # per axle, from an empty tram to a loaded ore wagon [kg]
 _STOPS = 0.5  # of its speed: what rollers hold, or a gradient, loses less
 _BESIDE = 5.0  # before and after a brake, the train coasts on the same gradient [s]
-_OR_CREEP = (
-    "; or wheels creep more than usual, at one speed the log cannot tell that from it: log brakes "
-    "at several speeds"
-)
 _LATE = 0.25  # an offset of clocks that makes the force wrong in every build-up [s]
 
 
@@ -110,7 +106,7 @@ def unbraked(s: Scene) -> Iterator[Finding]:
 
 def explained(s: Scene) -> Iterator[Finding]:
     """Another force line, or a pressure with another clock: which of them, or that it is one."""
-    late, line, either, _ = s.explanation
+    late, line, either = s.explanation
     if line is None:
         if abs(late.value) > _LATE:
             yield _late(s, "warning")
@@ -139,7 +135,7 @@ def explained(s: Scene) -> Iterator[Finding]:
 
 def late_pressure(s: Scene) -> Iterator[Finding]:
     """A delay as valves, hoses and filters make it."""
-    late, line, _, _ = s.explanation
+    late, line, _ = s.explanation
     if line is None and 0.0 < abs(late.value) <= _LATE:
         yield _late(s, "info")
 
@@ -152,7 +148,6 @@ def _late(s: Scene, severity: Severity, doubt: str = "") -> Finding:
         "does to the wheels, and the force is wrong by that wherever the pressure changes: the "
         "reference's band holds it, estimators see it as logged; correct the time stamps by that, "
         f"or what the valve, the transducer or averaging takes{s.unless_sliding}{doubt}"
-        f"{_OR_CREEP * s.explanation.or_creep}"
     )
     return s.told("pressure-clock-offset", severity, text, s.axles[0].brake)
 

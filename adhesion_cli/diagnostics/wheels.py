@@ -13,7 +13,7 @@ from ..core.units import UNITS, listed, others
 from ..dynamics.train_grid import CRAWL, LEAST, Grid, Scene, far, lasting
 
 _FLOOR = 0.05  # by which two speeds that agree may differ [m/s]
-_SIGMAS = 2.0  # of the wheel radius are tolerated
+_SIGMAS = 3.0  # of the wheel radius are tolerated
 _APART = 0.05, 0.3  # a wheel that rolls is no farther from the train's speed: share, and [m/s]
 _WANDERS = 0.02, 0.15  # nor, where no brake holds it, from what it usually is beside it: the same
 _LASTS = 2.0  # for longer [s]
@@ -68,7 +68,8 @@ def speeds(s: Scene) -> Iterator[Finding]:
             continue
         m = _match(reference, g.rim[i])
         R = vehicle.radius(a.record.axle)
-        allowed = _SIGMAS * R.tolerance / R.value
+        worn = 0.0 if g.train is not None else 1.0 / (len(axles) - 1)  # the others are, too
+        allowed = _SIGMAS * R.tolerance / R.value * math.sqrt(1.0 + worn)
         differs = abs(m.scale - 1.0)
         if m.left > floor or differs < max(allowed, 0.005):
             continue

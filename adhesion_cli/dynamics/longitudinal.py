@@ -1,20 +1,33 @@
-"""What explains how the train slows: what is stated, another force line, or a late pressure.
+"""The train's longitudinal model: one joint fit of all brake applications.
 
-While every wheel rolls, (1) and (15) give the speed from the pressure,
+While every wheel rolls, the wheelset equation and the force line give the rim speed from the
+pressure. In each piece of a log, up to 12 s long,
 
-    v(t) = α + βt + γt² − s c ∫ max(K(t + τ) − o, 0) dt − q v s c max(K(t + τ) − o, 0),
+    u(t) = α + γt² + (β − r) t − s c ∫ k dt − u s c k / (g κ),
+    k(t) = (1 + f (u − ū)) max(K(t + τ) − o, 0),
 
-with τ by which the pressure is late, s and o by which the force line is another one, α, β, γ for
-speed, gradient and its change in each piece of the log, q for creep: a braked wheel turns more
-slowly than the train by a share that goes with the force. A clock shifts both ends of every
-build-up and release, a factor changes what lies between them, an offset moves their ends towards or
-from each other; creep makes a wheel early by q v, the earlier the faster it is. Each is known only
-beside the others. Every piece has an error of its own size: what follows another law (a slide)
-tells little, and so do errors that are alike from sample to sample.
+with K the clamping force as a share of its highest value, c the deceleration by that, and
+
+- s, o: factor and offset of the force line;
+- τ: delay of the pressure;
+- κ = dµ/ds: creep stiffness; a braked wheel that rolls turns slower than the train by µ/κ;
+- f: how friction changes with speed;
+- r, β: running resistance of the train, gradient of the piece.
+
+Delay and creep look alike within one application: both make the wheel react earlier. So each
+parameter has a prior, and the fit gives the posterior of all together: the maximum by Gauss and
+Newton's method, its covariance by Laplace's. α and γ are eliminated in every piece. Every piece has
+its own error variance, which is estimated with the rest: a slide that was not recognised follows
+another law, so its piece gets a large variance and little weight. Errors that are correlated from
+sample to sample count as fewer samples.
+
+The rows are pieces, the parameters are shared: `fit` takes the designs of one or many logs.
+
+Sources: wheelset equation (1), force line (15); creep stiffness of 20 to 100 % of Kalker's.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -22,85 +35,99 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Parameter, Vehicle
-from ..core.physics import braked, force_line, wheelset
+from ..core.physics import G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from .train_grid import LEAST, Axle, Explanation, Grid, Line, far, grid
+
+UNITS = {
+    "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",
+    "resistance": "m/s²",
+}  # fmt: skip
+SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE = range(len(UNITS))
+_SHARED = len(UNITS)
+CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
+_ROLLS = Parameter(math.log(1e5), 1e-3)  # a train speed has no creep
+_FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
+_RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
+_GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
+_CHANGES = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
+_SMALL = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
+_ZERO = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 
 _FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
 _AROUND = 6.0  # before and after a change [s]
-_PIECE = 12.0  # within which a gradient stays the same [s]
+_PIECE = 12.0  # longest piece [s]
 _CRAWL = 1.0  # slower, a wheel may stand [m/s]
-_REACH = 5.0  # the largest offset of clocks that is looked for [s]
-_FLOOR = 0.005  # 1 sigma by which (1) misses a rolling wheel's speed [m/s]
-_SPRING = 0.15  # 1 sigma of o where the force line is another one, of the highest K
-_CLEARLY = 12.0  # so much better must another cause be: twice the log of the likelihood
-_AS_GOOD = 8.0  # two causes with less between them cannot be told apart
+_BENT = 20  # samples: with fewer, γ is not known from what happens between two
+_REACH = 5.0  # the largest delay that is looked for [s]
+_MOST = 0.9  # the largest offset looked for, of the highest K
+_STEEPEST = 30.0  # and the largest factor
+_FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
+_PARTS = 1.0, 0.5, 0.2, 0.05  # of a step that are tried
+_CONVERGED = 0.05  # a smaller gain of a step ends the search
+_SINGULAR = 1e-9  # a smaller share left by the other parameters is rounding
+_FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
+
+CLEARLY = 12.0  # so much better must another cause be: twice the log of the likelihood
+AS_GOOD = 8.0  # two causes with less between them cannot be told apart
+SIGMAS = 3.5  # of the stated tolerances are no other vehicle
 _NOISY = 2.0  # times its noise is left of a speed that is explained
-_SURE = 4.0  # sigma from zero is a clock that is off
+_SURE = 4.0  # sigma from zero is a delay
+_LEAST_DELAY = 0.1  # a shorter one is the caliper's [s]
 _SHARE = 0.75  # of the longer sampling interval: less may be the sampling's own
-_SMALL = 0.03  # wheels and rails delay a force by as much [s]
-_CREEP = 0.003  # creep of 0.3 % at 1 m/s² makes a wheel early by this share of its speed [s²/m]
-_USUAL, _SLIPPERY = 0.0, 0.005  # 1 sigma of q: with that allowed for, and on rails of any kind
 _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
-SIGMAS = 2.5  # of the stated tolerances are no other vehicle
+_SPRING = 0.15  # 1 sigma of o where the force line is another one, of the highest K
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
 _FAINT = 0.1  # less than this shows little of a brake [m/s]
 _ANY = 10.0  # times as steep: no other vehicle's line
-_MOST = 0.9  # the largest offset looked for, of the highest K
-_STEEPEST = 30.0  # and the largest factor
-_PARTS = 1.0, 0.5, 0.2, 0.05  # of a step that are tried
-_CONVERGED = 0.05  # a smaller gain of a step ends the search
-_BENT = 20  # samples: with fewer, γ is not told from what happens between two
-_SINGULAR = 1e-9  # of what tells an unknown is left beside the others: rounding
-_FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
-
 
 AS_STATED = Explanation(Parameter(0.0, 0.0), None)
 
 
-class _Point(NamedTuple):
-    """One explanation."""
-
-    late: float = 0.0  # τ [s]
-    offset: float = 0.0  # o, of the highest K
-    scale: float = 1.0  # s
-    creep: float = 0.0  # q [s²/m]
-
-
-class _Sigmas(NamedTuple):
-    """How well each is known before; inf where it is not."""
-
-    late: float
-    offset: float
-    scale: float  # of ln s
-    creep: float  # of q
-
-
-class _Log(NamedTuple):
-    """The pieces, and the clamping force all along."""
+class Design(NamedTuple):
+    """The pieces of one log, and its clamping force all along."""
 
     t: Floats  # even, (n,) [s]
-    K: Floats  # as the straight line that (15) is, below zero too, over its highest value; (n,)
-    top: float  # that [N]
+    K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
+    faster: Floats  # u − ū (n,) [m/s]
+    top: float  # the highest K [N]
     at: NDArray[np.int64]  # samples of the pieces, (m,)
-    first: NDArray[np.int64]  # place of each piece's first one in `at`
-    size: Floats  # how many each has
+    first: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
+    size: Floats  # how many each has, (p,)
+    run: NDArray[np.int64]  # which uninterrupted run each piece is of, (p,)
     time: Floats  # from the piece's middle, (m,) [s]
-    v: Floats  # speed without the piece's parabola, (m,) [m/s]
+    v: Floats  # speed without α and γ (m,) [m/s]
     speed: Floats  # that itself, smooth (m,) [m/s]
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
-    floor: float  # 1 sigma of what no noise shows: rounding, and what (1) leaves out [m/s]
+    floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
     seen: bool  # whether a train speed would show that all wheels slide
+    interval: float  # the longer one of speed and pressure [s]
 
 
-class _Fit(NamedTuple):
-    """The likeliest of the explanations allowed."""
+class Posterior(NamedTuple):
+    """What designs and prior say together of the shared parameters, in the order of `UNITS`."""
 
-    point: _Point
-    cost: float  # −2 log of its likelihood
-    sigma: float  # 1 sigma of τ [s]
+    prior: Floats  # means (6,)
+    prior_sigma: Floats  # (6,), inf where free
+    mean: Floats  # of the shared parameters, then of every piece's gradient [m/s²]
+    covariance: Floats  # of the same
+    cost: float  # −2 log of posterior density, but for a constant
+
+    def sigma(self, i: int) -> float:
+        """1 sigma of one of them."""
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0))
+
+    @property
+    def delay(self) -> Parameter:
+        """Of the pressure [s]."""
+        return Parameter(float(self.mean[DELAY]), self.sigma(DELAY))
+
+    @property
+    def scale(self) -> float:
+        """Factor of the force line [-]."""
+        return math.exp(self.mean[SCALE])
 
 
 def tolerance(v: Vehicle) -> float:
@@ -110,120 +137,107 @@ def tolerance(v: Vehicle) -> float:
     return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
 
 
-def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
-    """What explains best how the train slows; that it is as stated, where the log tells nothing.
+def stated(design: Design, vehicle: Vehicle, creeps: bool = True) -> dict[int, Parameter]:
+    """The prior of every shared parameter by what is stated of the vehicle.
 
     Args:
-        axles: all axles of the log, on one clock each.
-        coarse: the same on one time axis, where they have one.
+        design: of one log, for its highest K and its intervals.
+        vehicle: with tolerances.
+        creeps: whether the speed is a wheel's.
+    """
+    spring, line = vehicle.spring_force, force_line(vehicle)
+    zero = line.at_zero / design.top * spring.tolerance / max(spring.value, 1e-9)
+    return {
+        SCALE: Parameter(0.0, math.log1p(tolerance(vehicle))),
+        OFFSET: Parameter(0.0, math.hypot(zero, _ZERO)),
+        DELAY: Parameter(0.0, math.hypot(_SMALL, 0.25 * design.interval)),
+        STIFFNESS: CREEP if creeps else _ROLLS,
+        FADE: _FADE,
+        RESISTANCE: _RESISTANCE,
+    }
+
+
+# Designs
+
+
+def design(
+    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, train: bool = False
+) -> Design | None:
+    """The pieces of a log; None where no brake application of wheels that roll is seen.
+
+    Args:
+        axles: all axles of the log.
         vehicle: what is stated of it.
+        coarse: the axles on one time axis, for what rolls.
+        fine: the same on a step as fine as the brakes change.
+        train: whether the train speed is taken, not the mean of the rims.
     """
-    fine = grid(axles, vehicle, _FINE) if coarse else None
-    if coarse is None or fine is None:
-        return AS_STATED
-    e = _explained(axles, vehicle, coarse, fine, np.mean(fine.rim, axis=0), True)
-    # A wheel on its way into a slide slows harder than (1) says; the train does not.
-    if e.line and fine.train is not None:
-        trains = _explained(axles, vehicle, coarse, fine, fine.train, False)
-        if trains.line is None:
-            return AS_STATED if e.either else e._replace(line=None)
-    return e
+    v = fine.train if train and fine.train is not None else np.mean(fine.rim, axis=0)
+    t: Floats = fine.step * np.arange(fine.rim.shape[1], dtype=np.float64)
+    K, top = _force(axles, vehicle, fine, t)
+    known = np.isfinite(np.mean(fine.clamping, axis=0))
+    if top <= 0.0:
+        return None
+    pieces, run = _pieces(np.maximum(K, 0.0), np.nan_to_num(v), known, coarse, fine)
+    if not pieces:
+        return None
+    size = np.array([len(p) for p in pieces])
+    at, first = np.concatenate(pieces), np.cumsum(size) - size
+    since = np.concatenate([t[p] - t[p].mean() for p in pieces])
+    noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
+    interval = max(between(a) for a in axles)
+    rounding = max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles)
+    c = float(braked(top, wheelset(vehicle, axles[0].record.axle)))
+    floor = math.hypot(_FLOOR, rounding, c * _unseen(t, np.maximum(K, 0.0), interval))
+    whole = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
+    d = Design(
+        t, K, whole - float(v[at].mean()), top, at, first, size.astype(np.float64), np.array(run),
+        since, v[at], v[at], c, noise, floor, fine.train is not None, interval,
+    )  # fmt: skip
+    flat = _flat(d, d.v)
+    sloped = flat - _spread(d, _sums(d, flat * since) / _sums(d, since**2)) * since
+    return d._replace(v=flat, speed=d.speed - sloped)
 
 
-def _explained(
-    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats, creeps: bool
-) -> Explanation:
-    """What explains this speed, of wheels that creep or of the train."""
-    log = _log(axles, vehicle, coarse, fine, v)
-    if log is None:
-        return AS_STATED
-    spring, tolerances = force_line(vehicle).at_zero / log.top, vehicle.spring_force
-    uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
-    late = max(_SMALL, _CREEP * float(log.speed.mean()), _SHARE * max(interval(a) for a in axles))
-    factor = math.log1p(SIGMAS * tolerance(vehicle))
-    least = _Sigmas(late, max(_SLIGHT, uncertain), factor, _USUAL)
-    known = _Sigmas(*(x / math.sqrt(_CLEARLY) for x in least))._replace(creep=_USUAL)
-    free = _Sigmas(math.inf, max(_SPRING, spring), math.inf, _USUAL)
-    stated = _search(log, log.size, known, [_Point()])
-    near = _search(log, log.size, free, [stated.point])
-    left = _sums(log, _left(log, stated.point) ** 2) / log.size
-    noise = _NOISY * math.hypot(log.noise, log.floor)
-    if stated.cost - near.cost < _CLEARLY and (left < noise**2).all():
-        return AS_STATED
-    whole = _search(log, log.size, free, _starts(log, free))
-    telling = _telling(log, whole.point)
-
-    def fits(creep: float) -> dict[str, _Fit]:
-        found = {}
-        for cause, sigmas in {
-            "stated": known,
-            "late": known._replace(late=math.inf),
-            "line": free._replace(late=known.late),
-            "both": free,
-        }.items():
-            starts = [*_starts(log, sigmas), *([whole.point] if cause == "both" else [])]
-            found[cause] = _search(log, telling, sigmas._replace(creep=creep), starts)
-        return found
-
-    usual, cost = _judged(log, telling, fits(_USUAL), least)
-    if usual == AS_STATED or not creeps:
-        return usual
-    more = fits(_SLIPPERY)
-    slippery, less = _judged(log, telling, more, least)
-    or_creep = more["stated"].cost < cost + _CLEARLY
-    if less < cost - _AS_GOOD or (or_creep and usual.line):
-        return slippery
-    return usual._replace(or_creep=or_creep)
+def _force(
+    axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats
+) -> tuple[Floats, float]:
+    """Mean K over its highest value (n,), and that [N]; 0 where there is none."""
+    K: Floats = np.mean(fine.clamping, axis=0)
+    line = force_line(vehicle)
+    if all(a.brake.meaning == "pressure" for a in axles):  # known below the spring's force, too
+        below = line.per_pascal * np.mean(fine.pressure, axis=0) - line.at_zero
+        K = np.where(K > 0.0, K, np.minimum(below, 0.0))
+    known = np.isfinite(K)
+    top = float(np.nanmax(K, initial=0.0))
+    if known.sum() < LEAST or top <= 0.0:
+        return K, 0.0
+    return np.interp(t, t[known], K[known]) / top, top
 
 
-def _judged(
-    log: _Log, telling: Floats, fits: dict[str, _Fit], least: _Sigmas
-) -> tuple[Explanation, float]:
-    """What the likelihoods of all causes say together, and −2 log of that of what it says.
-
-    Args:
-        log: the pieces.
-        telling: independent samples of each.
-        fits: the likeliest point of each cause.
-        least: less of each is as stated.
-    """
-    late, line, both = fits["late"], fits["line"], fits["both"]
-    no_brake = _cost(log, telling, _Sigmas(*[math.inf] * 4), _Point(scale=1e-9))
-    one = min(late.cost, line.cost)
-    if min(one, both.cost) > min(fits["stated"].cost, no_brake) - _CLEARLY:
-        return AS_STATED, fits["stated"].cost
-    if two := both.cost < one - _CLEARLY:
-        late = line = both
-    tau, o, s = late.point.late, line.point.offset, line.point.scale
-    is_late = abs(tau) > max(least.late, _SURE * late.sigma)
-    other = abs(o) > least.offset or abs(math.log(s)) > least.scale
-    if not two:  # what is as likely and nothing to tell of leaves the other one in doubt
-        if abs(late.cost - line.cost) < _AS_GOOD:
-            is_late = other = is_late and other
-        elif late.cost < line.cost:
-            other = False
-        else:
-            is_late = False
-    unexplained = _unexplained(log, telling, min(late, line, key=lambda f: f.cost).point)
-    # Where all wheels slide from the first moment on, they slow harder than by their brakes.
-    slides = not log.seen and s > 1.0 and math.sqrt(log.v @ log.v / len(log.v)) < _FAINT
-    if unexplained > _MISSED or (other and (slides or not 1.0 / _ANY < s < _ANY)):
-        return AS_STATED, fits["stated"].cost
-    told = Explanation(
-        Parameter(tau, late.sigma) if is_late else AS_STATED.late,
-        Line(s, o * log.top) if other else None,
-        is_late and other and not two,
-    )
-    return told, min(late.cost, line.cost) if told != AS_STATED else fits["stated"].cost
+def _pieces(
+    on: Floats, v: Floats, known: Bools, coarse: Grid, fine: Grid
+) -> tuple[list[NDArray[np.int64]], list[int]]:
+    """Samples around build-ups and releases where all wheels roll, and each piece's run."""
+    t: Floats = fine.step * np.arange(len(on), dtype=np.float64)
+    change = np.abs(np.interp(t + 0.5, t, on) - np.interp(t - 0.5, t, on))
+    near = ~far(change < _CHANGE, round(_AROUND / fine.step))
+    rolls: Bools = np.all(coarse.rolling, axis=0)
+    place = np.clip(np.rint(t / coarse.step).astype(int), 0, len(rolls) - 1)
+    used: Bools = near & rolls[place] & known & (v > _CRAWL)
+    pieces: list[NDArray[np.int64]] = []
+    run: list[int] = []
+    for begin, end in true_runs(used):
+        many = max(1, round((end - begin) * fine.step / _PIECE))
+        edges: list[int] = np.linspace(begin, end, many + 1).astype(int).tolist()
+        for i, j in pairwise(edges):
+            if j - i >= LEAST:
+                pieces.append(np.arange(i, j))
+                run.append(begin)
+    return pieces, run
 
 
-def _unexplained(log: _Log, telling: Floats, p: _Point) -> float:
-    """Share of the speed's square that is left, rounding apart."""
-    left, whole = (_sums(log, x**2) / log.size for x in (_left(log, p), log.v))
-    return float(telling @ np.maximum(left - log.floor**2, 0.0) / (telling @ whole))
-
-
-def interval(a: Axle) -> float:
+def between(a: Axle) -> float:
     """The longer of both channels' usual intervals [s]."""
     t, x = a.brake.data.t, a.brake.data.value
     own = t[np.flatnonzero(np.diff(x) != 0.0)]
@@ -231,51 +245,7 @@ def interval(a: Axle) -> float:
     return max(float(np.median(np.diff(a.record.t))), pressure) * 1e-9
 
 
-def _log(
-    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, v: Floats
-) -> _Log | None:
-    """None where no brake application of wheels that roll is seen."""
-    t: Floats = fine.step * np.arange(fine.rim.shape[1], dtype=np.float64)
-    K: Floats = np.mean(fine.clamping, axis=0)
-    line = force_line(vehicle)
-    if all(a.brake.meaning == "pressure" for a in axles):  # known below the spring's force, too
-        below = line.per_pascal * np.mean(fine.pressure, axis=0) - line.at_zero
-        K = np.where(K > 0.0, K, np.minimum(below, 0.0))
-    known: Bools = np.isfinite(K)
-    top = float(np.nanmax(K, initial=0.0))
-    if known.sum() < LEAST or top <= 0.0:
-        return None
-    K = np.interp(t, t[known], K[known]) / top
-    on = np.maximum(K, 0.0)
-    change = np.abs(np.interp(t + 0.5, t, on) - np.interp(t - 0.5, t, on))
-    near = ~far(change < _CHANGE, round(_AROUND / fine.step))
-    rolls: Bools = np.all(coarse.rolling, axis=0)
-    place = np.clip(np.rint(t / coarse.step).astype(int), 0, len(rolls) - 1)
-    used: Bools = near & rolls[place] & known & (np.nan_to_num(v) > _CRAWL)
-    pieces: list[NDArray[np.int64]] = []
-    for begin, end in true_runs(used):
-        many = max(1, round((end - begin) * fine.step / _PIECE))
-        edges: list[int] = np.linspace(begin, end, many + 1).astype(int).tolist()
-        pieces += [np.arange(i, j) for i, j in pairwise(edges) if j - i >= LEAST]
-    if not pieces:
-        return None
-    size = np.array([len(p) for p in pieces])
-    at, first = np.concatenate(pieces), np.cumsum(size) - size
-    w = wheelset(vehicle, axles[0].record.axle)
-    since = np.concatenate([t[p] - t[p].mean() for p in pieces])
-    noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
-    rounding = max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles)
-    c = float(braked(top, w))
-    floor = math.hypot(_FLOOR, rounding, c * _untold(t, on, max(interval(a) for a in axles)))
-    log = _Log(
-        t, K, top, at, first, size.astype(np.float64), since, v[at], v[at],
-        c, noise, floor, fine.train is not None,
-    )  # fmt: skip
-    flat = _detrended(log, log.v)
-    return log._replace(v=flat, speed=log.speed - flat)
-
-
-def _untold(t: Floats, K: Floats, every: float) -> float:
+def _unseen(t: Floats, K: Floats, every: float) -> float:
     """What straight lines through samples so far apart miss of ∫K dt, by a kink half way."""
     before, after = (np.interp(t + x, t, K) for x in (-every, every))
     return every * float(np.max(np.abs(before - 2.0 * K + after))) / 8.0
@@ -289,142 +259,338 @@ def _stands(a: Axle) -> float:
     return stays * a.speed.coarsest / math.sqrt(12.0)
 
 
-def _sums(log: _Log, x: Floats) -> Floats:
-    """Sums over each piece."""
-    total: Floats = np.add.reduceat(x, log.first)
+def _sums(d: Design, x: Floats) -> Floats:
+    """Sums over each piece, (..., p)."""
+    total: Floats = np.add.reduceat(x, d.first, axis=-1)
     return total
 
 
-def _spread(log: _Log, x: Floats) -> Floats:
+def _spread(d: Design, x: Floats) -> Floats:
     """What each piece has, for each of its samples."""
-    return np.repeat(x, log.size.astype(int))
+    return np.repeat(x, d.size.astype(int), axis=-1)
 
 
-def _detrended(log: _Log, x: Floats) -> Floats:
-    """What is left of x without the parabola of its piece, (m,): gradients change within it."""
-    bent = log.time**2
-    bent -= _spread(log, _sums(log, bent) / log.size)  # a straight line leaves it: times are even
-    for shape, pieces in ((np.ones_like(x), True), (log.time, True), (bent, log.size >= _BENT)):
-        part = np.where(pieces, _sums(log, x * shape) / _sums(log, shape**2), 0.0)
-        x = x - _spread(log, part) * shape
-    return x
+def _flat(d: Design, x: Floats) -> Floats:
+    """What is left of x without α and γ of its piece, (m,): gradients change within it."""
+    bent = d.time**2
+    bent -= _spread(d, _sums(d, bent) / d.size)  # times are even: a straight line leaves it
+    x = x - _spread(d, _sums(d, x) / d.size)
+    part = np.where(d.size >= _BENT, _sums(d, x * bent) / np.maximum(_sums(d, bent**2), 1e-30), 0.0)
+    return x - _spread(d, part) * bent
 
 
-def _gained(log: _Log, p: _Point) -> Floats:
-    """What s makes v lose without the parabola of each piece, (m,) [m/s]."""
-    K = _applied(log, p)
-    area = np.concatenate([[0.0], np.cumsum((K[1:] + K[:-1]) / 2.0)]) * (log.t[1] - log.t[0])
-    crept = p.creep * log.speed * K[log.at]
-    return _detrended(log, log.c * (area[log.at] + crept))
+# The model
 
 
-def _applied(log: _Log, p: _Point) -> Floats:
-    """max(K(t + τ) − o, 0), (n,)."""
-    K: Floats = np.maximum(np.interp(log.t + p.late, log.t, log.K) - p.offset, 0.0)
-    return K
+def _applied(d: Design, x: Floats) -> Floats:
+    """k, (n,)."""
+    K = np.maximum(np.interp(d.t + x[DELAY], d.t, d.K) - x[OFFSET], 0.0)
+    k: Floats = K * (1.0 + x[FADE] * d.faster)
+    return k
 
 
-def _left(log: _Log, p: _Point) -> Floats:
-    """What is left of the speed, (m,) [m/s]."""
-    return log.v + p.scale * _gained(log, p)
+def _area(d: Design, k: Floats) -> Floats:
+    """∫ k dt, (n,) [s]."""
+    return np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) / 2.0)]) * (d.t[1] - d.t[0])
 
 
-def _cost(log: _Log, telling: Floats, sigmas: _Sigmas, p: _Point) -> float:
-    """−2 log of the likelihood, every piece's own variance taken as is likeliest."""
-    left = _sums(log, _left(log, p) ** 2) / log.size + log.floor**2
-    return float(telling @ np.log(left)) + _unexpected(p, sigmas)
+def _lost(d: Design, x: Floats) -> Floats:
+    """What the brake takes from the rim speed, but for the factor s; (m,) [m/s]."""
+    k = _applied(d, x)
+    crept = d.speed * k[d.at] / (G * math.exp(x[STIFFNESS]))
+    return _flat(d, d.c * (_area(d, k)[d.at] + crept))
 
 
-def _unexpected(p: _Point, sigmas: _Sigmas) -> float:
-    """The same for what was known before alone."""
-    off = p.late, p.offset, math.log(p.scale), p.creep
-    return sum((x / sigma) ** 2 for x, sigma in zip(off, sigmas, strict=True) if x)
+def left(d: Design, x: Floats, gradients: Floats) -> Floats:
+    """What the model leaves of the speed, (m,) [m/s]."""
+    slope = _spread(d, gradients - x[RESISTANCE])
+    return d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time
 
 
-def _starts(log: _Log, sigmas: _Sigmas) -> list[_Point]:
-    """Where to look: with what is free, each by itself."""
-    reach = _reach(log)
-    lates = np.linspace(-reach, reach, 41) if math.isinf(sigmas.late) else np.zeros(1)
-    offsets = [-0.3, -0.1, 0.1, 0.3, 0.5] if math.isinf(sigmas.scale) else []
-    points = [_Point(float(x)) for x in lates] + [_Point(0.0, o) for o in offsets]
-    found = []
-    for p in points:
-        if math.isinf(sigmas.scale):
-            u = _gained(log, p)
-            A, B, C = _sums(log, log.v**2), _sums(log, log.v * u), _sums(log, u * u)
-            s = _FACTORS[:, None]
-            left = np.maximum(A + 2.0 * s * B + s * s * C, 0.0) / log.size + log.floor**2
-            p = p._replace(scale=float(_FACTORS[np.argmin(np.log(left) @ log.size)]))
-        found.append(p)
-    return found
+def _columns(d: Design, x: Floats) -> Floats:
+    """How what is left changes with each shared parameter, (6, m)."""
+    s = math.exp(x[SCALE])
+    J = np.empty((_SHARED, len(d.at)))
+    J[SCALE] = s * _lost(d, x)
+    for i, step in ((OFFSET, 0.005), (DELAY, 0.01), (FADE, 0.001)):
+        high, low = x.copy(), x.copy()
+        high[i] += step
+        low[i] -= step
+        J[i] = s * (_lost(d, high) - _lost(d, low)) / (2.0 * step)
+    crept = d.c * d.speed * _applied(d, x)[d.at] / (G * math.exp(x[STIFFNESS]))
+    J[STIFFNESS] = -s * _flat(d, crept)
+    J[RESISTANCE] = d.time
+    return J
 
 
-def _reach(log: _Log) -> float:
-    """The largest τ that is looked for [s]."""
-    return min(_REACH, float(log.t[-1]) / 4.0)
+class _Problem(NamedTuple):
+    """Designs with weights, and the prior of all unknowns."""
+
+    designs: Sequence[Design]
+    telling: Sequence[Floats]  # independent samples of each piece
+    mean: Floats  # of shared parameters, then of gradients
+    weight: Floats  # inverse of its covariance
+
+    def parts(self, x: Floats) -> list[Floats]:
+        """The gradients of each design."""
+        edges = np.cumsum([_SHARED, *(len(d.size) for d in self.designs)])
+        return [x[i:j] for i, j in pairwise(edges)]
 
 
-def _telling(log: _Log, p: _Point) -> Floats:
-    """Independent samples of each piece, by how alike neighbours are in what is left."""
-    off = _left(log, p)
-    pair = np.append(off[1:] * off[:-1], 0.0)
-    pair[log.first[1:] - 1] = 0.0
-    alike = _sums(log, pair) / (_sums(log, off**2) + log.size * _FLOOR**2)  # rounding is alike
-    alike = np.clip(alike, 0.0, 0.99)
-    return log.size * (1.0 - alike) / (1.0 + alike)
+def _problem(
+    designs: Sequence[Design], telling: Sequence[Floats], prior: Mapping[int, Parameter]
+) -> _Problem:
+    total = _SHARED + sum(len(d.size) for d in designs)
+    mean, weight = np.zeros(total), np.zeros((total, total))
+    for i, p in prior.items():
+        mean[i], weight[i, i] = p.value, p.tolerance**-2.0
+    begin = _SHARED
+    for d in designs:
+        same = d.run[:, None] == d.run
+        own = slice(begin, begin + len(d.size))
+        weight[own, own] = np.linalg.inv(_GRADIENT**2 * same + _CHANGES**2 * np.eye(len(d.size)))
+        begin = own.stop
+    return _Problem(designs, telling, mean, weight)
 
 
-def _search(log: _Log, telling: Floats, sigmas: _Sigmas, starts: list[_Point]) -> _Fit:
-    """Gauss and Newton's way from the best of some points."""
-    costs = [_cost(log, telling, sigmas, p) for p in starts]
-    best, cost = starts[int(np.argmin(costs))], min(costs)
-    free = 4 if sigmas.creep else 3
-    weights = np.array(sigmas[:free]) ** -2.0
-    most = np.array([_reach(log), _MOST, math.log(_STEEPEST), 1.0])
-    A, change = np.diag(weights), np.zeros(4)
-    for _ in range(12):
-        left = _left(log, best)
-        crept = log.c * log.speed * _applied(log, best)[log.at]
-        scaled = [_gained(log, best), _detrended(log, crept)]
-        J = np.array([*_slopes(log, best), *(best.scale * x for x in scaled)])[:free]
-        each = telling / (_sums(log, left**2) + log.size * log.floor**2)
-        JW = J * _spread(log, each)
-        A = JW @ J.T + np.diag(weights)
-        x = np.array([best.late, best.offset, math.log(best.scale), best.creep])
-        b = JW @ left + weights * x[:free]
-        change[:free] = np.linalg.pinv(A) @ b
-        if change[3] > x[3]:  # no brake makes a wheel faster
-            change[:3] = np.linalg.pinv(A[:3, :3]) @ (b[:3] - x[3] * A[:3, 3])
-            change[3] = x[3]
-        steps = [np.clip(x - part * change, -most, most).tolist() for part in _PARTS]
-        trials = [_Point(late, o, math.exp(factor), q) for late, o, factor, q in steps]
-        costs = [_cost(log, telling, sigmas, p) for p in trials]
+def _cost(p: _Problem, x: Floats) -> float:
+    """−2 log of the posterior, every piece's own variance taken as is likeliest."""
+    off = x - p.mean
+    cost = float(off @ p.weight @ off)
+    for d, telling, gradients in zip(p.designs, p.telling, p.parts(x), strict=True):
+        squares = _sums(d, left(d, x, gradients) ** 2) / d.size + d.floor**2
+        cost += float(telling @ np.log(squares))
+    return cost
+
+
+def _normal(p: _Problem, x: Floats) -> tuple[Floats, Floats]:
+    """Normal equations at a point: matrix and right side."""
+    A, b = p.weight.copy(), p.weight @ (x - p.mean)
+    begin = _SHARED
+    for d, telling, gradients in zip(p.designs, p.telling, p.parts(x), strict=True):
+        rest = left(d, x, gradients)
+        each = telling / (_sums(d, rest**2) + d.size * d.floor**2)
+        J = _columns(d, x)
+        JW = J * _spread(d, each)
+        A[:_SHARED, :_SHARED] += JW @ J.T
+        b[:_SHARED] += JW @ rest
+        own = slice(begin, begin + len(d.size))
+        cross = -_sums(d, JW * d.time)
+        A[:_SHARED, own] += cross
+        A[own, :_SHARED] += cross.T
+        A[own, own] += np.diag(each * _sums(d, d.time**2))
+        b[own] -= each * _sums(d, d.time * rest)
+        begin = own.stop
+    return A, b
+
+
+def fit(
+    designs: Sequence[Design],
+    telling: Sequence[Floats],
+    prior: Mapping[int, Parameter],
+    starts: Sequence[Floats],
+) -> Posterior:
+    """The posterior of the shared parameters and of every piece's gradient.
+
+    Args:
+        designs: of one log or of many.
+        telling: independent samples of each piece, from `telling`.
+        prior: of each shared parameter; an infinite tolerance frees it.
+        starts: points to begin at: shared parameters, or these and the gradients.
+    """
+    p = _problem(designs, telling, prior)
+    points = [_completed(p, x) for x in starts]
+    costs = [_cost(p, x) for x in points]
+    best, cost = points[int(np.argmin(costs))], min(costs)
+    most = np.full(len(best), 2.0)
+    reach = min(_REACH, *(float(d.t[-1]) / 4.0 for d in designs))
+    most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5
+    for _ in range(15):
+        A, b = _normal(p, best)
+        change = np.linalg.pinv(A, hermitian=True) @ b
+        trials = [np.clip(best - part * change, -most, most) for part in _PARTS]
+        costs = [_cost(p, x) for x in trials]
         gained = cost - min(costs)
         if gained > 0.0:
             best, cost = trials[int(np.argmin(costs))], min(costs)
         if gained < _CONVERGED:
             break
-    return _Fit(best, cost, _sigma(A))
+    covariance = inverse(_normal(p, best)[0])
+    sigmas = np.array([prior[i].tolerance for i in range(_SHARED)])
+    return Posterior(p.mean[:_SHARED], sigmas, best, covariance, cost)
 
 
-def _sigma(A: Floats) -> float:
-    """1 sigma of the first unknown by the normal equations' (k, k); inf where nothing tells it.
+def _completed(p: _Problem, x: Floats) -> Floats:
+    """A point with gradients: those of least squares, drawn towards their prior."""
+    if len(x) == len(p.mean):
+        return x
+    found = [x[:_SHARED]]
+    for d in p.designs:
+        own = left(d, x, np.zeros(len(d.size)))
+        found.append(np.clip(_sums(d, own * d.time) / _sums(d, d.time**2), -0.5, 0.5))
+    return np.concatenate(found)
 
-    By what the others leave of its own: the inverse of a nearly singular matrix may be below 0.
-    """
-    d = np.sqrt(np.diag(A))
-    if d[0] == 0.0:
-        return math.inf
-    d[d == 0.0] = 1.0
+
+def inverse(A: Floats) -> Floats:
+    """Inverse of normal equations, by rows of like size; infinite where nothing determines one."""
+    d = np.sqrt(np.maximum(np.diag(A), 0.0))
+    unknown = d == 0.0
+    d[unknown] = 1.0
     C = A / np.outer(d, d)
-    own = float(1.0 - C[0, 1:] @ np.linalg.pinv(C[1:, 1:], hermitian=True) @ C[1:, 0])
-    return 1.0 / (float(d[0]) * math.sqrt(own)) if own > _SINGULAR else math.inf
+    values, vectors = np.linalg.eigh(C)
+    kept = values > _SINGULAR
+    found: Floats = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(d, d)
+    lost = (vectors[:, ~kept] ** 2).sum(axis=1) > _SINGULAR
+    found[lost | unknown, lost | unknown] = np.inf
+    return found
 
 
-def _slopes(log: _Log, p: _Point) -> Iterator[Floats]:
-    """How what is left changes with τ and with o, (m,) each."""
-    for name, step in (("late", 0.01), ("offset", 0.005)):
-        high, low = (
-            _gained(log, p._replace(**{name: getattr(p, name) + x})) for x in (step, -step)
-        )
-        yield p.scale * (high - low) / (2.0 * step)
+def independent(d: Design, x: Floats) -> Floats:
+    """Independent samples of each piece (p,), by how neighbours correlate in what is left."""
+    own = _completed(_Problem([d], [], np.zeros(_SHARED + len(d.size)), np.empty(0)), x[:_SHARED])
+    off = left(d, own, own[_SHARED:])
+    pair = np.append(off[1:] * off[:-1], 0.0)
+    pair[d.first[1:] - 1] = 0.0
+    alike = _sums(d, pair) / (_sums(d, off**2) + d.size * _FLOOR**2)  # rounding is alike
+    alike = np.clip(alike, 0.0, 0.99)
+    return d.size * (1.0 - alike) / (1.0 + alike)
+
+
+def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
+    """Where to look: with what is free, each by itself."""
+    base = np.array([prior[i].value for i in range(_SHARED)])
+    reach = min(_REACH, float(d.t[-1]) / 4.0)
+    delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
+    scales = math.isinf(prior[SCALE].tolerance)
+    points = [(delay, 0.0) for delay in delays]
+    points += [(0.0, o) for o in (-0.3, -0.1, 0.1, 0.3, 0.5)] * scales
+    found = []
+    for delay, offset in points:
+        x = base.copy()
+        x[DELAY], x[OFFSET] = delay, offset
+        if scales:
+            x[SCALE] = _likeliest_scale(d, x)
+        found.append(x)
+    return found
+
+
+def _likeliest_scale(d: Design, x: Floats) -> float:
+    """ln s that fits best with any gradients."""
+    own = _sums(d, d.time**2)
+
+    def sloped(y: Floats) -> Floats:
+        return y - _spread(d, _sums(d, y * d.time) / own) * d.time
+
+    u, v = sloped(_lost(d, x)), sloped(d.v)
+    A, B, C = _sums(d, v * v), _sums(d, v * u), _sums(d, u * u)
+    s = _FACTORS[:, None]
+    squares = np.maximum(A + 2.0 * s * B + s * s * C, 0.0) / d.size + d.floor**2
+    return math.log(float(_FACTORS[np.argmin(np.log(squares) @ d.size)]))
+
+
+# What explains how the train slows
+
+
+def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
+    """What explains best how the train slows; that it is as stated, where the log tells nothing.
+
+    Args:
+        axles: all axles of the log, on one clock each.
+        coarse: the same on one time axis, where they have one.
+        vehicle: what is stated of it.
+    """
+    fine = grid(axles, vehicle, _FINE) if coarse else None
+    if coarse is None or fine is None:
+        return AS_STATED
+    rims = design(axles, vehicle, coarse, fine)
+    e = _explained(rims, vehicle, True) if rims else AS_STATED
+    # A wheel on its way into a slide slows harder than it should; the train does not.
+    if e.line and fine.train is not None:
+        train = design(axles, vehicle, coarse, fine, True)
+        if train is None or _explained(train, vehicle, False).line is None:
+            return AS_STATED if e.either else e._replace(line=None)
+    return e
+
+
+def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
+    """What explains this speed, of wheels that creep or of the train, which only has to agree."""
+    clearly = CLEARLY if creeps else CLEARLY / 2.0
+    known = stated(d, vehicle, creeps)
+    spring = force_line(vehicle).at_zero / d.top
+    any_delay = {DELAY: Parameter(0.0, math.inf)}
+    any_line = {
+        SCALE: Parameter(0.0, math.inf), OFFSET: Parameter(0.0, max(_SPRING, spring)),
+    }  # fmt: skip
+    free = {**known, **any_delay, **any_line}
+    start = np.array([known[i].value for i in range(_SHARED)])
+    first = fit([d], [d.size], known, [start])
+    near = fit([d], [d.size], free, [first.mean])
+    rest = _sums(d, left(d, first.mean, first.mean[_SHARED:]) ** 2) / d.size
+    noise = _NOISY * math.hypot(d.noise, d.floor)
+    if first.cost - near.cost < clearly and (rest < noise**2).all():
+        return AS_STATED
+    whole = fit([d], [d.size], free, _starts(d, free))
+    telling = [independent(d, whole.mean)]
+    fits = {
+        "stated": fit([d], telling, known, _starts(d, known)),
+        "late": fit([d], telling, {**known, **any_delay}, _starts(d, {**known, **any_delay})),
+        "line": fit([d], telling, {**known, **any_line}, _starts(d, {**known, **any_line})),
+        "both": fit([d], telling, free, [*_starts(d, free), whole.mean]),
+    }
+    return _judged(d, telling, fits, vehicle, clearly)
+
+
+def _judged(
+    d: Design, telling: Sequence[Floats], fits: Mapping[str, Posterior], vehicle: Vehicle,
+    clearly: float,
+) -> Explanation:  # fmt: skip
+    """What the likelihoods of all causes say together.
+
+    Args:
+        d: the pieces.
+        telling: independent samples of each.
+        fits: the posterior of each cause.
+        vehicle: what is stated of it.
+        clearly: so much better must a cause be.
+    """
+    late, line, both = fits["late"], fits["line"], fits["both"]
+    no_brake = float(telling[0] @ np.log(_sums(d, _sloped(d, d.v) ** 2) / d.size + d.floor**2))
+    one = min(late.cost, line.cost)
+    if min(one, both.cost) > min(fits["stated"].cost, no_brake) - clearly:
+        return AS_STATED
+    if two := both.cost < one - clearly:
+        late = line = both
+    spring, tolerances = force_line(vehicle).at_zero / d.top, vehicle.spring_force
+    uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
+    tau, o, s = late.delay, float(line.mean[OFFSET]), line.scale
+    is_late = abs(tau.value) > max(_LEAST_DELAY, _SHARE * d.interval, _SURE * tau.tolerance)
+    other = abs(o) > max(_SLIGHT, uncertain)
+    other |= abs(math.log(s)) > math.log1p(SIGMAS * tolerance(vehicle))
+    if not two:  # what is as likely and nothing to report leaves the other one in doubt
+        if abs(late.cost - line.cost) < AS_GOOD:
+            is_late = other = is_late and other
+        elif late.cost < line.cost:
+            other = False
+        else:
+            is_late = False
+    # Where all wheels slide from the first moment on, they slow harder than by their brakes.
+    slides = not d.seen and s > 1.0 and math.sqrt(d.v @ d.v / len(d.v)) < _FAINT
+    missed = _missed(d, telling[0], min(late, line, key=lambda f: f.cost)) > _MISSED
+    if missed or (other and (slides or not 1.0 / _ANY < s < _ANY)):
+        return AS_STATED
+    return Explanation(
+        tau if is_late else AS_STATED.late,
+        Line(s, o * d.top) if other else None,
+        is_late and other and not two,
+    )
+
+
+def _sloped(d: Design, x: Floats) -> Floats:
+    return x - _spread(d, _sums(d, x * d.time) / _sums(d, d.time**2)) * d.time
+
+
+def _missed(d: Design, telling: Floats, p: Posterior) -> float:
+    """Share of the speed's square that is left, rounding apart."""
+    rest = _sums(d, left(d, p.mean, p.mean[_SHARED:]) ** 2) / d.size
+    whole = _sums(d, _sloped(d, d.v) ** 2) / d.size
+    return float(telling @ np.maximum(rest - d.floor**2, 0.0) / (telling @ whole))

@@ -166,5 +166,5 @@ def _late(g: Grid, x: Floats, level: Floats, used: Bools, axle: Axle) -> float:
     clear = (
         losses[best] < min(_BETTER * min(slower), (2.0 * slight) ** 2) and 0 < best < len(taus) - 1
     )
-    least = max(_LATE, _INTERVALS * longitudinal.interval(axle))
+    least = max(_LATE, _INTERVALS * longitudinal.between(axle))
     return late if clear and abs(late) > least else 0.0

@@ -156,7 +156,6 @@ class Explanation(NamedTuple):
     late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
     line: Line | None  # None where it is as stated
     either: bool = False  # it is one of both, and nothing says which
-    or_creep: bool = False  # or of neither, as wheels that creep more than usual explain it, too
 
 
 class Scene(NamedTuple):

