@@ -199,9 +199,7 @@ def design(
     return d._replace(v=flat, speed=d.speed - sloped)
 
 
-def _force(
-    axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats
-) -> tuple[Floats, float]:
+def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tuple[Floats, float]:
     """Mean K over its highest value (n,), and that [N]; 0 where there is none."""
     K: Floats = np.mean(fine.clamping, axis=0)
     line = force_line(vehicle)
@@ -304,7 +302,8 @@ def _lost(d: Design, x: Floats) -> Floats:
 def left(d: Design, x: Floats, gradients: Floats) -> Floats:
     """What the model leaves of the speed, (m,) [m/s]."""
     slope = _spread(d, gradients - x[RESISTANCE])
-    return d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time
+    rest: Floats = d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time
+    return rest
 
 
 def _columns(d: Design, x: Floats) -> Floats:
@@ -475,7 +474,7 @@ def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
 
 
 def _likeliest_scale(d: Design, x: Floats) -> float:
-    """ln s that fits best with any gradients."""
+    """The ln s that fits best with any gradients."""
     own = _sums(d, d.time**2)
 
     def sloped(y: Floats) -> Floats:
