@@ -289,7 +289,8 @@ def _applied(d: Design, x: Floats) -> Floats:
 
 def _area(d: Design, k: Floats) -> Floats:
     """∫ k dt, (n,) [s]."""
-    return np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) / 2.0)]) * (d.t[1] - d.t[0])
+    area: Floats = np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) / 2.0)])
+    return area * (d.t[1] - d.t[0])
 
 
 def _lost(d: Design, x: Floats) -> Floats:
