@@ -289,8 +289,9 @@ def _applied(d: Design, x: Floats) -> Floats:
 
 def _area(d: Design, k: Floats) -> Floats:
     """∫ k dt, (n,) [s]."""
-    area: Floats = np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) / 2.0)])
-    return area * (d.t[1] - d.t[0])
+    step = float(d.t[1] - d.t[0])
+    area: Floats = np.concatenate([[0.0], np.cumsum((k[1:] + k[:-1]) * (0.5 * step))])
+    return area
 
 
 def _lost(d: Design, x: Floats) -> Floats:
