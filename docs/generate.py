@@ -1,11 +1,12 @@
-"""Write docs/settings.md and docs/cli.md from the program itself: python docs/generate.py.
+"""Write settings.md, cli.md and findings.md from the program itself: python docs/generate.py.
 
-Names, units, ranges and defaults stand once, beside the annotated types, in the registry and in
-each command's --help; a test tells when these two pages are behind.
+Each fact has one source: the annotated types, the registry, each command's --help, and the
+catalogue of findings. A test compares the pages with what this program writes.
 """
 
 import dataclasses
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import typer.main
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.app import app
+from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import controller, estimator, methods, units
+from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
@@ -124,6 +127,49 @@ def cli_page() -> str:
     return "\n".join(parts)
 
 
+_ON_FINDINGS = """
+A finding tells you one thing about your log that can change a result.
+`adhesion explain CODE` shows the same text as this page. `adhesion explain` lists all codes.
+
+Each finding has a code, a severity, a channel, a count, time spans in seconds after the log's
+start, a message and a remedy. You find them on the terminal, in the JSON (`findings`) and in the
+result files (`/events`).
+
+| severity | meaning | exit code |
+|---|---|---|
+| `info` | how the program read the log; no data is lost | 0 |
+| `warning` | data is left out or repaired, or a result is less certain | 3 |
+| `error` | data is damaged or lost | 3 |
+
+With `--strict`, damage to the file refuses the log. Three rules hold for every log:
+
+- The program does not sort rows. MCAP messages are read in the order of their log time.
+- The program does not bridge gaps. A new segment begins there.
+- The program does not change a unit or a value because it looks wrong. It reports it.
+"""
+_SECTIONS = {
+    "file": "The file", "time": "Time stamps", "channels": "Channels and units",
+    "sensors": "Sensors", "train": "Train and vehicle", "results": "Results",
+}  # fmt: skip
+_PARTS = {
+    "message": "Message", "cause": "Cause", "effect": "Effect", "remedy": "Remedy",
+    "limits": "Cannot see", "old": "Former codes",
+}  # fmt: skip
+
+
+def findings_page() -> str:
+    """Every entry of the catalogue."""
+    parts = [_HEAD + "# Findings\n" + _ON_FINDINGS]
+    for section, of in groupby(catalogue().values(), lambda words: words.section):
+        parts.append(f"## {_SECTIONS[section]}\n")
+        for words in of:
+            shown = entry(words) | {"old": ", ".join(f"`{code}`" for code in words.old)}
+            parts.append(f"### `{words.code}`\n\n{words.title}.\n")
+            parts += [f"- {name}: {shown[part]}" for part, name in _PARTS.items() if shown[part]]
+            parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
 def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
     for f in dataclasses.fields(Vehicle):
         default = getattr(Vehicle(), f.name)
@@ -173,7 +219,7 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-PAGES = {"settings.md": settings_page, "cli.md": cli_page}
+PAGES = {"settings.md": settings_page, "cli.md": cli_page, "findings.md": findings_page}
 
 if __name__ == "__main__":
     for name, page in PAGES.items():

@@ -52,10 +52,10 @@ def test_every_figure_is_made_by_a_command_of_its_page() -> None:
 
 def test_tests_that_are_named_exist() -> None:
     page = (ROOT / "docs" / "derivation.md").read_text(encoding="utf-8")
-    named = re.findall(r"`(test_\w+\.py)::(\w+)`", page)
+    named = re.findall(r"`test_\w+\.py::(\w+)`", page)
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
     assert len(named) > 10
-    for file, name in named:
-        assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), name
+    assert [name for name in named if f"def {name}(" not in tests] == []
 
 
 def test_the_gate_runs_the_readmes_test_command() -> None:

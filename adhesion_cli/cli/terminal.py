@@ -5,19 +5,21 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..core.finding import Finding
+from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Result, Score
 from ..core.text import printable
 
-_NAMES = 200  # characters of the channels of a finding; all of them are in --json
-_SEVERE = {"error": 0, "warning": 1, "info": 2}
+_WIDEST = 120  # columns of a line on a finding
+_CHANNEL = 28  # of these for names of channels
+_INSTANT = 0.005  # a shorter span is one time [s]
+_HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "info": "notes"}
+_EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 NARROW = 80  # columns where there is no terminal, and in a recording
 _TEXT = 16  # columns that a text keeps
-_ALIKE = 3  # findings of one code that are shown one by one
+_ALIKE = 3  # messages of one code that are shown one by one
 
 
 def table(
@@ -106,31 +108,63 @@ def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
     return f"against {against.pop()}:\n{found}" if len(against) == 1 else found
 
 
-def findings(found: Sequence[Finding]) -> str:
-    """Findings, the severest first: a line each, one for all where many channels share a code."""
-    by_code: dict[str, list[Finding]] = {}
-    for f in sorted(found, key=lambda f: _SEVERE[f.severity]):
-        by_code.setdefault(f.code, []).append(f)
-    lines = []
-    for same in by_code.values():
-        shown = same if len(same) <= _ALIKE else same[:1]
-        for f in shown:
-            where = f" at {f.first_s:.3f} s" if f.first_s is not None else ""
-            count = (
-                f" ({f.count}×{where})" if f.count > 1 else f" ({where.strip()})" if where else ""
-            )
-            named = f.channel if len(f.channel) <= _NAMES else f.channel[: _NAMES - 1] + "…"
-            channel = f" {printable(named)}:" if f.channel else ""
-            lines.append(f"{f.severity:7s} {f.code}:{channel} {printable(f.message)}{count}")
-        if len(shown) < len(same):
-            others = ", ".join(printable(f.channel) for f in same[1:6])
-            more = f" and {len(same) - 6} more" if len(same) > 6 else ""
-            alike = len({replace(f, channel="") for f in same}) == 1
-            which, own = (
-                ("the same", "") if alike else ("also", ", with their own figures (--json)")
-            )
-            lines.append(f"{'':7s} {same[0].code}: {which} for {others}{more}{own}")
-    return "\n".join(lines)
+def findings(found: Sequence[Finding], width: int | None = None) -> str:
+    """One line per finding, at most `width` columns, grouped by severity; then how to ask for more.
+
+    Findings with one code and one message share a line. So do more than three with one code: the
+    line then says the title of the code, because their messages differ.
+    """
+    columns = min(_WIDEST, width or shutil.get_terminal_size((_WIDEST, 24)).columns)
+    lines: list[str] = []
+    for severity, heading in _HEADINGS.items():
+        groups = _grouped([f for f in found if f.severity == severity])
+        codes = max((len(of[0].code) for of, _ in groups), default=0)
+        lines += [f"{heading}:"] if groups else []
+        for of, message in groups:
+            where = ", ".join(filter(None, (_channels(of), _when(of))))
+            parts = [of[0].code.ljust(codes), *([where] if where else []), printable(message)]
+            lines.append(_cut("  " + "  ".join(parts), columns))
+    return "\n".join([*lines, _EXPLAINS] if lines else lines)
+
+
+def _grouped(found: Sequence[Finding]) -> list[tuple[list[Finding], str]]:
+    """The findings that share a line, each with what the line says."""
+    by_code: dict[str, dict[str, list[Finding]]] = {}
+    for f in found:
+        by_code.setdefault(f.code, {}).setdefault(f.message, []).append(f)
+    groups: list[tuple[list[Finding], str]] = []
+    for code, by_message in by_code.items():
+        if len(by_message) <= _ALIKE:
+            groups += [(of, message) for message, of in by_message.items()]
+        else:
+            title = catalogue()[code].title if code in catalogue() else next(iter(by_message))
+            groups.append(([f for of in by_message.values() for f in of], title))
+    return groups
+
+
+def _channels(of: Sequence[Finding]) -> str:
+    """As many channels as have room, at least one, and how many more there are."""
+    names = list(dict.fromkeys(_cut(printable(f.channel), _CHANNEL) for f in of if f.channel))
+    shown = len(names)
+    while shown > 1 and len(", ".join(names[:shown])) > _CHANNEL:
+        shown -= 1
+    more = f" and {len(names) - shown} more" if shown < len(names) else ""
+    return ", ".join(names[:shown]) + more
+
+
+def _when(of: Sequence[Finding]) -> str:
+    """The first time span and how many more there are; else how often."""
+    spans = sorted(span for f in of for span in f.spans)
+    if not spans:
+        count = sum(f.count for f in of)
+        return f"{count}×" if count > len(of) else ""
+    begin, end = spans[0]
+    first = f"{begin:.2f} s" if end - begin < _INSTANT else f"{begin:.2f}–{end:.2f} s"
+    return f"{first} and {len(spans) - 1} more" if len(spans) > 1 else first
+
+
+def _cut(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: width - 1].rstrip() + "…"
 
 
 def lossy(found: Sequence[Finding]) -> bool:

@@ -17,11 +17,19 @@ class UserError(Exception):
         self.text, self.hint, self.code = text, hint, code
 
 
-def unknown(kind: str, name: str, known: list[str]) -> UserError:
-    """The error for a name nobody knows, with the nearest known one as the hint."""
+def unknown(kind: str, name: str, known: list[str], listed_by: str = "") -> UserError:
+    """The error for an unknown name, with the nearest known one as the hint.
+
+    Args:
+        kind: what the name stands for.
+        name: the unknown name.
+        known: the known names.
+        listed_by: what shows the known names, where there are too many for a line.
+    """
     near = get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return UserError(f"unknown {kind} {name!r}", f"{hint}known: {', '.join(known)}", code=2)
+    rest = listed_by or f"known: {', '.join(known)}"
+    return UserError(f"unknown {kind} {name!r}", hint + rest, code=2)
 
 
 def as_told(error: BaseException) -> UserError:

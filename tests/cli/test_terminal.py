@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.cli.terminal import findings, table
-from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.finding import Finding, catalogue
 
 text = st.lists(st.text("abc_[]", min_size=1, max_size=30), max_size=6).map(" ".join)
 figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")
@@ -34,9 +34,31 @@ def test_a_table_with_room_is_one_line_a_row():
     )
 
 
-def test_findings_that_differ_are_not_called_the_same():
-    def shown(*texts: str) -> str:
-        return findings([Finding("code", "info", x, f"axle {i}") for i, x in enumerate(texts, 1)])
+def test_findings_are_short_lines_grouped_by_severity():
+    gap = {"values": {"longest_s": 3.0}, "spans": ((1.0, 4.0), (6.0, 9.0))}
+    shown = findings(
+        [
+            *(Finding("standstill", "info", channel=f"axle {i}") for i in range(1, 9)),
+            Finding("gap", "warning", channel="pressure " * 20 + "\x1b[31m", **gap),
+        ],
+        width=120,
+    ).splitlines()
+    assert [line for line in shown if not line.startswith("  ")] == [
+        "warnings:", "notes:", "`adhesion explain CODE` shows cause, effect and remedy."
+    ]  # fmt: skip
+    assert max(map(len, shown)) <= 120
+    assert "1.00–4.00 s and 1 more" in shown[1]
+    assert "\x1b" not in shown[1]
+    assert "axle 1, axle 2, axle 3 and 5 more" in shown[3]
+    assert findings([]) == ""
 
-    assert shown(*["no value"] * 4).endswith("the same for axle 2, axle 3, axle 4")
-    assert "also for axle 2, axle 3, axle 4, with their own" in shown("920 mm", *["915 mm"] * 3)
+
+def test_findings_that_differ_do_not_share_a_message():
+    def shown(*gaps: float) -> list[str]:
+        made = [Finding("gap", "info", channel=f"c{i}", values={"longest_s": g}) for i, g in gaps]
+        return findings(made).splitlines()[1:-1]
+
+    title = catalogue()["gap"].title
+    assert len(shown(*enumerate([1.0, 1.0, 2.0, 3.0]))) == 3
+    (line,) = shown(*enumerate([1.0, 2.0, 3.0, 4.0]))
+    assert line.endswith(title)

@@ -1,0 +1,100 @@
+"""`adhesion explain`: what a finding means, from the catalogue."""
+
+import re
+from itertools import groupby
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .options import Shared, completes, shared
+
+if TYPE_CHECKING:
+    from ..core.finding import Words
+
+_PARTS = ("cause", "effect", "remedy", "limits")
+
+
+def _codes() -> list[str]:
+    from ..core.finding import catalogue
+
+    return list(catalogue())
+
+
+@shared("json")
+def command(
+    shared: Shared,
+    code: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CODE", help="Code of a finding; without it the list.", **completes(_codes)
+        ),
+    ] = None,
+) -> int:
+    """Explain a finding: cause, effect on the result, remedy, and what the check cannot see.
+
+    Without CODE: every finding by section. A former code shows the findings that replaced it.
+
+    Example: adhesion explain pressure-delay
+    """
+    from ..core.finding import catalogue
+
+    found = _named(code) if code else list(catalogue().values())
+    if shared.json:
+        import json
+
+        entries = [entry(words) for words in found]
+        print(json.dumps({"schema": "adhesion.explain/1", "findings": entries}, indent=1))
+    elif code:
+        print("\n\n".join(map(_text, found)))
+    else:
+        print(_listed(found))
+    return 0
+
+
+def entry(words: "Words") -> dict[str, object]:
+    """An entry as people read it, with "…" for what each finding states itself."""
+    texts = ("title", "message", *_PARTS)
+    shown = {name: _plain(getattr(words, name)) for name in texts}
+    return {"code": words.code, "section": words.section, **shown, "old": list(words.old)}
+
+
+def _named(code: str) -> "list[Words]":
+    """The entry of a code, or every entry that had this code before.
+
+    Raises:
+        UserError: for an unknown code.
+    """
+    from ..core.errors import unknown
+    from ..core.finding import catalogue
+
+    known = catalogue()
+    found = [known[code]] if code in known else [w for w in known.values() if code in w.old]
+    if not found:
+        raise unknown("code", code, list(known), "`adhesion explain` lists the codes")
+    return found
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"\{\w+[^{}]*\}", "…", text).replace("{{", "{").replace("}}", "}")
+
+
+def _text(words: "Words") -> str:
+    from .terminal import folded
+
+    shown = entry(words)
+    names = {"limits": "Cannot see"}
+    lines = [f"{words.code}: {words.title}"] + [
+        folded(f"{names.get(part, part.capitalize())}: {shown[part]}", "  ")
+        for part in _PARTS
+        if shown[part]
+    ]
+    return "\n".join(lines)
+
+
+def _listed(found: "list[Words]") -> str:
+    width = max(len(words.code) for words in found)
+    parts = [
+        "\n".join([f"{section}:", *(f"  {w.code:{width}}  {w.title}" for w in of)])
+        for section, of in groupby(found, lambda w: w.section)
+    ]
+    return "\n\n".join([*parts, "`adhesion explain CODE` explains one."])
