@@ -176,7 +176,11 @@ def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log
     log = _log(source, meant, findings, lambda m, c, t0: _channel(m, c, vehicle, t0, 0))
     # Counters and stamps in ns that mean nothing to us may be rounded.
     used = {f"{m.field.channel} {m.field.path}" for m in meant if m.meaning}
-    told = [f for f in log.findings if f.code != "mcap-rounded" or f.channel in used]
+    told = [
+        f
+        for f in log.findings
+        if f.code != "mcap-rounded" or f"{f.channel} {f.names['field']}" in used
+    ]
     return replace(log, findings=tuple(told))
 
 

@@ -81,9 +81,9 @@ class Fault:
     """What decoding had to leave out, of which messages of the batch."""
 
     code: str
-    text: str
     rows: Offsets
-    of: str = ""  # path of the number, where it is about one
+    field: str = ""  # its place in the message, where it is about one
+    reason: str = ""  # why the messages do not decode
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,6 @@ class Said:
 
     text: str
     leaves: list[int]  # whose it is, in the order of Wanted.leaves
-    code: str  # of the fault where a later message says another; to say none is no fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -479,12 +478,9 @@ def repeated(tree: Tree, leaves: Sequence[Leaf], stamp: Stamp | None) -> Wanted:
                     labels[(*steps[: i - 1], key)] = named
     said: dict[Steps, Said] = {}
     for i, leaf in enumerate(leaves):
-        for place, text, code in (
-            (leaf.label_at, leaf.label, "mcap-label-change"),
-            (leaf.unit_at, leaf.unit, "mcap-unit-change"),
-        ):
+        for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
             if place:
-                said.setdefault(place, Said(text, [], code)).leaves.append(i)
+                said.setdefault(place, Said(text, [])).leaves.append(i)
     iso = stamp.places[0] if stamp and stamp.text else None
     return Wanted(tuple(wanted), len(leaves), lengths, labels, said, iso)
 
@@ -495,11 +491,7 @@ def length_faults(wanted: Wanted, steps: Steps, count: Offsets | int, rows: int)
     if expected is not None:
         other = np.broadcast_to(np.not_equal(count, expected), rows)
         if other.any():
-            yield Fault(
-                "mcap-array-length",
-                f"{path(steps)} has another length than {expected}, its usual one at first",
-                np.flatnonzero(other),
-            )
+            yield Fault("mcap-array-length", np.flatnonzero(other), path(steps))
 
 
 def label_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fault:
@@ -507,7 +499,7 @@ def label_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> F
     rows = np.flatnonzero(other)
     for i in wanted.under(steps[:-1]):
         values[i, rows] = np.nan
-    return Fault("mcap-label-change", f"{path(steps)} names other elements than at first", rows)
+    return Fault("mcap-text-change", rows, path(steps))
 
 
 def said_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fault:
@@ -515,8 +507,7 @@ def said_fault(wanted: Wanted, steps: Steps, other: Bools, values: Floats) -> Fa
     said, rows = wanted.said[steps], np.flatnonzero(other)
     for i in said.leaves:
         values[i, rows] = np.nan
-    text = f"{path(steps)} says another than {said.text[:40]!r}, which it says at first"
-    return Fault(said.code, text, rows)
+    return Fault("mcap-text-change", rows, path(steps))
 
 
 def inexact(integers: NDArray[Any]) -> Bools:
@@ -537,8 +528,7 @@ def rounded_faults(wanted: Wanted, lost: Bools) -> Iterator[Fault]:
     """
     for steps, rows in zip(wanted.leaves[: wanted.asked], lost, strict=False):
         if rows.any():
-            text = "holds integers beyond 2^53, rounded to what a double holds"
-            yield Fault("mcap-rounded", text, np.flatnonzero(rows), path(steps))
+            yield Fault("mcap-rounded", np.flatnonzero(rows), path(steps))
 
 
 def other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:

@@ -137,7 +137,7 @@ class JsonDecoder:
                     bad[i] = str(e)
                 except orjson.JSONDecodeError as e:
                     bad[i] = f"not JSON: {e.msg}"
-            faults += [Fault("mcap-bad-message", t, np.array([i])) for i, t in bad.items()]
+            faults += [Fault("mcap-bad-message", np.array([i]), "", why) for i, why in bad.items()]
             rows = np.delete(rows, list(bad))
         values = np.full((len(wanted.leaves), len(spans)), np.nan)
         spread = _Spread(wanted, values, faults)
@@ -203,20 +203,18 @@ class _Spread:
 
     def _type_fault(self, rows: Offsets, steps: Steps) -> None:
         if len(rows):
-            text = f"{path(steps) or 'message'} is of another type than at first"
-            self._faults.append(Fault("mcap-type-change", text, rows))
+            self._faults.append(Fault("mcap-type-change", rows, path(steps) or "message"))
 
     def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         keys = sorted(set().union(*nodes) - known.keys())
         if len(keys) > _MOST_LATE:
             late = np.array([not node.keys() <= known.keys() for node in nodes], np.bool_)
-            text = f"{path(steps) or 'message'} has ever new keys: not read, nor told one by one"
-            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+            at_keys = f"keys of {path(steps) or 'message'}"
+            self._faults.append(Fault("mcap-late-field", rows[late], at_keys))
             keys = []
         for key in keys:
             late = np.array([key in node for node in nodes], np.bool_)
-            text = f"{path((*steps, key))} is not in the channel's first messages and is not read"
-            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+            self._faults.append(Fault("mcap-late-field", rows[late], path((*steps, key))))
         for key, child in known.items():
             place = (*steps, key)
             if not isinstance(child, (dict, list)) and place not in self._places:
@@ -235,8 +233,7 @@ class _Spread:
         """Tells of numbers where messages had none at first."""
         late = np.array([isinstance(node.get(key), _MAY_HOLD) for node in nodes], np.bool_)
         if late.any():
-            text = f"{path(steps)} is empty in the channel's first messages and is not read"
-            self._faults.append(Fault("mcap-late-field", text, rows[late]))
+            self._faults.append(Fault("mcap-late-field", rows[late], path(steps)))
 
     def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         count = np.array(list(map(len, nodes)))
@@ -259,8 +256,7 @@ class _Spread:
         self._put([node for node in nodes if type(node) in _NUMBERS], rows[number], i)
         nan = np.array([node == "NaN" for node in nodes], np.bool_)
         if nan.any():
-            text = f"{path(steps)} is NaN or infinite"
-            self._faults.append(Fault("mcap-not-a-number", text, rows[nan]))
+            self._faults.append(Fault("mcap-not-a-number", rows[nan], path(steps)))
         other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
         self._type_fault(rows[other], steps)
 

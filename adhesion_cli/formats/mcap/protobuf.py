@@ -362,7 +362,7 @@ class _LockStep:
                 bad.setdefault(str(e), []).append(i)
         good = np.ones(n, np.bool_)
         for text, rows in bad.items():
-            faults.append(Fault("mcap-bad-message", text, np.array(rows)))
+            faults.append(Fault("mcap-bad-message", np.array(rows), "", text))
             good[rows] = False
         faults += rounded_faults(self._wanted, self._rounded & good)
         for slot in self._slots:

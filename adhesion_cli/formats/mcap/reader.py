@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...core.errors import UserError
-from ...core.finding import Finding, Severity
+from ...core.finding import Finding, Severity, Span, merged
 from ...core.model import RECOVERED, Column, Floats, Reject, Times
 from ..source import Field, ReadOptions
 from .fields import (
@@ -18,6 +18,7 @@ from .fields import (
     Decoder,
     Fault,
     Leaf,
+    Offsets,
     Stamp,
     Tree,
     UndecodableError,
@@ -41,12 +42,12 @@ _SECOND = 10**9
 _MOST_TURNS = 16
 _FEW = 4  # first messages of a channel with a schema that are looked into; further ones ...
 _SPARE = 4096  # ... where an array is empty in all of them, so many in all channels
-_MOST_TOLD = 500  # kinds of faults of one channel that are told one by one
+_MOST_REPORTED = 500  # kinds of faults of one channel that are reported one by one
+_MOST_SPANS = 1000  # time spans of one of them that are kept before they are joined
 _SEVERITY: dict[str, Severity] = {
     "mcap-bad-message": "error",
     "mcap-type-change": "error",
-    "mcap-label-change": "error",
-    "mcap-unit-change": "error",
+    "mcap-text-change": "error",
     "mcap-array-length": "warning",
     "mcap-long-message": "warning",
     "mcap-not-a-number": "warning",
@@ -80,6 +81,10 @@ class _Series:
     def name(self) -> str:
         return self.schema.name if self.schema else ""
 
+    def finding(self, code: str, severity: Severity, count: int = 0, **names: str) -> Finding:
+        """A finding about this topic; without a count all its messages."""
+        return Finding(code, severity, channel=self.topic, count=count or self.rows, names=names)
+
 
 def open_mcap(path: Path, options: ReadOptions) -> "McapSource":
     """Opens an MCAP log: walks all records, checks them, and lists the numbers in its messages.
@@ -110,9 +115,9 @@ class McapSource:
         self.rows = self.walk.rows
         self.metadata, self.account = self.walk.metadata, self.walk.account()
         self.findings: list[Finding] = []
-        self._told: set[Finding] = set()
+        self._reported: set[Finding] = set()
         self._decoders: dict[int, Decoder] = {}  # by schema id
-        self._tell_of_walk()
+        self._report_walk()
         self._series = self._group()
         self._discover()
         self.fields: Sequence[Field] = [
@@ -131,43 +136,38 @@ class McapSource:
 
     # ------------------------------------------------------------------ what is in it
 
-    def _tell_of_walk(self) -> None:
+    def _report_walk(self) -> None:
         walk = self.walk
         if walk.damage:
-            first, more = walk.damage[0], len(walk.damage) - 1
-            what = f"byte {first.at}: {first.what}" + (f" (and {more} more)" if more else "")
-            missing = f", lost {walk.lost}" if walk.lost else ""
-            chunks = f" in {walk.chunks} whole chunks" if walk.chunks else ""
-            kept = f"{self.rows} messages{chunks}{missing}"
-            self.findings.append(
-                Finding("mcap-damaged", "error", f"{what}; kept {kept}", count=more + 1)
-            )
+            first = walk.damage[0]
+            values = {"byte": first.at, "kept_messages": self.rows}
+            if walk.lost:
+                values["lost_messages"] = walk.lost
+            found = Finding("mcap-damaged", "error", count=len(walk.damage), values=values,
+                            names={"damage": first.what})  # fmt: skip
+            self._report(found)
         if lost := {i: n for i, n in walk.counts.items() if i not in walk.channels}:
             some = ", ".join(map(str, sorted(lost)[:5])) + (", ..." if len(lost) > 5 else "")
-            text = f"messages of channels that the file does not define: {some}"
-            self._tell("mcap-unknown-channel", "error", text, count=sum(lost.values()))
+            found = Finding("mcap-unknown-channel", "error", count=sum(lost.values()),
+                            names={"channels": some})  # fmt: skip
+            self._report(found)
         if walk.unchecked:
-            text = "messages that no checksum guards: a bit that changed in them would not show"
-            self._tell("mcap-unchecked", "info", text, count=walk.unchecked)
+            self._report(Finding("mcap-unchecked", "info", count=walk.unchecked))
         if damage := walk.metadata.get(RECOVERED, {}).get("damage"):
-            text, suspect = f"made of a damaged log ({damage[:200]})", walk.suspect
-            if suspect:
-                text += "; of the messages that no checksum guarded any may have changed"
-            self._tell("mcap-recovered", "warning" if suspect else "info", text, count=suspect or 1)
+            severity: Severity = "warning" if walk.suspect else "info"
+            names = {"damage": damage[:200]}
+            self._report(Finding("mcap-recovered", severity, count=walk.suspect or 1, names=names))
         if walk.unknown:
-            text = "records of unknown kinds, skipped"
-            self._tell("mcap-unknown-record", "info", text, count=walk.unknown)
+            self._report(Finding("mcap-unknown-record", "info", count=walk.unknown))
 
-    def _tell(
-        self, code: str, severity: Severity, message: str, channel: str = "", count: int = 1,
-        first_s: float | None = None,
-    ) -> None:  # fmt: skip
-        if self._options.strict and severity == "error":
-            where = f" {channel}:" if channel else ""
-            raise UserError(f"{self.path}:{where} {message}", "read without --strict to drop these")
-        finding = Finding(code, severity, message, channel, count, first_s)
-        if finding not in self._told:
-            self._told.add(finding)
+    def _report(self, finding: Finding) -> None:
+        """Adds a finding that is not there yet; with strict an error ends the reading."""
+        if self._options.strict and finding.severity == "error":
+            where = f" {finding.channel}:" if finding.channel else ""
+            text = f"{self.path}:{where} {finding.message}"
+            raise UserError(text, "read without --strict to leave these messages out")
+        if finding not in self._reported:
+            self._reported.add(finding)
             self.findings.append(finding)
 
     def _group(self) -> list[_Series]:
@@ -191,9 +191,9 @@ class McapSource:
             elif one.encoding == "json":
                 one.heads = one.heads + heads
             if channel.schema_id and schema is None and self.walk.counts[channel.id]:
-                self._tell(
-                    "mcap-unknown-schema", "error",
-                    f"schema {channel.schema_id} is not defined", channel.topic,
+                self._report(
+                    Finding("mcap-unknown-schema", "error", channel=channel.topic,
+                            values={"schema": channel.schema_id})
                 )  # fmt: skip
         self.walk.heads.clear()
         topics = Counter(one.topic for one in series.values())
@@ -201,10 +201,8 @@ class McapSource:
             if topics[one.topic] > 1:
                 one.group = f"channel {one.ids[0]}"
             if len(one.ids) > 1:
-                self._tell(
-                    "mcap-shared-topic", "info",
-                    f"{len(one.ids)} channels carry this topic; read as one series", one.topic,
-                )  # fmt: skip
+                values = {"channels": len(one.ids)}
+                self._report(Finding("mcap-shared-topic", "info", channel=one.topic, values=values))
         return list(series.values())
 
     def _discover(self) -> None:  # noqa: C901, PLR0912, PLR0915
@@ -219,13 +217,11 @@ class McapSource:
             try:
                 s.decoder = self._decoder(s)
             except UndecodableError as e:
-                self._tell("mcap-bad-schema", "error", str(e), s.topic, s.rows)
+                self._report(s.finding("mcap-topic-unreadable", "error", reason=str(e)))
                 continue
             if s.decoder is None:
                 kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
-                self._tell(
-                    "mcap-encoding", "info", f"encoding {kind!r} is not read", s.topic, s.rows
-                )
+                self._report(s.finding("mcap-encoding", "info", encoding=kind))
                 continue
             schema = s.encoding != "json"
             why = "" if s.heads else "first message is too large"
@@ -247,8 +243,7 @@ class McapSource:
                     why = why or str(e)
             s.heads = []
             if not trees:
-                text = f"the first messages do not decode, so none is read: {why}"
-                self._tell("mcap-bad-message", "error", text, s.topic, s.rows)
+                self._report(s.finding("mcap-topic-unreadable", "error", reason=why))
                 continue
             s.tree = typical(trees)
             s.decoder.know(s.tree)
@@ -260,16 +255,13 @@ class McapSource:
             if not found and s.rows > seen and not (schema and not any(empty(s.tree))):
                 left_out.append(f"what messages hold behind {seen} without a number")
             if left_out:
-                self._tell(
-                    "mcap-not-offered", "info",
-                    f"not offered as single series: {', '.join(p[:80] for p in left_out[:3])}",
-                    s.topic, len(left_out),
-                )  # fmt: skip
+                some = ", ".join(p[:80] for p in left_out[:3])
+                self._report(s.finding("mcap-not-offered", "info", len(left_out), fields=some))
             # Where a schema says text, text it is.
             if not schema and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
-                text = f"numbers in quotation marks are not read: {', '.join(texts[:3])[:200]}"
+                some = ", ".join(texts[:3])[:200]
                 severity: Severity = "info" if s.leaves else "warning"
-                self._tell("mcap-number-text", severity, text, s.topic, len(texts))
+                self._report(s.finding("mcap-number-text", severity, len(texts), fields=some))
             if (of := stamp(s.tree, texts=s.encoding == "json")) is not None:
                 has = any(at(trees[0], steps) is not None for steps in of.places)
                 s.stamp_time = of.first(trees[0] if has else s.tree)
@@ -280,11 +272,12 @@ class McapSource:
                 s.stamps_repeat = 2 * repeats > len(stamps) - 1
 
         if more:
-            text = (
-                f"not looked into, as the series before are {total}; if the log is trusted, raise "
-                f"the limit with --set mcap.max_series={total + len(more)}"
+            values = {"series": total, "needed": total + len(more)}
+            self._report(
+                Finding(
+                    "mcap-series-limit", "warning", channel=more[0], count=len(more), values=values
+                )
             )
-            self._tell("mcap-not-offered", "warning", text, more[0], len(more))
 
     def _decoder(self, s: _Series) -> Decoder | None:
         schema = s.schema
@@ -373,7 +366,7 @@ class McapSource:
                 taker.paths.append(f.path)
         if takers:
             self._take_clock([taker.series for taker in takers.values()])
-            self._tell_of_unused_stamps([taker.series for taker in takers.values()])
+            self._report_unused_stamps([taker.series for taker in takers.values()])
         for taker in takers.values():
             if self._source == "header" and taker.series.stamp is None:
                 raise UserError(
@@ -388,7 +381,7 @@ class McapSource:
                 raise self.walk.changed()
             for p, column in zip(taker.paths, taker.columns(), strict=True):
                 by_field[taker.series.topic, taker.series.group, p] = column
-            self._report(taker)
+            self._report_columns(taker)
         return [by_field[f.channel, f.group, f.path] for f in wanted]
 
     def _take(self, takers: list["_Taker"]) -> None:
@@ -407,44 +400,61 @@ class McapSource:
                 mine = rows[ends[k] - counts[k] : ends[k]]
                 takers[k].take(records.some(mine), block.at)
 
-    def _tell_of_unused_stamps(self, of: Sequence[_Series]) -> None:
+    def _report_unused_stamps(self, of: Sequence[_Series]) -> None:
         # In a result of ours the stamp is the log time; where a log begins at 0 it is not set.
         stamped = [s.topic for s in of if s.stamp and not s.name.startswith("adhesion.")]
         why_not = self._without_stamps(of)
         if stamped and why_not and self._options.time_source is None:
-            text = f"stamps inside the messages are not used, as {why_not}: log time is used"
-            self._tell("mcap-stamp-unused", "info", text, stamped[0], len(stamped))
-
-    def _report(self, taker: "_Taker") -> None:
-        if taker.late:
-            count, first, most = taker.late
-            text = (
-                f"messages stand behind later ones, up to {most / 1e9:.6f} s: put in the order of "
-                f"{self._source} time"
-            )
-            first_s = (first - self.walk.times[0]) / 1e9
-            self._tell("mcap-unordered", "warning", text, taker.series.topic, count, first_s)
-        for (code, text, of), found in sorted(taker.found.items()):
-            self._tell(
-                code, _SEVERITY[code], f"{text}; first in the block at byte {found.at}",
-                f"{taker.series.topic} {of}".strip(), found.count,
-                (found.time - self.walk.times[0]) / 1e9,
+            self._report(
+                Finding("mcap-stamp-unused", "info", channel=stamped[0], count=len(stamped),
+                        names={"reason": why_not})
             )  # fmt: skip
+
+    def _report_columns(self, taker: "_Taker") -> None:
+        series, start = taker.series, self.walk.times[0]
+        clock = {"clock": self._source}
+        if late := taker.late:
+            values = {"most_s": taker.most_late / 1e9}
+            found = series.finding("mcap-unordered", "warning", late.count, **clock)
+            self._report(replace(found, spans=late.spans(start), values=values))
+        for (code, place, reason), one in sorted(taker.found.items()):
+            names = {k: v for k, v in (("field", place), ("reason", reason)) if v}
+            found = series.finding(code, _SEVERITY[code], one.count, **names)
+            self._report(replace(found, spans=one.spans(start), values={"byte": one.at}))
         low, high = taker.ahead
         if low <= high and (max(-low, high) > _SECOND or high - low > _SECOND):
-            self._tell(
-                "clock-offset", "info",
-                f"stamps inside the messages are {low / 1e9:.3f} to {high / 1e9:.3f} s ahead of "
-                f"log time; {self._source} time is used",
-                taker.series.topic,
-            )  # fmt: skip
+            values = {"low_s": low / 1e9, "high_s": high / 1e9}
+            found = series.finding("mcap-stamp-offset", "info", 1, **clock)
+            self._report(replace(found, values=values))
 
 
-@dataclass(slots=True)
 class _Found:
-    count: int
-    at: int
-    time: int
+    """Messages of one series that share a fault: how many, and where.
+
+    Args:
+        at: offset in the file of the block where the first stands.
+    """
+
+    def __init__(self, at: int) -> None:
+        self.at, self.count = at, 0
+        self._last = -1
+        self._spans: list[Span] = []  # [ns], whole numbers
+
+    def add(self, rows: Offsets, t: Times) -> None:
+        """Adds messages, by their numbers in the series and their times [ns]."""
+        cuts = np.flatnonzero(np.diff(rows) > 1)
+        first, last = t[np.append(0, cuts + 1)].tolist(), t[np.append(cuts, -1)].tolist()
+        if self._spans and rows[0] == self._last + 1:
+            first[0] = self._spans.pop()[0]
+        self._spans += [(min(a, b), max(a, b)) for a, b in zip(first, last, strict=True)]
+        if len(self._spans) > _MOST_SPANS:
+            self._spans = list(merged(self._spans))
+        self.count += len(rows)
+        self._last = int(rows[-1])
+
+    def spans(self, start: int) -> tuple[Span, ...]:
+        """From and to of the messages, seconds after a start [ns]."""
+        return merged([((a - start) / 1e9, (b - start) / 1e9) for a, b in self._spans])
 
 
 class _Taker:
@@ -453,9 +463,10 @@ class _Taker:
     def __init__(self, series: _Series) -> None:
         self.series, self.paths = series, list[str]()
         self.rows = 0
-        self.found: dict[tuple[str, str, str], _Found] = {}
+        self.found: dict[tuple[str, str, str], _Found] = {}  # by code, field and reason
         self.ahead = (1 << 62, -(1 << 62))  # lowest and highest of stamp minus log time [ns]
-        self.late: tuple[int, int, int] | None = None  # how many, first one's time, most [ns]
+        self.late: _Found | None = None  # messages that stand after later ones
+        self.most_late = 0  # [ns]
 
     def prepare(self, source: Literal["log", "publish", "header"]) -> None:
         s = self.series
@@ -495,28 +506,27 @@ class _Taker:
                 t = np.where(known, own, log)
                 if not known.all():
                     self._values[:, here][:, ~known] = np.nan
-                    text = "message without a stamp of its own; its values are not used"
                     bad = [f.rows for f in faults if f.code == "mcap-bad-message"]
                     rows = np.flatnonzero(~known)
                     if len(rows := np.setdiff1d(rows, np.concatenate(bad)) if bad else rows):
-                        faults.append(Fault("mcap-no-stamp", text, rows))
+                        faults.append(Fault("mcap-no-stamp", rows))
         self._t[here] = t
         if self._source != "header":
-            self._note_late(t)
+            self._note_late(t, here.start, at)
         for fault in faults:
-            key = fault.code, fault.text, fault.of
-            if len(self.found) >= _MOST_TOLD and key not in self.found:
-                key = fault.code, "further ones", ""
-            found = self.found.setdefault(key, _Found(0, at, int(log[fault.rows[0]])))
-            found.count += len(fault.rows)
+            key = fault.code, fault.field, fault.reason
+            if len(self.found) >= _MOST_REPORTED and key not in self.found:
+                key = fault.code, fault.field and "further fields", fault.reason and "other reasons"
+            rows = fault.rows
+            self.found.setdefault(key, _Found(at)).add(here.start + rows, log[rows])
 
-    def _note_late(self, t: Times) -> None:
+    def _note_late(self, t: Times, row: int, at: int) -> None:
         newest = np.maximum.accumulate(np.maximum(t, self._newest))
         self._newest = newest[-1]
-        late = t < newest
-        if late.any():
-            count, first, most = self.late or (0, int(t[np.argmax(late)]), 0)
-            self.late = count + int(late.sum()), first, max(most, int((newest - t).max()))
+        if len(late := np.flatnonzero(t < newest)):
+            self.late = self.late or _Found(at)
+            self.late.add(row + late, t[late])
+            self.most_late = max(self.most_late, int((newest - t).max()))
 
     def columns(self) -> list[Column]:
         """One column per path, all with the same time array.

@@ -239,10 +239,10 @@ class Ros2Decoder:
                 values[:, rows], found = self._same_order(buffer, start[rows], end[rows], wanted)
                 faults += [replace(f, rows=rows[f.rows]) for f in found]
         if len(rows := np.flatnonzero(kind > 1)):
-            faults.append(Fault("mcap-bad-message", "no plain CDR encapsulation", rows))
+            faults.append(Fault("mcap-bad-message", rows, "", "no plain CDR encapsulation"))
         return values, faults
 
-    def _same_order(  # noqa: C901, PLR0915
+    def _same_order(  # noqa: C901
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
         values = np.full((len(wanted.leaves), len(start)), np.nan)
@@ -305,15 +305,14 @@ class Ros2Decoder:
         ]
         faults += rounded_faults(wanted, rounded & ~walk.bad)
         if len(long := np.flatnonzero(~walk.bad & (walk.left >= _SPARE))):
-            why = "message is longer than its schema says, as where the schema lacks a field"
-            faults.append(Fault("mcap-long-message", why, long))
+            faults.append(Fault("mcap-long-message", long))
         if walk.bad.any():
             bad = np.flatnonzero(walk.bad)
             values[:, bad] = np.nan
             faults = [
                 replace(f, rows=kept) for f in faults if len(kept := np.setdiff1d(f.rows, bad))
             ]
-            faults.append(Fault("mcap-bad-message", walk.why, bad))
+            faults.append(Fault("mcap-bad-message", bad, "", walk.why))
         return values, faults
 
 
