@@ -23,12 +23,13 @@ SAMPLE = ROOT / "sample_logs" / "service-brake.csv"
 RUNS = 7
 LOADING = """
 import numpy as np, pyarrow.csv, rerun, numba.np.arraymath
-from adhesion_cli import compiled, estimator, physics, reference
+from adhesion_cli.core import compiled, estimator, physics
 from adhesion_cli.core.model import AxleRecord, Vehicle
+from adhesion_cli.reference import force
 t, x = np.arange(3) * 10**7, np.array([9.0, 8.9, 8.8])
 for est in estimator.registry().values():
     compiled.batch(est, est.Params(), physics.wheelset(Vehicle(), 1), t, x, x, np.array([0]))
-reference.compute(AxleRecord(1, t, x, x, x, (slice(0, 3),)), Vehicle())
+force.compute(AxleRecord(1, t, x, x, x, (slice(0, 3),)), Vehicle())
 """
 
 

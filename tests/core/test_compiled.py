@@ -27,7 +27,7 @@ PACKAGE = Path(adhesion_cli.__file__).parent
 BATCH = """
 import json, sys
 import numpy as np
-from adhesion_cli import compiled, estimator
+from adhesion_cli.core import compiled, estimator
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 est = estimator.registry()[sys.argv[1]]
@@ -123,12 +123,12 @@ def test_no_result_is_made_by_calling_python() -> None:
 INTERRUPTED = """
 import signal
 from dataclasses import replace
-from adhesion_cli import antiskid, scenario
+from adhesion_cli.wsp import closed_loop, scenario
 case = scenario.load("slippery-stop")
-antiskid.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
+closed_loop.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
 signal.signal(signal.SIGALRM, signal.default_int_handler)
 signal.setitimer(signal.ITIMER_REAL, 0.1)
-antiskid.run(case, "none")
+closed_loop.run(case, "none")
 """
 
 
@@ -153,7 +153,7 @@ def test_what_goes_by_address_is_compiled_once_for_all(
         swapped, Pair(4.0, 2.0), 5.0
     )
     assert [p.name.split(".")[0] for p in machine_code(tmp_path) if p.name not in kept] == [
-        "test_compiled_twice"
+        f"{__name__}_twice".replace(".", "_")
     ]
 
 
