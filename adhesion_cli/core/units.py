@@ -113,14 +113,17 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
 _IN_NAMES = {
     s for s, u in UNITS.items()
     if len(s) > 2 and s.isascii() and s not in {"bars", "count", "counts", "pulse", "pulses",
-       "impulse", "impulses", "tick", "ticks", "rad", "rads", "rev", "revs", "second", "minute",
+       "impulse", "impulses", "tick", "ticks", "rad", "rev", "revs", "second", "minute",
        "min", "sec", "secs", "hour", "hours", "std", "turns", "millis", "deg", "grad", "degree"}
 } | {"pa", "n", "kn", "hz", "mps", "deg_s", "rad_s", "m_s", "km_h"}  # fmt: skip
 
 _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
 
-# Of what is not asked for, with the letters of names: volts are no v, kelvins no K.
-_OTHERS = re.compile(r"[\[(（]\s*(?:[mkµμ]?[VAW]|K)\s*[\])）]|(?<=[^\W_])_[mk]?V$")
+# Units of what is not asked for, with the letters of names: volts are no v, kelvins no K.
+_OTHERS = re.compile(
+    r"[\[(（]\s*(?:[mkµμ]?[VAW]|V(?:AC|DC)|K)\s*[\])）]"
+    r"|(?<=[^\W_])_[mk]?V$|(?<![^\W_])(?:5|\d{2,}|\d[.,]\d)V(?![^\W_])"
+)
 
 
 @lru_cache(1 << 10)

@@ -4,7 +4,9 @@ import sys
 
 import pytest
 
+from adhesion_cli.channels import rules
 from adhesion_cli.channels.meaning import Mapping, understood
+from adhesion_cli.core import units
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.source import Field
 
@@ -241,6 +243,60 @@ def test_a_true_slip_says_so_and_has_a_unit(name: str, meaning: str | None) -> N
 def test_what_only_shares_a_letter_or_a_unit_is_not_taken(name: str, meaning: str | None) -> None:
     wheel, found = seen("axle 1 speed [km/h]", name)
     assert (wheel[0], found[0]) == (WHEEL, meaning)
+
+
+@pytest.mark.parametrize(
+    ("name", "si"),
+    [
+        ("wheel_speed_rads", 1.0), ("wheel_speed_radps", 1.0), ("wheel_speed_kph", 1 / 3.6),
+        ("wheel_speed_kmph", 1 / 3.6), ("wheel_speed_mps", 1.0), ("omega1_rads", 1.0),
+        ("WheelSpeed_Rads", 1.0), ("axle2_speed_rads_2", 1.0), ("v_ax_1_kph", 1 / 3.6),
+        ("axle1/speed_rads", 1.0),
+    ],
+)  # fmt: skip
+def test_a_unit_at_the_end_of_a_name_is_taken(name: str, si: float) -> None:
+    ((meaning, _, unit),) = seen(name)
+    assert meaning == WHEEL
+    assert units.stated(str(unit), "wheel_speed", name).factor == pytest.approx(si)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "BAT_V", "bat_v", "V_BAT", "VBat", "Vbat_V", "battery_v", "batt.v", "V_supply", "24V",
+        "Battery Voltage 1", "V [V]", "V1 (mV)", "v [VDC]", "Spannung v", "电池 V",
+    ],
+)  # fmt: skip
+def test_a_voltage_is_no_speed_by_its_letter(name: str) -> None:
+    assert seen(name)[0][0] is None
+    assert seen("v_wheel 1 [km/h]", name)[1][0] is None
+
+
+def test_a_voltage_by_the_units_row_or_in_a_message_is_no_speed_by_its_letter() -> None:
+    fields = [Field("V1", unit="V", unit_from="in the units row"), Field("/ecu", "bat_v")]
+    assert [m.meaning for m in understood(fields, ())[0]] == [None, None]
+    assert seen(("/battery", "wheel_speed_rads"))[0][0] == WHEEL
+
+
+@pytest.mark.parametrize(
+    ("name", "meaning"),
+    [
+        ("AxSpd1_kmh", WHEEL), ("v_Ax_1 [km/h]", WHEEL), ("BcPressAx1_bar", PRESSURE),
+        ("Vref_kmh", TRAIN), ("VehSpd_kmh", TRAIN), ("vmax_kmh", None), ("GPS速度 [km/h]", TRAIN),
+        ("副风缸压力 [kPa]", None), ("BC压力1 [kPa]", PRESSURE), ("ax [m/s2]", TRAIN),
+    ],
+)  # fmt: skip
+def test_short_names_of_train_computers(name: str, meaning: str | None) -> None:
+    assert seen(name)[0][0] == meaning
+
+
+def test_each_rule_asks_for_words_that_the_vocabulary_has() -> None:
+    asked = {kind for rule in rules.RULES for _, kinds in rules._conditions(rule.words)
+             for kind in kinds}  # fmt: skip
+    assert {kind.removeprefix("own ") for kind in asked} <= {*rules._WORDS, *rules._SPECIAL}
+    asked_of = {of for may_be in rules._QUANTITY.values() for of in may_be}
+    derived = {"any", "absolute pressure", "speed without unit"}
+    assert {rule.quantity for rule in rules.RULES} <= asked_of | derived
 
 
 def test_a_folder_of_topics_called_adhesion_makes_no_truth() -> None:

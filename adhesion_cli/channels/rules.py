@@ -1,0 +1,349 @@
+"""What one field means by its own name and unit: a table of rules, tried from the top.
+
+The words that the rules ask for are in `vocabulary.toml`.
+"""
+
+import re
+import tomllib
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ..core import units
+from ..core.model import Meaning
+from ..formats.source import Field
+
+
+class Guess(NamedTuple):
+    """What a field means, None where it means nothing to an analysis, and why."""
+
+    meaning: Meaning | None
+    axle: int | None
+    unit: str
+    reason: str
+
+
+class Rule(NamedTuple):
+    """One row: a field of this quantity, whose name has these words, has this meaning.
+
+    Attributes:
+        quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`.
+        words: kinds of words of the vocabulary, all of which must hold. "own" asks only the words
+            of the field itself, not of its topic; "|" separates alternatives; "!" asks that there
+            is none; "?" names a word that need not be there.
+        meaning: None for a field that is no input of an analysis.
+        reason: why it is none, with the words that were found; or what to add to the reason.
+    """
+
+    quantity: str
+    words: str
+    meaning: Meaning | None
+    reason: str = ""
+
+
+RULES = (
+    Rule("any", "own never", None, "not a quantity we use"),
+    Rule("ratio", "own slip, true, !estimated", "true_slip"),
+    Rule("any", "own slip, true, !estimated", None, "a true slip, but no unit stated: - or %"),
+    Rule("force", "own clamping, ?own force", "clamping_force"),
+    Rule("force", "own K, ?own force, !adhesion force, !true force", "clamping_force"),
+    Rule("force", "true, ?adhesion force, !estimated, !slip, !own other force", "truth"),
+    Rule("force", "adhesion force, !estimated, !slip, !own other force", "truth"),
+    Rule("acceleration", "acceleration|a along x, other acceleration|other speed|estimated|slip",
+         None, "an acceleration, but {1!r} is not the train's along it"),
+    Rule("acceleration", "acceleration|a along x", "train_speed",
+         "an acceleration, to be integrated"),
+    Rule("any", "acceleration", None, "{0!r} in the name, but no unit of it is stated"),
+    Rule("pressure", "other pressure", None, "a pressure, but {0!r} is not the brake cylinder"),
+    Rule("absolute pressure", "?own pressure, ?cylinder, absolute", "pressure"),
+    Rule("pressure", "?own pressure, ?cylinder", "pressure"),
+    Rule("speed without unit", "own electrical", None, "no speed: {0!r} says a voltage"),
+    Rule("speed", "other speed", None, "a speed, but {0!r} is not measured on wheel or train"),
+    Rule("speed", "bound, !wheel", None, "a speed, but {0!r} is not measured on wheel or train"),
+    Rule("turns", "!wheel, !own speed", None, "nothing in the name says wheel or axle"),
+    Rule("speed", "true|actual, ?own speed, !wheel", "train_speed"),
+    Rule("speed along the track", "train, ?own speed, !wheel", "train_speed"),
+    Rule("speed", "?wheel, ?own speed", "wheel_speed"),
+)  # fmt: skip
+
+_QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it may be
+    "force": ("force",), "pressure": ("pressure",), "acceleration": ("acceleration",),
+    "ratio": ("ratio",), "speed": ("speed", "speed along the track"), "angular speed": ("speed",),
+    "pulse rate": ("speed", "turns"), "count": ("speed", "turns"), "angle": ("speed", "turns"),
+}  # fmt: skip
+
+# Units that a message type fixes by its definition, not by its name.
+_CONVENTIONS: tuple[tuple[str, str, str], ...] = (
+    (r"sensor_msgs(/msg)?/JointState|sensor_msgs\.JointState", r"^velocity", "rad/s"),
+    (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),
+    (r"sensor_msgs(/msg)?/Imu|sensor_msgs\.Imu", r"^linear_acceleration", "m/s2"),
+    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
+    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
+)
+# What results of ours hold, by message type and field. Their topics begin with the name of a log,
+# which may say anything.
+_OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
+    ("adhesion.AxleInput", "brake_cylinder_pressure"): ("pressure", "Pa"),
+    ("adhesion.AxleInput", "clamping_force"): ("clamping_force", "N"),
+    ("adhesion.AxleInput", "wheel_speed"): ("wheel_speed", "rad/s"),
+    ("adhesion.AxleInput", "train_speed"): ("train_speed", "m/s"),
+    ("adhesion.Truth", "force"): ("truth", "N"),
+    ("adhesion.Truth", "slip"): ("true_slip", "-"),
+}
+
+_CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
+
+
+def _vocabulary() -> tuple[tuple[str, ...], frozenset[str], dict[str, dict[str, None]]]:
+    """Stems, generic words, and the words of each kind, in the order of the file."""
+    text = Path(__file__).with_name("vocabulary.toml").read_text("utf-8")
+    entries = tomllib.loads(text)
+    stems, generic = entries.pop("stems").split(), entries.pop("generic").split()
+    kinds = {
+        kind: dict.fromkeys(" ".join(of_language.values()).split())
+        for kind, of_language in entries.items()
+    }
+    return tuple(stems), frozenset(generic), kinds
+
+
+_STEMS, GENERIC, _WORDS = _vocabulary()
+
+
+@lru_cache(1 << 10)  # many rules ask for the same field
+def words_of(text: str) -> tuple[str, ...]:
+    """Lower-case words of a name: camelCase, digits, punctuation and the script separate them."""
+    text = unicodedata.normalize("NFKC", text)
+    text = re.sub(r"(?i)\b(rad|achs|zug|fahrzeug|fahr)(?=geschw|drehz)", r"\1 ", text)
+    text = re.sub(
+        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)"
+        r"|(?<=[a-zA-Z])(?=[一-鿿])|(?<=[一-鿿])(?=[a-zA-Z])",
+        " ", text,
+    )  # fmt: skip
+    return tuple(re.findall(r"[^\W_]+", text.lower()))
+
+
+def has(kind: str, words: Sequence[str]) -> str:
+    """The first of these words that is of this kind, "" for none."""
+    return next((found for word in words if (found := _kinds(word).get(kind))), "")
+
+
+def _kinds_of(words: Sequence[str]) -> dict[str, str]:
+    """The kinds of these words, each with the first word of it."""
+    found: dict[str, str] = {}
+    for word in reversed(words):
+        found |= _kinds(word)
+    return found
+
+
+@lru_cache(1 << 14)  # logs have many names of few words
+def _kinds(word: str) -> dict[str, str]:
+    """The kinds of a word, each with the part of it that says so; none for a number."""
+    if word.isdigit():
+        return {}
+    return {kind: found for kind in _WORDS if (found := _part_of_kind(kind, word))}
+
+
+def _part_of_kind(kind: str, word: str) -> str:
+    known = _WORDS[kind]
+    if word in known or any(stem in known and stem in word for stem in _STEMS):
+        return word
+    return next((e for e in known if not e.isascii() and len(e) <= len(word) and e in word), "")
+
+
+class _Name:
+    """The words of a field and of what is around it, and the unit that they state."""
+
+    def __init__(self, field: Field) -> None:
+        base, unit = units.in_name(field.channel if field.path else field.label or field.channel)
+        path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
+        label, label_unit = units.in_name(field.label)
+        bare = base if unit else units.without_others(base)
+        other = bare != base or not units.without_others(f"[{field.unit}]").strip()
+        base = bare
+        label = label if label_unit else units.without_others(label)
+        self.unit, self.unit_from = field.unit, field.unit_from
+        if not self.unit:
+            counted = units.unit(field.path)
+            count = field.path if counted and counted.dimension == "count" else ""
+            self.unit = path_unit or label_unit or unit or count
+            self.unit_from = "in the name"
+        if not self.unit:
+            self.unit, self.unit_from = _by_convention(field)
+        if not path and (last := re.search(r"[/.]([^/.]{3,})$", base)):
+            path = last[1]  # a topic and field written as one column header
+        own = [w for w in words_of(path) if not w.isdigit() and w not in GENERIC]
+        around = [*words_of(base), *words_of(label), *words_of(field.group)]
+        self.own = own or around
+        if other:  # a V in volts is no speed by its letter
+            self.own = [w for w in self.own if len(w) > 1 or not has("speed", [w])]
+        self.kinds = _kinds_of(own + around)
+        self.own_kinds = _kinds_of(self.own)
+        self.rare_unit = self.unit or units.unknown_in(field.label or field.channel)
+
+    def quantities(self) -> dict[str, str]:
+        """What this may be, each with the unit in which it is then.
+
+        By its unit; where none is stated, by a word for the quantity. A unit that only a ratio or
+        an acceleration has counts for these alone.
+        """
+        measured = units.unit(self.unit)
+        may_be: tuple[str, ...] = ()
+        if measured:
+            may_be = _QUANTITY.get(measured.dimension, ())
+        elif rare := units.of(self.rare_unit, "true_slip") or units.of(
+            self.rare_unit, "train_speed"
+        ):
+            may_be = _QUANTITY[rare.dimension]
+        found = {"any": self.unit} | dict.fromkeys(may_be, self.rare_unit)
+        if not measured:
+            if "force" in self.own_kinds:
+                found["force"] = self.unit
+            if {"pressure", "cylinder"} & self.own_kinds.keys():
+                found["pressure"] = self.unit
+            if "speed" in self.own_kinds:
+                found |= dict.fromkeys(_QUANTITY["speed"], self.unit)
+                found["speed without unit"] = self.unit
+        elif "pressure" in found:
+            if not ("pressure" in self.own_kinds or "cylinder" in self.kinds):
+                del found["pressure"]
+            elif units.unit(f"{self.unit} abs"):
+                found["absolute pressure"] = f"{self.unit} abs"
+        return found
+
+    def find(self, kind: str) -> str:
+        """The word of this kind, "" for none; "own" asks only the words of the field itself."""
+        if special := _SPECIAL.get(kind):
+            return special(self)
+        own = kind.startswith("own ")
+        return (self.own_kinds if own else self.kinds).get(kind.removeprefix("own "), "")
+
+    def matches(self, words: str) -> list[str] | None:
+        """The words that fulfil a row's conditions, None where one of them is not fulfilled."""
+        seen = []
+        for sign, kinds in _conditions(words):
+            found = next((word for kind in kinds if (word := self.find(kind))), "")
+            if (sign == "!") == bool(found) and sign != "?":
+                return None
+            seen += [found] if found else []
+        return seen
+
+
+@cache
+def _conditions(words: str) -> list[tuple[str, list[str]]]:
+    """A row's words as pairs: "!", "?" or neither, and the alternative kinds."""
+    parts = [condition.strip() for condition in words.split(",")]
+    return [(part[:1], part.lstrip("!?").split("|")) for part in parts]
+
+
+def _by_convention(field: Field) -> tuple[str, str]:
+    """The unit that a message type fixes, and the reason; "" where it fixes none."""
+    for message_type, place, by_definition in _CONVENTIONS:
+        if re.search(message_type, field.message_type) and re.search(place, field.path):
+            return by_definition, f"by definition of {field.message_type}"
+    return "", ""
+
+
+def _wheel(name: _Name) -> str:
+    """The word for wheel or axle; a topic's counts only where the field does not say train."""
+    around = "" if "train" in name.own_kinds else name.kinds.get("wheel", "")
+    return name.own_kinds.get("wheel", around)
+
+
+def _adhesion_force(name: _Name) -> str:
+    """The word that calls this an adhesion force, "" where none does.
+
+    It is next to the word for a force. Where there is none, it has only an axle beside it: a force
+    for an adhesion test is no adhesion force.
+    """
+    aside = [w for w in name.own if not (w.isdigit() or {"true", "actual"} & _kinds(w).keys())]
+    for i, word in enumerate(aside):
+        if has("adhesion", [word]) and has("force", aside[max(0, i - 1) : i + 2]):
+            return word
+    bare = [w for w in aside if not {"wheel", "bogie"} & _kinds(w).keys()]
+    return has("adhesion", bare) if len(bare) == 1 else ""
+
+
+# Kinds that no single word decides.
+_SPECIAL: Mapping[str, Callable[[_Name], str]] = {
+    "wheel": _wheel,
+    "adhesion force": _adhesion_force,
+    "true force": lambda name: name.own_kinds.get("force", "") if "true" in name.kinds else "",
+}
+
+
+@lru_cache(1 << 15)  # `inspect` asks twice
+def guess(field: Field) -> Guess:
+    """What a field means: a message of ours says it by its type, others by their names."""
+    if field.message_type.startswith("adhesion.") and field.message_type != "adhesion.Scalar":
+        return _of_ours(field)  # a Scalar is any channel of a log that was converted or simulated
+    name, axle = _Name(field), axle_of(field)
+    quantities = name.quantities()
+    for rule in RULES:
+        unit = quantities.get(rule.quantity)
+        seen = name.matches(rule.words) if unit is not None else None
+        if unit is None or seen is None:
+            continue
+        if not rule.meaning:
+            return Guess(None, axle, unit, rule.reason.format(*seen))
+        # A number beside the train is a channel's, unless an axle is named.
+        numbered = field.group or "wheel" in name.kinds
+        if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
+            axle = None
+        names = " and ".join(repr(word) for word in dict.fromkeys(seen))
+        parts = (
+            f"name has {names}" if names else "",
+            f"unit {unit}: {name.unit_from or 'in the name'}" if unit else "no unit stated",
+            rule.reason,
+        )
+        return Guess(rule.meaning, axle, unit, "; ".join(p for p in parts if p))
+    return Guess(None, axle, name.unit, "no name we know")
+
+
+def _of_ours(field: Field) -> Guess:
+    """What a message of a result of ours holds."""
+    place = re.search(r"/axle/(\d+)/", field.channel)
+    axle = int(place[1]) if place else None
+    if known := _OURS.get((field.message_type, field.path)):
+        return Guess(known[0], axle, known[1], f"by definition of {field.message_type}")
+    return Guess(None, axle, field.unit, f"{field.message_type}: no input of an analysis")
+
+
+def axle_of(field: Field) -> int | None:
+    """The axle's number as the names give it, None where they give none."""
+    for text in (field.group, field.label, field.path, field.channel):
+        if text and (number := _axle_in(text, text == field.path)) is not None:
+            return number
+    return None
+
+
+def _axle_in(text: str, is_path: bool) -> int | None:
+    """The number beside a word for wheel or cylinder; else the last number, or a list's index."""
+    words = words_of(units.in_name(text)[0])
+    for i, word in enumerate(words):
+        behind = "".join(words[i + 1 : i + 2])
+        if behind.isdigit() and {"wheel", "cylinder"} & _kinds(word).keys():
+            return int(behind)
+        if has("bogie", [word]):
+            words = words[:i] + words[i + 2 :]  # its number counts bogies
+            break
+        if any(c in word for c in "轴轮位") and i and words[i - 1].isdigit():
+            return int(words[i - 1])
+    if match := re.search(r"([一二三四五六七八])[轴轮位]|[轴轮]([一二三四五六七八])", text):
+        return _CHINESE_NUMBERS[match[1] or match[2]]
+    digits = [w for w in words if w.isdigit() and len(w) < 3]
+    if digits and not (is_path and text.endswith("]")):
+        return int(digits[-1])
+    match = re.search(r"\[(\d+)\](\.\w+)?$", text)
+    return int(match[1]) + 1 if match else None  # a list counts from 0, axles from 1
+
+
+def bogie_of(name: str) -> int | None:
+    """The number of the bogie in a name, None where it names none."""
+    words = words_of(name)
+    for i, word in enumerate(words):
+        if has("bogie", [word]):
+            beside = (*words[i + 1 : i + 2], *words[max(0, i - 1) : i])
+            return next((int(w) for w in beside if w.isdigit()), None)
+    return None
