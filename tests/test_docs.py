@@ -25,23 +25,49 @@ def test_the_help_shows_no_type_of_python() -> None:
     assert not re.search(r"[{}]|<(list|path|str|int)", generate.cli_page())
 
 
-def test_pages_that_are_named_exist() -> None:
-    sources = [*ROOT.glob("adhesion_cli/**/*.py"), *ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]
+def pages() -> list[Path]:
+    return [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def test_pages_that_the_program_names_exist() -> None:
     named = {
         (path.name, page)
-        for path in sources
-        for page in re.findall(r"docs/[a-z_-]+\.md", path.read_text(encoding="utf-8"))
+        for path in (*ROOT.glob("adhesion_cli/**/*.py"), *pages())
+        for page in re.findall(r"\bdocs/[a-z_/-]+\.md", path.read_text(encoding="utf-8"))
     }
     assert ("CONTRIBUTING.md", "docs/settings.md") in named
     assert not [(where, page) for where, page in named if not (ROOT / page).is_file()]
 
 
+def test_links_between_pages_lead_somewhere() -> None:
+    broken = []
+    for page in pages():
+        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            if not link.startswith("http"):
+                file, _, heading = link.partition("#")
+                target = page.parent / file if file else page
+                if not target.exists() or (heading and heading not in headings(target)):
+                    broken.append((page.name, link))
+    assert broken == []
+
+
+def headings(page: Path) -> set[str]:
+    """The anchors that a page's headings get on a code host."""
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    titles = re.findall(r"^#+ (.*)$", text, re.M)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
 def test_every_figure_is_made_by_a_command_of_its_page() -> None:
-    makes = {"reproduce.svg": "adhesion reproduce", "response.svg": "--response"}
+    makes = {
+        "reproduce.svg": "adhesion reproduce",
+        "response.svg": "--response",
+        "viewer.png": "adhesion view",
+    }
     shown = {
         (page, name)
-        for page in (*ROOT.glob("docs/*.md"), ROOT / "README.md")
-        for name in re.findall(r"figures/([a-z-]+\.svg)\)", page.read_text(encoding="utf-8"))
+        for page in pages()
+        for name in re.findall(r"figures/([a-z-]+\.\w+)\)", page.read_text(encoding="utf-8"))
     }
     stored = {path.name for path in (ROOT / "docs" / "figures").iterdir()}
     assert {name for _, name in shown} == stored
@@ -51,8 +77,8 @@ def test_every_figure_is_made_by_a_command_of_its_page() -> None:
 
 
 def test_tests_that_are_named_exist() -> None:
-    page = (ROOT / "docs" / "derivation.md").read_text(encoding="utf-8")
-    named = re.findall(r"`test_\w+\.py::(\w+)`", page)
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    named = re.findall(r"`[a-z/]*test_\w+\.py::(\w+)`", page)
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py"))
     assert len(named) > 10
     assert [name for name in named if f"def {name}(" not in tests] == []

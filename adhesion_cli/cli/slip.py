@@ -63,7 +63,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
 _OF_CURVE = (
     "Constants are those of Polach's curve (3), or of the nearest one; the peak's interval holds "
-    "on other curves, too (docs/slip.md)."
+    "on other curves, too (docs/explanation/slip.md)."
 )
 
 

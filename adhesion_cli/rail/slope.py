@@ -74,7 +74,7 @@ no more than noise in the slip gives 0, else, but for κ0 and ε, the squared co
 Δx; κ0, of the slope k0 `small`, keeps it up at the peak, where μ does not move and no correlation
 can be. Noise in the slip draws κ towards 0, by at most the share Z/(g² E). Below `surest`, the
 slope is not observable. The 5, 1.4, 7 and the defaults were found by search over simulated slides;
-docs/slip.md has what is told of others.
+docs/explanation/slip.md says what happens on others.
 """
 
 import math

@@ -14,7 +14,7 @@ slower than the train runs up. Where that does not happen by itself and the doub
 `_DOUBTFUL` of v, one axle at a time, the fastest, is the pilot: its brake is let out until it runs
 up and shows v, as slide protection in service does.
 
-Plain Python that compiles; the constants are ours, and little depends on them (docs/antiskid.md).
+Plain Python that compiles; the constants are ours, and little depends on them (docs/validation.md).
 """
 
 import math

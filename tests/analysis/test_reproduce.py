@@ -120,7 +120,7 @@ def test_the_page_on_the_paper_shows_what_comes_out(
     made: reproduce.Reproduction, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "120")  # tables fold to the terminal
-    page = (DOCS / "paper.md").read_text("utf-8")
+    page = (DOCS / "explanation" / "paper.md").read_text("utf-8")
     blocks = [b.strip() for b in page.split("```")[1::2]]
     tables = [t for b in blocks if b.startswith(("Table 2", "varying")) for t in b.split("\n\n")]
     shown = [t for t in report(made.document) if t.startswith(("Table 2", "varying"))]
@@ -129,7 +129,7 @@ def test_the_page_on_the_paper_shows_what_comes_out(
         assert re.sub(r"[-+\d. ]+", " ", ours) == re.sub(r"[-+\d. ]+", " ", page_s)
         assert numbers(page_s) == pytest.approx(numbers(ours), rel=0.01, abs=0.11)
     for name in re.findall(r"!\[.*\]\((.*)\)", page):
-        assert (DOCS / name).stat().st_size < 200_000
+        assert (DOCS / "explanation" / name).stat().st_size < 200_000
     found = made.document["field_test"]
     claim = f"{found['rmse_n']:.0f} N rmse, {100.0 * found['rmse_share']:.1f} % of the mean force"
     assert claim in page

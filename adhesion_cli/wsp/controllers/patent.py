@@ -23,7 +23,7 @@ from ...rail.slope import Bands, region
 
 
 class Params(NamedTuple):
-    """Bands of [S4]; found by search, see docs/antiskid.md."""
+    """Bands of [S4]; found by search, see docs/explanation/antiskid.md."""
 
     slip_low: Annotated[float, Quantity("-", "least slip of the band", 0.0, 1.0)] = 0.018
     slip_high: Annotated[float, Quantity("-", "most slip of the band", 0.0, 1.0)] = 0.3
