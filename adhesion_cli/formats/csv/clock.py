@@ -8,7 +8,7 @@ from midnight.
 import math
 import re
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -33,7 +33,6 @@ from .header_words import (
     time_unit,
 )
 
-NAIVE, ZONED = -1, -2  # in place of a power of ten: stamps without a zone, or with one
 TIME_UNITS = (*NS_PER_UNIT, "iso", "dmy", "mdy", "excel", "matlab")
 
 _S = 1_000_000_000
@@ -124,14 +123,6 @@ class Clock:
             ok &= np.abs(t) < 2**62 // factor
             t = np.where(ok, t, 0) * factor
         return t, ok
-
-    @property
-    def power(self) -> int | None:
-        """Of ten, by which the column's decimals are ns, or what ISO stamps it holds; else None."""
-        if self.pattern:
-            (kind, *_) = self.types
-            return (ZONED if kind.tz else NAIVE) if pa.types.is_timestamp(kind) else None
-        return {"s": 9, "ms": 6, "us": 3, "ns": 0}.get(self.unit)
 
     def refuse_unpadded(self, rows: Sequence[Sequence[str]], name: str, path: Any) -> None:
         """Refuses times whose fraction is a whole number of ms, us or ns without leading zeros.
@@ -355,8 +346,7 @@ def _guessed(clock: Clock, dialect: Dialect) -> Clock:
     open_unit = any(f.code == "time-unit-guessed" for f in clock.findings)
     note = Finding(
         "time-guessed", "warning" if open_unit and not _says_time(dialect, i) else "info",
-        f"time taken from column {name!r} ({clock.reason}); state time = {{channel = …}} if wrong",
-        name,
+        channel=name, names={"column": repr(name), "reason": clock.reason},
     )  # fmt: skip
     return replace(clock, findings=(*clock.findings, note))
 
@@ -408,11 +398,11 @@ def _others(dialect: Dialect, clock: Clock, rows: float, path: Any) -> tuple[Fin
     others = [k for k in others if k in named]
     if not others:
         return ()
-    text = ", ".join(repr(dialect.names[k]) for k in others)
+    columns, taken = listed(dialect.names[k] for k in others), dialect.names[i]
     return (
         Finding(
-            "time-others", "info", f"{text} name a time as well; {dialect.names[i]!r} is taken",
-            dialect.names[i], len(others),
+            "time-other-columns", "info", channel=taken, count=len(others),
+            names={"columns": columns, "taken": repr(taken)},
         ),
     )  # fmt: skip
 
@@ -509,8 +499,8 @@ def _number_clock(
             )
         notes = (
             Finding(
-                "time-unit-guessed", "info",
-                f"time column {name!r} taken in {stated} ({source}); state unit = … if wrong", name,
+                "time-unit-guessed", "info", channel=name,
+                names={"column": repr(name), "unit": stated, "reason": source},
             ),
         )  # fmt: skip
     seconds = values[0] * NS_PER_UNIT[stated] / _S
@@ -587,6 +577,12 @@ def _plausible_unit(values: list[float], step: float, span: float) -> str | None
     return possible[0] if len(possible) == 1 else None
 
 
+def listed(names: Iterable[str], most: int = 6) -> str:
+    """Names as a message lists them: the first ones, and how many there are."""
+    shown = [repr(n) for n in names]
+    return ", ".join(shown[:most]) + (f", … ({len(shown)})" if len(shown) > most else "")
+
+
 def toml(text: str) -> str:
     """A TOML basic string."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
@@ -651,9 +647,13 @@ def _stamp_clock(dialect: Dialect, i: int, unit: str | None, path: Any, why: str
         whole = [" ".join(p) for p in zip(*(dialect.column(k) for k in columns), strict=False)]
         zones = [m["z"] for c in whole if (m := re.fullmatch(pattern, c))]
         if not all(zones):
-            some = "some stamps" if any(zones) else "stamps"
-            text = f"{some} in {names} name no time zone; they count as UTC"
-            notes.append(Finding("time-naive", "info", text, dialect.names[i]))
+            share = zones.count("") + zones.count(None)
+            notes.append(
+                Finding(
+                    "time-zone-missing", "info", channel=dialect.names[i],
+                    values={"share": share / len(zones)}, names={"columns": names},
+                )
+            )  # fmt: skip
         reason = (
             f"{why}; {'date and time in' if len(columns) == 2 else 'stamps in'} {names} ({form})"
         )
@@ -730,10 +730,14 @@ def checked_floats(array: Any, decimal: str, unit: str = "") -> tuple[Any, Any]:
     numeric = pc.fill_null(pc.match_substring_regex(text, _re2(decimal)), False)
     plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
     value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)
-    infinite = np.isinf(value) | _is_one_of(INFINITE, text)
-    state = np.select([np.isfinite(value), _says_nothing(text), infinite], [0, 1, 3], 2)
-    state = state.astype(np.int8)
-    return np.where(state == 0, value, np.nan), state
+    state = np.zeros(len(value), np.int8)
+    odd = np.flatnonzero(~np.isfinite(value))
+    if len(odd):
+        few = text.take(pa.array(odd))
+        infinite = np.isinf(value[odd]) | _is_one_of(INFINITE, few)
+        state[odd] = np.select([_says_nothing(few), infinite], [1, 3], 2)
+        value = np.where(state == 0, value, np.nan)
+    return value, state
 
 
 def _says_nothing(text: Any) -> Bools:

@@ -7,6 +7,7 @@ import codecs
 import csv
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -80,6 +81,7 @@ class Dialect:
     headed: bool
     first_line: int  # line of the first data row, from 1
     before: dict[str, int]  # lines before it, by class
+    first: dict[str, tuple[int, str]]  # the first line of each class, and its text
     metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`
     why: dict[str, str] = field(default_factory=dict)
@@ -177,7 +179,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
     rows_above = _rows_above(
         [(n, n + more, s) for n, s, more in lines if n in texts and n < table[top][0]]
     )
-    before = _lines_before(lines, table, (top, start, of_units), len(rows_above))
+    before, first = _lines_before(lines, table, (top, start, of_units), rows_above)
     preamble = [cells for n, cells in table[:top]]
     comment = next((m[1] for _, s, _ in lines if (m := _COMMENT.match(s))), "")
     lines_above = [n for n, cells in table[top:start] if cells in heads]
@@ -198,7 +200,7 @@ def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dial
         encoding, bom, delimiter, decimal, comment, cells_per_row, names,
         tuple(tuple(_fit(h, width)) for h in heads),
         tuple(_bare(c) for c in _fit(unit_cells, width)),
-        duplicates, bool(heads), first_line, dict(before), _metadata(preamble),
+        duplicates, bool(heads), first_line, dict(before), first, _metadata(preamble),
         [row[: len(names)] for row in data], why, rows_above,
     )  # fmt: skip
 
@@ -803,17 +805,18 @@ def _lines_before(
     lines: list[tuple[int, str, int]],
     table: list[tuple[int, list[str]]],
     header: tuple[int, int, int | None],
-    rows_above: int,
-) -> Counter[str]:
-    """Lines before the first data row, by class.
+    rows_above: Sequence[tuple[int, int, str]],
+) -> tuple[Counter[str], dict[str, tuple[int, str]]]:
+    """Lines before the first data row: how many of each class, and the first of each.
 
     Args:
         lines: those of the head: number, text, further lines inside quotes.
         table: the numbered rows.
         header: indices in `table` of its first row, of the first data row and of the units row.
-        rows_above: how many are rows of another table.
+        rows_above: those that are rows of another table.
     """
     top, start, units = header
+    above = {line for line, _, _ in rows_above}
 
     def kind(line: int, text: str) -> str:
         if not text.strip():
@@ -824,16 +827,17 @@ def _lines_before(
             return "comment"
         if top < start and line >= table[top][0]:
             return "units" if units is not None and line == table[units][0] else "header"
-        return "preamble"
+        return "another table" if line in above else "preamble"
 
     before: Counter[str] = Counter()
+    first: dict[str, tuple[int, str]] = {}
     for line, text, more in lines:
         if line < table[start][0]:
-            before[kind(line, text)] += 1
+            of = kind(line, text)
+            before[of] += 1
             before["inside quotes"] += more
-    before["preamble"] -= rows_above
-    before["another table"] += rows_above
-    return +before
+            first.setdefault(of, (line, text))
+    return +before, first
 
 
 def _metadata(preamble: list[list[str]]) -> dict[str, str]:

@@ -15,7 +15,7 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Floats, Times
 from ..source import ReadOptions
-from .clock import column_index, toml
+from .clock import column_index, listed, toml
 from .dialect import Dialect, is_null
 from .header_words import is_group_name, is_signal_name, is_units_name, is_units_row
 
@@ -76,7 +76,7 @@ def find_keys(
         t, codes, keys = survey(columns)
         if _is_long(t, codes, len(keys), _limit(dialect, columns)):
             series = _series(dialect, columns, keys)
-            return Keys(columns, series, (_told(dialect, columns, series),))
+            return Keys(columns, series, (_long_layout(dialect, columns, series),))
     return Keys()
 
 
@@ -100,11 +100,9 @@ def _stated(
             f"{path}: no row has {equals!r} in column {name!r}",
             f"values: {', '.join(groups[:20])}",
         )
-    told = Finding(
-        "interleaved", "info",
-        f"rows of {len(groups)} devices alternate: column {name!r} holds "
-        f"{', '.join(sorted(groups))}; only {equals} is read, as stated",
-        name, len(groups),
+    one = Finding(
+        "one-device-read", "info", channel=name, count=len(groups),
+        values={"devices": len(groups)}, names={"groups": listed(sorted(groups)), "read": equals},
     )  # fmt: skip
     if further := tuple(k for k in named if k != i):
         columns = (i, *further)
@@ -113,8 +111,8 @@ def _stated(
         rows = np.isin(codes, own)
         if _is_long(t[rows], codes[rows], len(own), _limit(dialect, columns)):
             series = _series(dialect, columns, [keys[k] for k in own])
-            return Keys(columns, series, (told, _told(dialect, further, series)))
-    return Keys((i,), {(equals,): Series(equals)}, (told,))
+            return Keys(columns, series, (one, _long_layout(dialect, further, series)))
+    return Keys((i,), {(equals,): Series(equals)}, (one,))
 
 
 def _is_key(dialect: Dialect, i: int) -> bool:
@@ -155,20 +153,14 @@ def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict
     return bare if len(set(bare.values())) == len(keys) else {k: series(k, "") for k in keys}
 
 
-def _told(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, Series]) -> Finding:
-    names = " and ".join(repr(dialect.names[i]) for i in columns)
-    titles = "; ".join(x.title for x in series.values())
-    first = dialect.names[columns[0]]
-    hint = (
-        f"; to read the rows of one {first}, state group = {{channel = {toml(first)}, "
-        f"equals = {toml(next(iter(series))[0])}}} under [channels]"
-        if sum(", " in x.group for x in series.values()) > 1 else ""
-    )  # fmt: skip
+def _long_layout(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, Series]) -> Finding:
     return Finding(
-        "long-layout", "info",
-        f"{'column' if len(columns) == 1 else 'columns'} {names} tell{'s' * (len(columns) == 1)} "
-        f"{len(series)} series apart: {titles}; each value column is read once for each{hint}",
-        first, len(series),
+        "long-layout", "info", channel=dialect.names[columns[0]], count=len(series),
+        values={"series": len(series)},
+        names={
+            "columns": listed(dialect.names[i] for i in columns),
+            "titles": listed(x.title for x in series.values()),
+        },
     )  # fmt: skip
 
 
@@ -187,8 +179,8 @@ def _is_long(t: Times, codes: NDArray[np.int64], groups: int, limit: int) -> boo
     return bool((np.diff(codes) != 0).mean() >= 0.3)
 
 
-def interleaved(dialect: Dialect, time: Sequence[int]) -> tuple[str, str, int] | None:
-    """Message, column and number of values where rows of several devices seem to alternate.
+def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
+    """A finding where rows of several devices seem to be interleaved.
 
     A column of few values that keeps changing, while the others run smoothly only within one of
     its values.
@@ -221,12 +213,12 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> tuple[str, str, int] |
             judged += 1
             smooth += within < 0.5 * across
         if judged and smooth >= 0.5 * judged:
-            values = sorted(counts)
-            return (
-                f"rows of several devices alternate: column {name!r} holds {', '.join(values)}; "
-                f"state one, as group = {{channel = {toml(name)}, equals = {toml(values[0])}}} "
-                "under [channels]",
-                name,
-                len(values),
-            )
+            devices = sorted(counts)
+            return Finding(
+                "devices-interleaved", "warning", channel=name, count=len(devices),
+                values={"devices": len(devices)},
+                names={
+                    "groups": listed(devices), "column": toml(name), "first": toml(devices[0]),
+                },
+            )  # fmt: skip
     return None

@@ -15,17 +15,18 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from ...core.errors import UserError
-from ...core.finding import Finding, Severity
+from ...core.finding import Finding, merged
 from ...core.model import Column, Reject, Times
 from ...core.time_axis import earliest, unwrapped
 from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
-from .clock import Clock, backwards, find_clock, toml
+from .clock import Clock, backwards, find_clock, listed, toml
 from .dialect import Dialect, is_null, number_grammar, sniff
 from .lines import read_head, read_tail
 from .long_table import Key, Series, find_keys, interleaved
-from .rows import CELLS, SKIPPED, Scan, quoted
+from .losses import quoted
+from .rows import Reading, Table
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
@@ -76,9 +77,8 @@ class CsvSource:
         self.lines: Counter[str] = Counter()
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
-        self._expected = expected  # rows, roughly
-        self._units: dict[int, str] = {}  # of columns whose cells carry it
-        self._types: dict[int, tuple[Any, ...]] = dict.fromkeys(clock.columns, clock.types)
+        types = dict.fromkeys(clock.columns, clock.types)
+        self._table = Table(path, options, dialect, clock, types, {}, expected)
         self._keys = find_keys(dialect, clock.columns, options, self._survey, path)
         self._series = list(self._keys.series.values()) or [Series()]
         self.findings += self._keys.findings
@@ -87,7 +87,7 @@ class CsvSource:
         self._tail = read_tail(path, dialect)
         for i in range(len(names)):
             if unit := _unit_in(dialect.column(i), dialect.decimal):
-                self._types[i], self._units[i] = (pa.string(),), unit
+                types[i], self._table.units[i] = (pa.string(),), unit
         free = [i for i in range(len(names)) if i not in taken]
         numeric = [i for i in free if self._is_numeric(i)]
         self._places = self._fields(numeric)  # number of the series, and column
@@ -103,12 +103,13 @@ class CsvSource:
             self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         if dialect.duplicates:
             self._report(
-                "csv-duplicate-names", "info",
-                f"{', '.join(map(repr, dialect.duplicates))} stand above several columns; the "
-                'second is called "… (2)"', "", len(dialect.duplicates),
+                Finding(
+                    "csv-duplicate-names", "info", count=len(dialect.duplicates),
+                    names={"columns": listed(dialect.duplicates)},
+                )
             )  # fmt: skip
         if not self._keys.columns and (found := interleaved(dialect, clock.columns)):
-            self._report("interleaved", "warning", *found)
+            self._report(found)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
         """What the columns of numbers hold of each series, and which of both it is."""
@@ -122,8 +123,8 @@ class CsvSource:
                 unit, source = self._dialect.units[i], "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
-                elif i in self._units:
-                    unit, source = self._units[i], "cells"
+                elif i in self._table.units:
+                    unit, source = self._table.units[i], "cells"
                 source = source if unit else ""
                 one = Field(
                     channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
@@ -132,23 +133,19 @@ class CsvSource:
         return places
 
     def _report_text(self, i: int) -> None:
-        """Tells of a column of words that looks as if it should hold numbers."""
+        """Reports a column of words that looks as if it should hold numbers."""
         name, cells = self._dialect.names[i], self._dialect.column(i)
         if self._other_decimal(i):
+            decimal = {"decimal": repr(self._dialect.decimal)}
+            self._report(Finding("csv-mixed-decimals", "warning", channel=name, names=decimal))
+            return
+        unit = known_unit(self._dialect.units[i] or in_name(name)[1])
+        if cells and unit and unit.dimension in _MEASURED:
             self._report(
-                "csv-mixed-decimals", "warning",
-                f"left out: its decimal mark is not {self._dialect.decimal!r} as elsewhere; export "
-                "all columns with one", name, 1,
-            )  # fmt: skip
-        elif (
-            cells
-            and (unit := known_unit(self._dialect.units[i] or in_name(name)[1]))
-            and (unit.dimension in _MEASURED)
-        ):
-            self._report(
-                "csv-no-numbers", "warning",
-                f"left out: it has a unit, but its cells are no numbers, as {quoted(cells[0])}; "
-                "export them as 1.5 or 1.5e3", name, len(cells),
+                Finding(
+                    "csv-no-numbers", "warning", channel=name, count=len(cells),
+                    names={"example": quoted(cells[0])},
+                )
             )  # fmt: skip
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -162,22 +159,13 @@ class CsvSource:
                 `ReadOptions.strict` also where a row or cell cannot.
         """
         indices = sorted({self._places[f][1] for f in wanted})
-        scan = self._scan(indices, self._keys.columns, list(self._keys.series))
-        t, codes, values = scan.read()
-        self.lines = Counter({kind: n for kind, n in scan.lines.items() if n})
-        self.rows = scan.lines["used"] + scan.lines["other group"]
-        self.rejects = scan.rejects or ()
+        read = self._table.read(indices, self._keys.columns, list(self._keys.series))
+        t, codes, values, losses = read.times, read.codes, read.values, read.losses
+        self.lines = Counter({kind: n for kind, n in losses.lines.items() if n})
+        self.rows = losses.lines["used"] + losses.lines["other group"]
+        self.rejects = losses.rejects or ()
         self._refuse_time(t)
-        start = earliest(t)
-        self._report_rows(scan, start)
-        self._report_cells(scan, start)
-        of_day = self._clock.pattern and not self.absolute
-        if of_day and (back := int((np.diff(unwrapped(t)[0]) < -_HALF_DAY).sum())):
-            self._report(
-                "time-of-day-wrapped", "warning",
-                "the time of day starts anew (midnight); there is no date to continue with",
-                self._dialect.names[self._clock.columns[0]], back,
-            )  # fmt: skip
+        self._report_reading(read)
         order = np.argsort(codes, kind="stable")  # each series in the log's own order
         bounds = np.searchsorted(codes, np.arange(len(self._series) + 1), sorter=order)
         times: dict[int, Times] = {}
@@ -189,7 +177,7 @@ class CsvSource:
                 rows = order[bounds[k] : bounds[k + 1]]
                 value = value[rows]
                 times.setdefault(k, t[rows])
-            whole = not any(scan.cells[i, state] for state in CELLS)
+            whole = not any(column == i for column, _ in losses.cells)
             valid = np.ones(len(value), np.bool_) if whole else np.isfinite(value)
             out.append(Column(times.get(k, t), value, valid))
         return out
@@ -216,19 +204,12 @@ class CsvSource:
 
     def _survey(self, columns: tuple[int, ...]) -> tuple[Times, NDArray[np.int64], list[Key]]:
         """Times, the number of the key of each row, and the keys that these columns hold."""
-        scan = self._scan([], columns, None)
-        t, codes, _ = scan.read()
-        return t, codes, scan.met
-
-    def _scan(self, indices: list[int], keys: tuple[int, ...], wanted: list[Key] | None) -> Scan:
-        return Scan(
-            self.path, self._options, self._dialect, self._clock, self._types, self._units,
-            self._expected, indices, keys, wanted,
-        )  # fmt: skip
+        read = self._table.read([], columns)
+        return read.times, read.codes, read.met
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers, in the head or, where that is words, near the end."""
-        if i in self._units:
+        if i in self._table.units:
             return True
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
@@ -246,62 +227,45 @@ class CsvSource:
         found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
         return len(found) > len(cells) / 2
 
-    def _report_rows(self, scan: Scan, start: int) -> None:
-        skipped = {c: scan.lines[c] for c in SKIPPED if scan.lines[c]}
-        if skipped:
-            assert scan.skipped_at is not None
-            parts = [f"{n} {SKIPPED[c]} ({scan.where(c)})" for c, n in skipped.items()]
-            self._report(
-                "csv-rows-skipped", "warning", f"rows left out: {'; '.join(parts)}", "",
-                sum(skipped.values()), (scan.skipped_at - start) / 1e9,
-            )  # fmt: skip
-        if scan.again:
-            text = f"{scan.again} rows are the header again ({scan.where('again')}): nothing lost"
-            self._report("csv-header-again", "info", text, "", scan.again)
-        if scan.damage:
-            self._report(
-                "csv-gzip-damaged", "warning", f"compressed data end early: {scan.damage}", "", 1
-            )
-        if scan.open_end:
-            self._report(
-                "csv-no-final-newline", "info",
-                "the last line has no line end; if the log was cut there, its last cell may be "
-                "incomplete", "", 1,
-            )  # fmt: skip
+    def _report_reading(self, read: Reading) -> None:
+        """Reports what a pass over the file has left out, and how the file ends."""
+        start = earliest(read.times)
+        for finding in read.losses.findings(start):
+            self._report(finding)
+        if read.lines.damage:
+            damage = {"damage": read.lines.damage}
+            self._report(Finding("csv-gzip-damaged", "warning", names=damage))
+        if read.lines.open_end:
+            self._report(Finding("csv-no-final-newline", "info"))
+        if self._clock.pattern and not self.absolute:
+            t = read.times
+            back = np.flatnonzero(np.diff(unwrapped(t)[0]) < -_HALF_DAY)
+            if len(back):
+                pairs = np.sort([t[back], t[back + 1]], axis=0) - start
+                spans = [(a / 1e9, b / 1e9) for a, b in pairs.T.tolist()]
+                name = self._dialect.names[self._clock.columns[0]]
+                self._report(
+                    Finding(
+                        "time-of-day-wrapped", "warning", channel=name, count=len(back),
+                        spans=merged(spans),
+                    )
+                )  # fmt: skip
 
-    def _report_cells(self, scan: Scan, start: int) -> None:
-        for i in scan.indices:
-            name = self._dialect.names[i]
-            said = scan.used - scan.cells[i, 1]
-            for state, (code, severity, text) in CELLS.items():
-                if n := scan.cells[i, state]:
-                    line, shown, at = scan.first_cell[i, state]
-                    message = f"{n} cells {text} (first in line {line}: {quoted(shown)})"
-                    if state == 2 and not self._dialect.column(i) and n == said:
-                        severity = "info"  # words that begin late: nobody's channel
-                    self._report(code, severity, message, name, n, (at - start) / 1e9)
+    def _report(self, finding: Finding) -> None:
+        """Adds a finding that is not there from an earlier reading.
 
-    def _report(
-        self,
-        code: str,
-        severity: Severity,
-        message: str,
-        channel: str,
-        count: int,
-        first_s: float | None = None,
-    ) -> None:
-        """Adds a finding, in place of an earlier one of the same code and channel."""
-        if self._options.strict and severity != "info" and code != "interleaved":
+        Raises:
+            UserError: with `ReadOptions.strict`, where it says that something was left out.
+        """
+        lossy = finding.severity != "info" and finding.code != "devices-interleaved"
+        if self._options.strict and lossy:
+            channel = f"{finding.channel}: " if finding.channel else ""
             raise UserError(
-                f"{self.path}: {channel + ': ' if channel else ''}{message}",
-                "mend the log, or read it without --strict",
+                f"{self.path}: {channel}{finding.message}",
+                "correct the log, or read it without --strict",
             )
-        found = Finding(code, severity, message, channel, count, first_s)
-        for k, old in enumerate(self.findings):
-            if (old.code, old.channel) == (code, channel):
-                self.findings[k] = found
-                return
-        self.findings.append(found)
+        if finding not in self.findings:
+            self.findings.append(finding)
 
 
 def _unit_in(cells: list[str], decimal: str) -> str:
@@ -324,10 +288,9 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     found = interleaved(dialect, (0,))
     group, hint, rest = "", "", list(range(2, len(first) + 1))
     if found:
-        message, column, _ = found
-        group = f"; {message}"
-        hint = f'group = {{channel = {toml(column)}, equals = "…"}}, '
-        rest = [k for k in rest if column != f"column {k}"]
+        group = f"; column {found.channel!r} seems to hold devices: {found.names['groups']}"
+        hint = f'group = {{channel = {toml(found.channel)}, equals = "…"}}, '
+        rest = [k for k in rest if found.channel != f"column {k}"]
     return UserError(
         f"{path}: has no header row (line {dialect.first_line} is numbers: "
         f"{', '.join(first[:4])}{', …' if len(first) > 4 else ''}){group}",
