@@ -316,7 +316,7 @@ def test_a_log_of_three_trains(run: Run, tmp_path: Path) -> None:
     seen = json.loads(run("inspect", "trains.csv", "-c", mapping, "--json").stdout)["logs"][0]
     frozen = next(f for f in seen["findings"] if f["code"] == "speed-frozen")
     assert frozen["first_s"] == pytest.approx(91.0)
-    interleaved = next(f for f in seen["findings"] if f["code"] == "devices-interleaved")
+    interleaved = next(f for f in seen["findings"] if f["code"] == "one-device-read")
     assert "'3', '4', '5'" in interleaved["message"]
     unmapped = json.loads(run("inspect", "trains.csv", "--json").stdout)["logs"][0]
     assert unmapped["status"] == "error"
