@@ -27,10 +27,11 @@ import pyarrow as pa
 from numba import njit
 from pyarrow import csv
 
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Finding, Parameter, Vehicle
 from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
 HELD_OUT = 20261123  # seed of the published figures; thresholds are set on other seeds

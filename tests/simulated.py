@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli.analysis import settings
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.units import UNITS
 from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.wsp import simulate
 from adhesion_cli.wsp.scenario import Sensor
 from adhesion_cli.wsp.simulate import Recording

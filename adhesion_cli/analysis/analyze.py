@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..channels.log import open_source, read
+from ..channels.log import read
 from ..core import compiled, estimator, physics, signals
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
@@ -14,6 +14,7 @@ from ..core.finding import Finding, Severity
 from ..core.model import Z95, AxleRecord, AxleResult, Bools, Reference, Result, Vehicle, quantities
 from ..diagnostics import plausible
 from ..evaluation import metrics
+from ..formats.open import open_source
 from ..rail import slip
 from ..records import axle_records
 from ..reference import force

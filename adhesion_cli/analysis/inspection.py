@@ -6,12 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..channels.log import needed, open_source, survey, without_empty
+from ..channels.log import needed, survey, without_empty
 from ..channels.meaning import name
 from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
 from ..diagnostics import plausible
+from ..formats.open import open_source
 from ..formats.source import Source
 from .document import channel_document, findings_document, iso
 from .settings import Settings

@@ -12,7 +12,7 @@ from ..core import time_axis, units
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import MADE, Channel, Column, Floats, Log, Meaning, Vehicle
-from ..formats.source import ReadOptions, Source
+from ..formats.source import Source
 from .meaning import Mapping, Meant, first_name, name, title, understood
 
 # What an analysis cannot do without, and the meanings that give it.
@@ -23,37 +23,6 @@ _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
 _MAY_BE = 0.5  # the same of the gaps between them, with their digits' rounding
 _WITHOUT: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")  # what it can do without
-
-MCAP_MAGIC = b"\x89MCAP0\r\n"
-
-
-def open_source(path: Path, options: ReadOptions) -> Source:
-    """Opens a log by what its first bytes are, whatever its name says.
-
-    Raises:
-        UserError: where the file is missing, no log, or damaged from the start.
-    """
-    try:
-        if path.is_fifo():  # it is read more than once
-            raise UserError(f"{path}: a pipe, not a file", "write it to a file, and name that")
-        with path.open("rb") as file:
-            head = file.read(len(MCAP_MAGIC))
-    except FileNotFoundError:
-        hint = "a log is a file, write one first" if path.name == "-" else "check the path"
-        raise UserError(f"{path}: no such file", hint) from None
-    except IsADirectoryError:
-        raise UserError(f"{path}: a folder, not a log", "name the log files in it") from None
-    except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", "check the file's permissions") from None
-    if not head:
-        raise UserError(f"{path}: the file is empty", "check that the logger closed it")
-    if head == MCAP_MAGIC or path.suffix.lower() == ".mcap":
-        from ..formats.mcap.reader import open_mcap
-
-        return open_mcap(path, options)
-    from ..formats.csv.reader import open_csv
-
-    return open_csv(path, options)
 
 
 def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_ns: int = 0) -> Log:

@@ -18,7 +18,8 @@ def command(
 
     Example: adhesion convert leaf-film.mcap leaf-film.csv
     """
-    from ..channels.log import open_source, unchanged
+    from ..channels.log import unchanged
+    from ..formats.open import open_source
     from ..results import atomic_files
     from ..results.log_writer import writer
     from . import terminal

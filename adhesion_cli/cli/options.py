@@ -224,8 +224,8 @@ def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
         UserError: for an unknown name, a value out of range, a log that is none.
     """
     from ..analysis import analyze
-    from ..channels.log import open_source
     from ..core.errors import UserError
+    from ..formats.open import open_source
 
     analyze.chosen(shared.algo)
     first, last = shared.from_, shared.to

@@ -42,9 +42,9 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
         UserError: for a file that is no such result: its recording shows something else.
     """
     from ..analysis import analyze, settings
-    from ..channels.log import open_source
     from ..core.errors import UserError
     from ..core.estimator import registry
+    from ..formats.open import open_source
     from ..formats.source import ReadOptions
     from ..results import atomic_files, rrd
     from ..results.names import SETTINGS

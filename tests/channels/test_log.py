@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adhesion_cli.channels.log import open_source, read, survey, unchanged
+from adhesion_cli.channels.log import read, survey, unchanged
 from adhesion_cli.channels.meaning import Mapping
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Channel, Log, Parameter, Vehicle
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
 COUNTER = (Mapping("wheel_speed", 1, "wheel", unit="count", teeth=100),)

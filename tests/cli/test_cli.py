@@ -14,10 +14,10 @@ import pytest
 from trains import rows, three_trains
 
 from adhesion_cli.analysis import settings
-from adhesion_cli.channels.log import open_source
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.model import Log, Vehicle
 from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
 ROOT = Path(__file__).resolve().parents[2]

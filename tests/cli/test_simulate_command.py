@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.results.log_writer import writer
 from adhesion_cli.wsp import simulate

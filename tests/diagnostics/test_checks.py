@@ -14,7 +14,7 @@ import simulated
 from simulated import Recordings
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, Severity
 from adhesion_cli.core.model import Channel, Column, Result
@@ -23,6 +23,7 @@ from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import plausible
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Grid, Scene
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.records import screen
 from adhesion_cli.wsp import simulate
 

@@ -8,11 +8,12 @@ import pytest
 from simulated import Recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord
 from adhesion_cli.core.physics import G
 from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import slip
 from adhesion_cli.records import axle_records
 from adhesion_cli.results import mcap

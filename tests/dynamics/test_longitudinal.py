@@ -10,12 +10,13 @@ from test_checks import DEFAULT, VEHICLES, clean, found
 from test_force import share_inside
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
 from adhesion_cli.diagnostics import plausible
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Axle, Explanation, grid
+from adhesion_cli.formats.open import open_source
 
 VEHICLE = settings.load(None, ["vehicle.lever_ratio=2.4"]).vehicle
 AS_STATED = longitudinal.AS_STATED

@@ -15,11 +15,11 @@ import pytest
 from simulated import changed, late, recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.channels.log import open_source
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.slip import table
 from adhesion_cli.core.model import AxleRecord, AxleResult, Parameter, Reference, Result, Vehicle
 from adhesion_cli.core.physics import G
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail import creep_law, fit, slip, slope
 from adhesion_cli.results import mcap

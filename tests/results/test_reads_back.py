@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from made_results import EPOCH, result
 
-from adhesion_cli.channels.log import open_source
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.model import Channel, Column, Log
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.results import csv, mcap
 

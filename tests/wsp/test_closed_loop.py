@@ -18,7 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from recordings import batches, column, static
 
 from adhesion_cli.analysis import analyze, document, settings
-from adhesion_cli.channels.log import open_source, read
+from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
 from adhesion_cli.core import compiled, controller, estimator, methods, physics
 from adhesion_cli.core.controller import APPLY, HOLD, VENT, Observed, registry
@@ -26,6 +26,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.stop import LOCKED, Stop, Verdict
 from adhesion_cli.diagnostics import plausible
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import creep_law, slip, slope
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import (

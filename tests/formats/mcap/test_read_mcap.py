@@ -32,11 +32,12 @@ from mcap_logs import (
     scalar_log,
 )
 
-from adhesion_cli.channels.log import open_source, survey, unchanged
+from adhesion_cli.channels.log import survey, unchanged
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Column, Vehicle
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
+from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import Field, ReadOptions
 from adhesion_cli.results.csv import write_log as write_csv
 
