@@ -334,14 +334,14 @@ CHILD = """
 import os, signal, sys, time
 from pathlib import Path
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.results import files
+from adhesion_cli.results import atomic_files
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
 folder, text, force = Path(sys.argv[1]), sys.argv[2], sys.argv[3] == "force"
 paths = [folder / "a.adhesion.mcap", folder / "a.adhesion.rrd"]
 """
 WRITE = """
 try:
-    with files.outputs(paths, force) as temporary:
+    with atomic_files.outputs(paths, force) as temporary:
         for path in temporary:
             path.write_text(text)
 except UserError as error:
@@ -360,7 +360,7 @@ sys.addaudithook(hook)
 INTERRUPTED = DIE + "number = signal.SIGINT\n"
 SETS = """
 sets = [paths, [folder / "b.adhesion.mcap", folder / "b.adhesion.rrd"]]
-with files.sets(sets, force) as places:
+with atomic_files.sets(sets, force) as places:
     for path in (path for of in places for path in of):
         path.write_text(text)
 """
@@ -506,7 +506,7 @@ from adhesion_cli.core.errors import UserError
 big = result(1, 20_000)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 try:
-    with files.outputs(paths, False) as (record, picture):
+    with atomic_files.outputs(paths, False) as (record, picture):
         if "{kind}" == "mcap":
             mcap.write_result(record, big, "{{}}")
         else:
@@ -540,7 +540,7 @@ from tests.made_results import result
 from adhesion_cli.results import mcap
 if force:
     try:
-        with files.outputs(paths, force) as (record, picture):
+        with atomic_files.outputs(paths, force) as (record, picture):
             mcap.write_result(record, result(1, 400), "{}")
             picture.write_text(text)
     except UserError as error:
