@@ -95,6 +95,12 @@ class Dialect:
         """Non-null cells of a column in the head's rows."""
         return [c for row in self.rows if not is_null(c := row[index])]
 
+    def numbers(self, index: int) -> list[float]:
+        """Numbers of a column in the head's rows."""
+        number = self.number()
+        cells = (c for c in self.column(index) if number.fullmatch(c))
+        return [float(c.replace(",", ".")) for c in cells]
+
     def contradicted(self, cells: list[str]) -> bool:
         """Whether a row among the data is a header, or a units row, of other columns than ours."""
         said = [c for c in cells if c]

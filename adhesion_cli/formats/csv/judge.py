@@ -8,7 +8,8 @@ import pyarrow as pa
 
 from ...core.model import Bools
 from . import arrow as pc
-from .clock import Clock, is_missing
+from .cells import is_missing
+from .clock import Clock
 from .dialect import Dialect, is_comment, split, uncommented
 from .losses import SKIPPED, Losses
 from .parse import Part, Rows, joined

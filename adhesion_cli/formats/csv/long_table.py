@@ -15,9 +15,9 @@ from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Floats, Times
 from ..source import ReadOptions
-from .clock import column_index, listed, toml
 from .dialect import Dialect, is_null
 from .header_words import is_group_name, is_signal_name, is_units_name, is_units_row
+from .time_column import column_index, listed, toml
 
 Key = tuple[str, ...]  # cells of the key columns
 Survey = Callable[[tuple[int, ...]], tuple[Times, NDArray[np.int64], list[Key]]]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...core.finding import Finding, Severity, Span, merged
 from ...core.model import Bools, Times
+from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
 from .dialect import Dialect, split
 from .parse import Part, Rows
 from .rejects import Rejects
@@ -26,11 +27,10 @@ SKIPPED = {  # classes of rows that are data and are left out
     "another table": "another table above the header",
     "another header": "below a header of other columns or units",
 }
-NO_VALUE, NO_NUMBER, INFINITE = 1, 2, 3  # states of a cell
 _CODES: dict[int, tuple[str, Severity, str]] = {
     NO_VALUE: ("csv-missing-cells", "info", ""),
     NO_NUMBER: ("csv-bad-cells", "warning", "no number"),
-    INFINITE: ("not-a-number", "warning", "infinite"),
+    IS_INFINITE: ("not-a-number", "warning", "infinite"),
 }
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
-from .clock import Clock, checked_floats
+from .cells import floats
+from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
 from .lines import Block
 
@@ -159,7 +160,7 @@ class Parser:
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
             checked = {
-                i: checked_floats(arrays[i], self.dialect.decimal, self.units.get(i, ""))
+                i: floats(arrays[i], self.dialect.decimal, self.units.get(i, ""))
                 for i in self.indices
             }
             floating = [i for i, kind in types.items() if pa.types.is_floating(kind)]

@@ -162,8 +162,7 @@ class _Groups:
             for k in np.flatnonzero(np.bincount(index[keep], minlength=len(keys)) * said):
                 at.setdefault(keys[k], len(at))
             self.met = list(at)
-        number: NDArray[np.int64] = np.array([at.get(v, -1) for v in keys], np.int64)
-        codes = number[index]
+        codes: NDArray[np.int64] = np.array([at.get(v, -1) for v in keys], np.int64)[index]
         self._losses.rows(part, keep & ~said[index], "group missing")
         self._losses.rows(part, keep & said[index] & (codes < 0), "other group")
         keep &= codes >= 0
