@@ -35,7 +35,7 @@ _OF_FILES = {name: "--" + name for name in ("out", "force", "view")}
 
 
 @shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json", "figure")
-def command(  # noqa: PLR0913, PLR0915
+def command(  # noqa: PLR0913 (one parameter per option)
     shared: Shared,
     scenario: Annotated[
         str | None,
@@ -61,7 +61,7 @@ def command(  # noqa: PLR0913, PLR0915
     ] = None,
     train_speed: Annotated[
         TrainSpeed | None,
-        typer.Option("--train-speed", help="How the unit knows it, for what the scenario says."),
+        typer.Option("--train-speed", help="Source of train speed, instead of the scenario's."),
     ] = None,
     rails: Annotated[
         bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no results.")
@@ -82,84 +82,117 @@ def command(  # noqa: PLR0913, PLR0915
 
     Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
-    from ..analysis.document import (
-        antiskid_document,
-        dumps,
-        limits_document,
-        stop_settings,
-        sweep_document,
-    )
-    from ..core.controller import registry
     from ..core.errors import UserError
-    from ..core.model import Vehicle
-    from ..results import atomic_files
-    from ..wsp import closed_loop
-    from ..wsp.scenario import load
-    from ..wsp.wsp_controller import parameters
-    from . import terminal
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
+    _check_rails(shared, rails, seed, seeds)
+    if scenario is None:
+        assert from_log is not None
+        if rails:
+            raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
+        return _replay(from_log, shared, algo, seed or 0, train_speed)
+    stated = _check_settings(shared)
+    from ..wsp.scenario import load
+
+    case = load(scenario).with_train_speed(train_speed)
+    if rails:
+        return _on_rails(shared, Path(scenario), case, seeds or 10, algo, stated)
+    return _on_own_rail(shared, Path(scenario), case, seed, algo, stated)
+
+
+def _check_rails(shared: Shared, rails: bool, seed: int | None, seeds: int | None) -> None:
+    """Refuses options that have no effect with --rails, or without it."""
+    from ..core.errors import UserError
+
     idle = _given(shared, _OF_FILES) if rails else []
     idle = [flag for flag in idle if flag != "--force" or not shared.figure]
     idle += ["--seed"] if rails and seed is not None else ["--seeds"] if seeds and not rails else []
     if idle:
-        text = f"{', '.join(idle)}: of no use {'with' if rails else 'without'} --rails"
+        text = f"{', '.join(idle)}: no effect {'with' if rails else 'without'} --rails"
         raise UserError(text, "--rails writes no file but --figure's and has --seeds", code=2)
-    if from_log:
-        if rails:
-            raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
-        return _replay(from_log, shared, algo, seed or 0, train_speed)
-    assert scenario is not None
+
+
+def _check_settings(shared: Shared) -> "Stated":
+    """The settings of a simulated stop.
+
+    Raises:
+        UserError: for options and settings that only a log uses.
+    """
+    from ..core.errors import UserError
+    from ..core.model import Vehicle
+    from . import terminal
+
     stated = loader(shared)()
-    settings = stated.overrides
+    settings: Stated = stated.overrides
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
         hint = "name one with --from-log; a scenario's TOML states its train and rail"
         raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
-    read = inputs(shared, Path(scenario))
-    case, tell = load(scenario).with_train_speed(train_speed), terminal.progress(shared.quiet)
-    made_with = parameters(registry(), algo, settings)
     if stated.vehicle != Vehicle():
         text = "note: [vehicle] is that of logs; a scenario's TOML states the vehicle of its train"
         terminal.message(text, shared.quiet)
+    return settings
+
+
+def _on_rails(
+    shared: Shared, source: Path, case: "Scenario", seeds: int, algo: str, settings: "Stated"
+) -> int:
+    """The stops of --rails, their table and picture."""
+    from ..analysis.document import dumps, sweep_document
+    from ..core.controller import registry
+    from ..results import atomic_files
+    from ..results.figures import of_sweep
+    from ..wsp.sweep import RAILS, sweep
+    from ..wsp.wsp_controller import parameters
+    from . import terminal
+
+    read = inputs(shared, source)
+    atomic_files.check(targets(shared), shared.force, inputs=read)
+    made_with = parameters(registry(), algo, settings)
     _tells_of_compiling(shared)
-    if rails:
-        from ..results.figures import of_sweep
-        from ..wsp.sweep import RAILS, sweep
+    count = len(RAILS) * len(registry()) * seeds
+    terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
+    rows = sweep(case, seeds, algo, settings, terminal.progress(shared.quiet))
+    document = sweep_document(case.name, seeds, algo, made_with, rows)
+    title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
+    for picture in pictures(shared):
+        with atomic_files.outputs([picture], shared.force, inputs=read) as (place,):
+            draw(place, title, of_sweep(rows))
+    document["outputs"] = results.named(pictures(shared))
+    text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
+    print(dumps(document) if shared.json else text)
+    return 0
 
-        atomic_files.check(targets(shared), shared.force, inputs=read)
-        seeds = seeds or 10
-        count = len(RAILS) * len(registry()) * seeds
-        terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
-        rows = sweep(case, seeds, algo, settings, tell)
-        document = sweep_document(case.name, seeds, algo, made_with, rows)
-        title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
-        for picture in pictures(shared):
-            with atomic_files.outputs([picture], shared.force, inputs=read) as (place,):
-                draw(place, title, of_sweep(rows))
-        text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
-        document["outputs"] = results.named(pictures(shared))
-        print(dumps(document) if shared.json else text)
-        return 0
 
-    paths = _paths(shared, case.name)
-    atomic_files.check(targets(shared, paths), shared.force, inputs=read)
+def _on_own_rail(
+    shared: Shared, source: Path, case: "Scenario", seed: int | None, algo: str, settings: "Stated"
+) -> int:
+    """The stops of every controller on the scenario's rail."""
+    from ..analysis.document import antiskid_document, limits_document, stop_settings
+    from ..core.controller import registry
+    from ..results import atomic_files
+    from ..wsp import closed_loop
+    from ..wsp.wsp_controller import parameters
+    from . import terminal
+
+    paths, tell = _paths(shared, case.name), terminal.progress(shared.quiet)
+    atomic_files.check(targets(shared, paths), shared.force, inputs=inputs(shared, source))
+    made_with = parameters(registry(), algo, settings)
+    _tells_of_compiling(shared)
     dry, stops = closed_loop.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     kept = [(law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)]
     document = antiskid_document(
         stops["none"][0], case.name, made_with, dry, found, limits=limits_document(kept)
     )
-    head = f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}"
-    text = "\n".join(
-        [
-            head,
-            _verdicts(found),
-            *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
-        ]
-    )
+    lines = [
+        f"{case.name}: {dry:.1f} m on dry rail, estimator {algo}",
+        _verdicts(found),
+        _MEANING,
+        *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
+    ]
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
-    _write(paths, shared, Path(scenario), case, made, settings, document, text)
+    _write(paths, shared, source, case, made, settings, document, "\n".join(lines))
     return 0
 
 
@@ -207,14 +240,16 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     )
     drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
     head += f"estimator {algo}; {drawn}"
-    values = {law: a.values for law, a in found.items()}
-    verdict = "\n".join([head, _verdicts(values, {law: a.beside for law, a in found.items()})])
+    verdict = _verdicts(
+        {law: a.values for law, a in found.items()}, {law: a.beside for law, a in found.items()}
+    )
     origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
     made = [
         (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
         for a in found.values()
     ]
-    _write(paths, shared, log, replayed.scenario, made, settings, answer, verdict, findings)
+    _write(paths, shared, log, replayed.scenario, made, settings, answer,
+           "\n".join([head, verdict, _MEANING]), findings)  # fmt: skip
     if not shared.json:
         terminal.message(terminal.findings(findings), shared.quiet or not findings)
     return 3 if terminal.lossy(findings) else 0
@@ -279,16 +314,14 @@ def _write(  # noqa: PLR0913
         show_recording(paths[0])
 
 
-_HEADER = [
-    "distance [m]", "over dry", "utilisation", "max slip", "locked [s]", "air [Nl]", "slip error",
-    "slides [s]", "limited [s]",
-]  # fmt: skip
-_DIGITS = (1, 3, 3, 3, 2, 0, 3, 1, 1)
-_BESIDE = ["patent less [m]", "shortest"]
-_MEANING = (
-    "Seconds are summed over the axles. Limited: the brake asks for more than the rail gives; "
-    "slip error: mean |slip - that of the rail's peak| meanwhile."
-)
+_ROWS = {
+    "distance [m]": 1, "over dry": 3, "utilisation": 3, "max slip": 3, "locked [s]": 2,
+    "air [Nl]": 0, "slip error": 3, "slides [s]": 1, "limited [s]": 1,
+}  # fmt: skip
+_MEANING = """\
+Seconds are summed over the axles.
+limited: the brake demands more force than the rail can transmit.
+slip error: mean difference between slip and the slip of the rail's peak, while limited."""
 
 
 _Value = float | tuple[float, float, float] | None  # alone or with its interval
@@ -303,39 +336,36 @@ def _cell(value: _Value, digits: int) -> str:
     return middle if low == high == middle else f"{middle} ({low}–{high})"
 
 
-def _cells(values: "Mapping[str, _Value]") -> list[str]:
-    return [_cell(x, d) for x, d in zip(values.values(), _DIGITS, strict=True)]
-
-
-def _beside(of: "Beside") -> list[str]:
-    return [_cell(of.patent_less_this_m, 1), f"{of.shortest:.0%}"]
-
-
 def _verdicts(
     of: "Mapping[str, Mapping[str, _Value]]", beside: "Mapping[str, Beside] | None" = None
 ) -> str:
-    from .terminal import NARROW, folded, table
+    """A column per controller, a row per value."""
+    from .terminal import NARROW, table
 
-    header = [*_HEADER, *(_BESIDE if beside else [])]
-    columns = [_cells(v) + (_beside(beside[law]) if beside else []) for law, v in of.items()]
-    rows = [[name, *row] for name, row in zip(header, zip(*columns, strict=True), strict=True)]
-    told = table(["", *of], rows, width=NARROW)
-    return f"{told}\n{folded(_MEANING, width=NARROW)}"
+    rows = [
+        [name, *(_cell(list(values.values())[i], digits) for values in of.values())]
+        for i, (name, digits) in enumerate(_ROWS.items())
+    ]
+    if beside:
+        compared = [beside[law] for law in of]
+        rows.append(["patent less [m]", *(_cell(b.patent_less_this_m, 1) for b in compared)])
+        rows.append(["shortest", *(f"{b.shortest:.0%}" for b in compared)])
+    return table(["", *of], rows, width=NARROW)
 
 
 def _rails(rows: "Sequence[Row]") -> str:
-    from .terminal import folded, table
+    from .terminal import table
 
-    body = [
-        [
-            r.rail,
-            r.controller,
-            *_cells(r.values),
-            *_beside(r.beside),
-        ]
-        for r in rows
+    by_rail: dict[str, dict[str, Row]] = {}
+    for r in rows:
+        by_rail.setdefault(r.rail, {})[r.controller] = r
+    parts = [
+        f"rail {rail}:\n"
+        + _verdicts(
+            {law: r.values for law, r in of.items()}, {law: r.beside for law, r in of.items()}
+        )
+        for rail, of in by_rail.items()
     ]
-    told = table(["rail", "controller", *_HEADER, *_BESIDE], body, left=2)
     kept = [[str(x), r.rail, r.controller, f"{of:.0%}"] for r in rows for x, of in r.limits]
     limits = [table(["limit", "rail", "controller", "kept"], sorted(kept), 3)] if kept else []
-    return "\n".join([told, folded(_MEANING), *limits])
+    return "\n\n".join([*parts, _MEANING, *limits])

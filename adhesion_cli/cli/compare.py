@@ -43,16 +43,12 @@ def command(
     if shared.json:
         print(dumps(document([entry(r, results.named(pair)) for r in analysed])))
     else:
-        rows = [
-            (f"{Path(r.log.path).name} axle {a.record.axle}", s)
-            for r in analysed
-            for a in r.axles
-            for s in a.scores
-        ]
+        for r in analysed:
+            rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]
+            print(terminal.scores(rows, Path(r.log.path).name))
         groups = [a.scores for r in analysed for a in r.axles]
         if len(groups) > 1:
-            rows += [("all", s) for s in overall(groups)]
-        print(terminal.scores(rows, "log"))
+            print(terminal.scores([("all", s) for s in overall(groups)], "all axles"))
         for r in analysed:
             name = f"{printable(r.log.path)}:\n" if len(analysed) > 1 else ""
             terminal.message(name + terminal.findings(r.findings), shared.quiet or not r.findings)

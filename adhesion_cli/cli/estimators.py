@@ -89,33 +89,33 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
     found = [r for e in known for r in responses(e, settings.params(e), w)]
     with atomic_files.outputs([picture], shared.force) as (temporary,):
         svg.write(temporary, "Frequency response of the estimators", panels(found), columns=3)
-    columns = {
-        "gain": [r.gain for r in found],
-        "delay_s": [r.delay_s for r in found],
-        "noise_gain": [r.noise_gain for r in found],
-    }
     if shared.json:
         listed = [
             {
                 "algo": r.algo, "amplitude_n": r.amplitude_n,
                 "frequency_hz": r.frequency_hz.tolist(),
-                **{name: [finite(x) for x in v[i].tolist()] for name, v in columns.items()},
+                **{
+                    name: [finite(x) for x in getattr(r, name).tolist()]
+                    for name in ("gain", "delay_s", "noise_gain")
+                },
             }
-            for i, r in enumerate(found)
+            for r in found
         ]  # fmt: skip
         print(dumps(tagged("response", responses=listed, outputs={"svg": str(picture)})))
         return 0
-    titles = ("gain of the force", "delay of the force [s]", "force per wheel speed [N/(rad/s)]")
-    for title, values, digits in zip(titles, columns.values(), (3, 3, 0), strict=True):
-        header = [title, "amplitude", *(f"{f:g} Hz" for f in FREQUENCIES)]
+    for title, name, factor, digits in (
+        ("Gain of the force", "gain", 1.0, 2),
+        ("Delay of the force [ms]", "delay_s", 1e3, 0),
+        ("Force per wheel speed [N/(rad/s)]", "noise_gain", 1.0, 0),
+    ):
         rows = [
             [
-                r.algo,
-                "any" if r.amplitude_n is None else f"{r.amplitude_n:.0f} N",
-                *(terminal.number(x, digits) for x in values[i].tolist()),
+                r.algo, terminal.number(r.amplitude_n),
+                *(terminal.number(factor * x, digits) for x in getattr(r, name).tolist()),
             ]
-            for i, r in enumerate(found)
-        ]
-        print(terminal.table(header, rows), end="\n\n")
-    print(terminal.wrote(picture))
+            for r in found
+        ]  # fmt: skip
+        header = ["method", "A [N]", *(f"{f:g}" for f in FREQUENCIES)]
+        print(f"{title} by frequency [Hz]:\n{terminal.table(header, rows)}\n")
+    print(f"A: amplitude of the force; - where it makes no difference.\n{terminal.wrote(picture)}")
     return 0

@@ -42,7 +42,7 @@ def command(logs: Logs, shared: Shared) -> int:
         summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
         zero = result.brake_ns()
-        notes = [(f"```\n{table([s], zero, shares=False)}\n```", s.rail) for s in of]
+        notes = [(f"```\n{note(s, zero)}\n```", s.rail) for s in of]
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.settings["bands"])
@@ -62,74 +62,99 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 _OF_CURVE = (
+<<<<<<< HEAD
     "Constants are those of Polach's curve (3), or of the nearest one; the peak's interval holds "
     "on other curves, too (docs/explanation/slip.md)."
+=======
+    "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
+    "for other laws (docs/slip.md)."
+>>>>>>> 6f6d7f6 (Tables and progress are drawn by rich; none becomes a second table)
 )
+_OF_REGIONS = (
+    "Share of the braked time in which slope and slip show the side of the curve's peak: below, at "
+    "the peak (optimal), or beyond it."
+)
+_RAIL = ["peak slip [%]", "peak µ", "speed [m/s]", "utilisation"]
+_CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
+_SLIDES = ["duration [s]", "distance [m]", "max slip [%]", "energy [kJ]"]
 
 
-def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> str:
-    """Peak, utilisation and regions of every axle, the rails, every slide from `zero_ns` on.
-
-    Without `shares` there are no regions, each value is a line, and all is as narrow as a
-    recording's notes; times there are a recording's, from the brake on.
-    """
+def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
+    """What the screen shows of a log: rail and regions of every axle, and every slide."""
     from ..rail.slope import REGIONS
     from . import terminal
 
-    def spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
-        if x is None:
-            return "not told"
-        value, low, high = (terminal.number(factor * v, digits) for v in x)
-        return f"{value} ({low} to {high})"
-
-    def peak(rail: "RailFit | None") -> str:
-        if rail and rail.below and not rail.peak_slip:
-            return f"below {terminal.number(100.0 * rail.below, 2)}"
-        return spread(rail.peak_slip if rail else None, 2, 100.0)
-
-    regions, width = (REGIONS, None) if shares else ((), terminal.NARROW)
-    head = ["axle", "peak slip [%]", "peak µ", "at [m/s]", "utilisation", "slides"]
-    scored = any(s.slip_rmse is not None for s in summaries)
-    head += ["slip rmse [%]"] if scored else []
-    head += [f"{r} [%]" for r in regions]
-    rows = [
+    percent = [*(f"{r} [%]" for r in REGIONS), "slip RMSE [%]"]
+    regions = [
         [
-            str(s.axle), peak(s.rail),
-            spread(s.rail.peak_mu if s.rail else None, 3),
-            terminal.number(s.rail.speed if s.rail and s.rail.below else None, 1),
-            spread(s.rail.utilisation if s.rail else None, 3),
-            str(len(s.slides)),
-            *([terminal.number(s.slip_rmse and 100.0 * s.slip_rmse, 2)] if scored else []),
-            *(terminal.number(100.0 * s.regions[r] if s.regions else None, 1) for r in regions),
+            str(s.axle),
+            *(terminal.number(100.0 * s.regions[r] if s.regions else None, 1) for r in REGIONS),
+            terminal.number(s.slip_rmse and 100.0 * s.slip_rmse, 2),
         ]
         for s in summaries
-    ]  # fmt: skip
-    constants = ["axle", "f0", "A", "B [s/m]", "kA", "kS"]
-    rails = [
-        [str(s.axle), *(spread(s.rail.told.get(n), 3) for n in ("f0", "A", "B", "k_a", "k_s"))]
-        for s in summaries
-        if s.rail
     ]
-    both = (head, rows), (constants, rails)
-    if shares:
-        parts = [terminal.table(*of) for of in both if of[1]]
-    else:
-        values = [x for names, of in both for row in of for x in zip(names, row, strict=True)]
-        parts = [terminal.table(values[0], [x for x in values if x[0] != "axle"], width=width)]
-    parts += [terminal.folded(_OF_CURVE, width=width)] if rails else []
-    head = [
-        "axle",
-        "slide at [s]" if shares else "from brake [s]",
-        "duration [s]",
-        "distance [m]",
-        "largest slip [%]",
-        "energy [kJ]",
+    known = any(s.slip_rmse is not None for s in summaries)
+    cut = None if known else -1
+    parts = [
+        terminal.table(["axle", *_RAIL], [[str(s.axle), *_rail(s.rail)] for s in summaries]),
+        terminal.table(["axle", *percent][:cut], [row[:cut] for row in regions]),
+        terminal.folded(_OF_REGIONS),
     ]
-    rows = [
+    if of := {f"axle {s.axle}": _constants(s.rail) for s in summaries if s.rail}:
+        rows = [list(row) for row in zip(_CONSTANTS, *of.values(), strict=True)]
+        parts += [terminal.table(["rail", *of], rows), terminal.folded(_OF_CURVE)]
+    if slides := _slides(summaries, start_ns):
+        parts.append(terminal.table(["axle", "slide at [s]", *_SLIDES], slides))
+    return "\n\n".join(parts)
+
+
+def note(summary: "Summary", brake_ns: int) -> str:
+    """What a recording says of an axle: as `table`, without regions, times from the brake on."""
+    from . import terminal
+
+    width, rail = terminal.NARROW, summary.rail
+    values = list(zip(_RAIL, _rail(rail), strict=True))
+    values += zip(_CONSTANTS, _constants(rail), strict=True) if rail else []
+    parts = [terminal.table(["axle", str(summary.axle)], values, width=width)]
+    parts += [terminal.folded(_OF_CURVE, width=width)] if rail else []
+    if slides := _slides([summary], brake_ns):
+        parts.append(terminal.table(["axle", "from brake [s]", *_SLIDES], slides, width=width))
+    return "\n".join(parts)
+
+
+def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
+    from .terminal import number
+
+    if x is None:
+        return "-"
+    value, low, high = (number(factor * v, digits) for v in x)
+    return f"{value} ({low}–{high})"
+
+
+def _rail(rail: "RailFit | None") -> list[str]:
+    from .terminal import number
+
+    if rail is None:
+        return ["-"] * len(_RAIL)
+    peak = _spread(rail.peak_slip, 2, 100.0)
+    if rail.below and not rail.peak_slip:
+        peak = f"below {number(100.0 * rail.below, 2)}"
+    speed = number(rail.speed if rail.below else None, 1)
+    return [peak, _spread(rail.peak_mu, 3), speed, _spread(rail.utilisation, 3)]
+
+
+def _constants(rail: "RailFit") -> list[str]:
+    return [_spread(rail.told.get(name), 3) for name in _CONSTANTS.values()]
+
+
+def _slides(summaries: "Sequence[Summary]", zero_ns: int) -> list[list[str]]:
+    from .terminal import number
+
+    return [
         [
-            str(s.axle), terminal.number((x.start - zero_ns) / 1e9, 2),
+            str(s.axle), number((x.start - zero_ns) / 1e9, 2),
             *(
-                "≥ " * (x.at_least and value is not None) + terminal.number(value, digits)
+                "≥ " * (x.at_least and value is not None) + number(value, digits)
                 for value, digits in (
                     (x.duration, 2), (x.distance, 1), (100.0 * x.max_slip, 1),
                     (x.energy and x.energy / 1e3, 1),
@@ -139,5 +164,3 @@ def table(summaries: "Sequence[Summary]", zero_ns: int, shares: bool = True) -> 
         for s in summaries
         for x in s.slides
     ]  # fmt: skip
-    parts += [terminal.table(head, rows, width=width)] if rows else []
-    return "\n".join(parts)

