@@ -62,13 +62,8 @@ def command(logs: Logs, shared: Shared) -> int:
 
 
 _OF_CURVE = (
-<<<<<<< HEAD
-    "Constants are those of Polach's curve (3), or of the nearest one; the peak's interval holds "
-    "on other curves, too (docs/explanation/slip.md)."
-=======
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
-    "for other laws (docs/slip.md)."
->>>>>>> 6f6d7f6 (Tables and progress are drawn by rich; none becomes a second table)
+    "for other laws (docs/explanation/slip.md)."
 )
 _OF_REGIONS = (
     "Share of the braked time in which slope and slip show the side of the curve's peak: below, at "
