@@ -1,10 +1,9 @@
 """What a log's fields mean: brake-cylinder pressure, wheel speed, train speed, K, truth; and why.
 
-A mapping from the user decides; else the names do, and every such guess is told.
+A mapping from the user decides, else the names. Every guess has its reason, which `inspect` shows.
 """
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -43,8 +42,18 @@ class Meant:
     wrap: float = 0.0
     unit_too: str = ""  # another unit that its name states, where nobody says which one holds
 
+    @property
+    def title(self) -> str:
+        """The field's name for people."""
+        return title(self.field)
 
-_MOST_TOLD = 20  # channels of one meaning and axle that are told one by one
+    @property
+    def words(self) -> str:
+        """What it means, for people."""
+        return (self.meaning or "").replace("_", " ")
+
+
+_MOST_NAMED = 20  # channels that one finding names
 
 
 def understood(
@@ -57,28 +66,23 @@ def understood(
     """
     by_hand = {_find(fields, m): m for m in mappings}
     mapped = {m.meaning for m in mappings}
-    meant: list[Meant] = []
     channels = {f.channel for f in fields}
-    repeated = {f for f in fields if first_name(f.channel) in channels}
+    meant: list[Meant] = []
+    guesses: list[int] = []
     for field in fields:
         if m := by_hand.get(field):
-            unit = m.unit or field.unit
-            _, _, guessed_unit, _ = guess(field)
-            why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
-            if not unit:
-                unit, why = guessed_unit, "stated in [channels]; unit in the name"
-            too = "" if m.unit else _unit_too(field, m.meaning, unit)
-            meant.append(Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap, too))
+            meant.append(_as_stated(field, m))
             continue
-        said = replace(field, group="") if field.encoding else field  # see Field.group
-        meaning, axle, unit, reason = guess(said)
-        if field in repeated:  # "(2)" is the reader's, for a name the log uses twice
-            axle = axle_of(replace(said, channel=first_name(field.channel)))
+        own = replace(field, group="") if field.encoding else field  # see Field.group
+        meaning, axle, unit, reason = guess(own)
+        if (first := first_name(field.channel)) in channels:  # "(2)" is the reader's
+            axle = axle_of(replace(own, channel=first))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
+        if meaning:
+            guesses.append(len(meant))
         too = _unit_too(field, meaning, unit) if meaning else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=too))
-    guesses = [i for i, g in enumerate(meant) if g.meaning and g.field not in by_hand]
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
     findings = _speed_itself(meant, guesses)
@@ -89,54 +93,111 @@ def understood(
     return meant, findings
 
 
+def _as_stated(field: Field, m: Mapping) -> Meant:
+    """A field with the meaning that the user states."""
+    unit = m.unit or field.unit
+    why = "stated in [channels]" if m.unit else f"[channels]; unit {field.unit_from}"
+    if not unit:
+        unit, why = guess(field).unit, "stated in [channels]; unit in the name"
+    too = "" if m.unit else _unit_too(field, m.meaning, unit)
+    return Meant(field, m.meaning, m.axle, unit, why, m.teeth, m.wrap, too)
+
+
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
     """A unit that a field's names state beside the one taken, "" for none."""
     if field.message_type.startswith("adhesion."):
-        return ""  # named as the log was that it was made of, in units of its own
+        return ""  # its name is that of the log it was made of, in units of its own
     return units.contradicting(unit, (field.path, field.label, field.channel), meaning)
+
+
+def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
+    """In a result of ours, pressure and train speed as logged beat those at the wheel's stamps."""
+    own = {
+        (m.meaning, m.axle)
+        for m in (meant[i] for i in guesses)
+        if m.field.message_type == "adhesion.Scalar"
+    }
+    for i in guesses:
+        m = meant[i]
+        same = own & {(m.meaning, m.axle), (m.meaning, None)}
+        if m.field.message_type == "adhesion.AxleInput" and same:
+            meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
 
 
 def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
     """'pressure' gives way to 'BC pressure'; 'speed' is the train's where a wheel's is named."""
 
-    def words(i: int) -> tuple[str, ...]:
-        field = meant[i].field
-        return words_of(f"{field.channel} {field.path} {field.label} {field.group}")
+    def split(meaning: Meaning, kind: str) -> tuple[list[int], list[int]]:
+        """The guesses of this meaning whose names have such a word, and the others."""
+        of = [i for i in guesses if meant[i].meaning == meaning]
+        fields = {i: meant[i].field for i in of}
+        words = {
+            i: words_of(f"{f.channel} {f.path} {f.label} {f.group}") for i, f in fields.items()
+        }
+        named = [i for i in of if has(kind, words[i])]
+        return named, [i for i in of if i not in set(named)]
 
-    pressures = [i for i in guesses if meant[i].meaning == "pressure"]
-    named = [i for i in pressures if has("cylinder", words(i))]
-    for i in pressures if named else []:
-        if i not in named:
-            meant[i] = replace(meant[i], meaning=None, reason="another one is the brake cylinder's")
-    speeds = [i for i in guesses if meant[i].meaning == "wheel_speed"]
-    named = [i for i in speeds if has("wheel", words(i))]
-    for i in speeds:
+    named, others = split("pressure", "cylinder")
+    for i in others if named else []:
+        meant[i] = replace(meant[i], meaning=None, reason="another one is the brake cylinder's")
+    named, others = split("wheel_speed", "wheel")
+    for i in others if named else []:
         unit = units.unit(meant[i].unit)
-        if named and i not in named and (unit is None or unit.dimension == "speed"):
+        if unit is None or unit.dimension == "speed":
             taken = any(m.meaning == "train_speed" for m in meant)
             reason = "a speed, and another one is the wheel's"
-            meant[i] = replace(
-                meant[i], meaning=None if taken else "train_speed", axle=None, reason=reason
-            )
+            meaning: Meaning | None = None if taken else "train_speed"
+            meant[i] = replace(meant[i], meaning=meaning, axle=None, reason=reason)
 
 
 def _speed_itself(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """An acceleration is integrated only where no speed of the train is logged."""
     trains = [i for i, m in enumerate(meant) if m.meaning == "train_speed"]
-    accelerates = [i for i in trains if units.is_acceleration(meant[i].unit)]
-    if len(accelerates) == len(trains):
+    rates = [i for i in trains if units.is_acceleration(meant[i].unit)]
+    if len(rates) == len(trains):
         return []
     findings = []
-    for i in accelerates:
+    for i in rates:
         if i in guesses:
             reason = "an acceleration, not needed: the log has the train's speed itself"
             meant[i] = replace(meant[i], meaning=None, reason=reason)
-            findings.append(Finding("acceleration-unused", "info", reason, title(meant[i].field)))
+            findings.append(Finding("acceleration-not-needed", "info", channel=meant[i].title))
     return findings
 
 
+def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+    """Lists in lists, as bogies[1].wheel_speed[0]: wheels are counted through, in order.
+
+    A pressure that stands once per outer element serves all wheels of that element.
+    """
+    findings = []
+    topics: dict[str, list[int]] = {}
+    for i in guesses:
+        topics.setdefault(meant[i].field.channel, []).append(i)
+    for topic, own in topics.items():
+        places = {i: tuple(map(int, re.findall(r"\[(\d+)\]", meant[i].field.path))) for i in own}
+        wheels = sorted({places[i] for i in own if meant[i].meaning == "wheel_speed"})
+        if not wheels or len(wheels[0]) < 2:
+            continue
+        for i in own:
+            served = [n for n, w in enumerate(wheels, 1) if w[: len(places[i])] == places[i]]
+            if places[i] and served:
+                _serve(meant, guesses, i, served)
+        values = {"wheels": len(wheels)}
+        findings.append(Finding("axles-nested", "info", channel=topic, values=values))
+    return findings
+
+
+def _serve(meant: list[Meant], guesses: list[int], i: int, axles: Sequence[int]) -> None:
+    """Gives one channel to several axles."""
+    meant[i] = replace(meant[i], axle=axles[0])
+    for axle in axles[1:]:
+        guesses.append(len(meant))
+        meant.append(replace(meant[i], axle=axle))
+
+
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Channels that number axles from 0 move up by one, and that is told.
+    """Channels that number axles from 0 move up by one, and that is reported.
 
     Those of another meaning move with them where their numbers end with theirs, but not those that
     reach beyond: of speeds 0 and 1 and pressures 1 and 2, the pressures count from 1. An index in
@@ -157,10 +218,10 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
     if not moved:
         return []
-    names = [title(meant[i].field) for i in sorted(moved)]
+    names = [meant[i].title for i in sorted(moved)]
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    text = f"{', '.join(names[:3])}{more}: the log numbers axles from 0; here from 1"
-    return [Finding("axles-from-zero", "info", text, "", len(moved))]
+    shown = {"channels": ", ".join(names[:3]) + more}
+    return [Finding("axles-from-zero", "info", count=len(moved), names=shown)]
 
 
 def _is_indexed(field: Field) -> bool:
@@ -170,93 +231,41 @@ def _is_indexed(field: Field) -> bool:
     return re.search(r"\[\d+\](\.\w+)?$", named) is not None
 
 
-def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Lists in lists, as bogies[1].wheel_speed[0]: wheels are counted through, in order.
-
-    A pressure that stands once per outer element serves all wheels of that element.
-    """
-    findings = []
-    topics: dict[str, list[int]] = {}
-    for i in guesses:
-        topics.setdefault(meant[i].field.channel, []).append(i)
-    for topic, own in topics.items():
-        places = {i: tuple(map(int, re.findall(r"\[(\d+)\]", meant[i].field.path))) for i in own}
-        wheels = sorted({places[i] for i in own if meant[i].meaning == "wheel_speed"})
-        if not wheels or len(wheels[0]) < 2:
-            continue
-        for i in own:
-            served = [n for n, w in enumerate(wheels, 1) if w[: len(places[i])] == places[i]]
-            if not places[i] or not served:
-                continue
-            meant[i] = replace(meant[i], axle=served[0])
-            for axle in served[1:]:
-                guesses.append(len(meant))
-                meant.append(replace(meant[i], axle=axle))
-        text = f"lists in lists: {len(wheels)} wheels counted through as axles 1 to {len(wheels)}"
-        findings.append(Finding("axles-nested", "info", text, topic))
-    return findings
-
-
-def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
-    """In a result of ours pressure and train speed as logged beat those at the wheel's stamps."""
-    own = {
-        (m.meaning, m.axle)
-        for m in (meant[i] for i in guesses)
-        if m.field.message_type == "adhesion.Scalar"
-    }
-    for i in guesses:
-        m = meant[i]
-        same = own & {(m.meaning, m.axle), (m.meaning, None)}
-        if m.field.message_type == "adhesion.AxleInput" and same:
-            meant[i] = replace(m, meaning=None, reason="its own stamps are in the file as well")
-
-
 def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """A pressure that is a bogie's serves both its axles: bogie 2 has axles 3 and 4."""
     findings = []
     for i in list(guesses):
         m = meant[i]
-        name = title(m.field)
-        bogie = bogie_of(name)
+        bogie = bogie_of(m.title)
         if m.meaning == "pressure" and m.axle is None and bogie:
-            second = 2 * bogie
-            meant[i] = replace(m, axle=second - 1)
-            guesses.append(len(meant))
-            meant.append(replace(m, axle=second))
-            message = f"a bogie's pressure, taken for axles {second - 1} and {second}"
-            findings.append(Finding("bogie-pressure", "info", message, name))
+            axles = 2 * bogie - 1, 2 * bogie
+            _serve(meant, guesses, i, axles)
+            names = {"axles": f"{axles[0]} and {axles[1]}"}
+            findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     return findings
 
 
 def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Two channels that would both be the same thing: the train's first is taken, else refused."""
-    findings: list[Finding] = []
-    seen: dict[tuple[str | None, int | None], int] = {}
-    told: Counter[tuple[str | None, int | None]] = Counter()
+    """Of several channels that would be the same thing the first is taken; that is reported."""
+    first: dict[tuple[str, int | None], Meant] = {}
+    others: dict[tuple[str, int | None], list[str]] = {}
     for i in guesses:
         m = meant[i]
-        key = (m.meaning, m.axle)
         if not m.meaning:
             continue
-        if key not in seen:
-            seen[key] = i
-            continue
-        first = title(meant[seen[key]].field)
-        reason = f"{first} is taken as the {m.meaning} already"
-        meant[i] = replace(meant[i], meaning=None, reason=reason)
-        severity = "info" if m.meaning == "train_speed" else "warning"
-        message = f"{reason}; state which one in [channels]"
-        told[key] += 1
-        if told[key] <= _MOST_TOLD:
-            findings.append(Finding("channel-ambiguous", severity, message, title(m.field)))  # type: ignore[arg-type]
-    for (meaning, axle), count in told.items():
-        if count > _MOST_TOLD:
-            more = count - _MOST_TOLD
-            first = title(meant[seen[meaning, axle]].field)
-            text = f"{more} further channels than {first} look like the {meaning} of the same axle"
-            severity = "info" if meaning == "train_speed" else "warning"
-            findings.append(Finding("channel-ambiguous", severity, text, first, more))  # type: ignore[arg-type]
-    return findings
+        key = (m.meaning, m.axle)
+        if (taken := first.setdefault(key, m)) is not m:
+            reason = f"{taken.title} is taken as the {m.meaning} already"
+            meant[i] = replace(m, meaning=None, reason=reason)
+            others.setdefault(key, []).append(m.title)
+    return [
+        Finding(
+            "channel-ambiguous", "info" if meaning == "train_speed" else "warning",
+            channel=", ".join(titles[:_MOST_NAMED]), count=len(titles),
+            names={"first": first[meaning, axle].title, "meaning": first[meaning, axle].words},
+        )
+        for (meaning, axle), titles in others.items()
+    ]  # fmt: skip
 
 
 def name(field: Field) -> str:

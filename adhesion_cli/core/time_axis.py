@@ -1,11 +1,14 @@
-"""The time axis of one channel: what is wrong with it is found, told, masked; nothing is sorted."""
+"""The time axis of one channel: errors of its clock are found, reported and masked.
+
+Nothing is sorted.
+"""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from .finding import Finding
+from .finding import Finding, Span
 from .model import Bools, Channel, Column, Floats, Times
 
 WRAPS_NS = {
@@ -15,9 +18,10 @@ WRAPS_NS = {
     "24-hour clock": 24 * 3600 * 10**9,
 }
 HOUR_NS = 3600 * 10**9
+_MOST_SPANS = 20  # of one finding
 _STUCK = 10  # samples of one stamp: more than a repeated or doubled row
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
-_FULL = 0.9  # of the samples then hold a value
+_FULL = 0.9  # share of the samples that then hold a value
 _LEAST_STAMPS = 5  # of a log in which that shows
 
 
@@ -27,12 +31,13 @@ class TimeAxis:
 
     Attributes:
         data: the samples that may be used; time rises strictly within a piece.
-        starts: first index of each piece of `data`; the clock jumped back between two pieces.
+        starts: first index of each piece of `data`; the clock was set back between two pieces.
         interval_ns: median sample interval.
         gap_ns: a longer interval is a gap.
         gaps: how many there are.
         duplicates: samples that repeat a time stamp.
         backward: samples older than one before them.
+        findings: what was wrong.
     """
 
     data: Column
@@ -48,7 +53,7 @@ class TimeAxis:
 def gap_limit(intervals: Times) -> int:
     """The interval [ns] above which samples are missing, from the usual one.
 
-    Five times the median, unless more than one interval in twenty is longer: then the log is
+    Five times the median, unless more than one interval in twenty is longer. Then the log is
     written in bursts or on change, and only what is rare even there is a gap.
     """
     if not len(intervals):
@@ -60,7 +65,7 @@ def gap_limit(intervals: Times) -> int:
 
 
 def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> TimeAxis:
-    """Finds what is wrong with a channel's time, masks what cannot be used, splits where it jumps.
+    """Finds what is wrong with a channel's time, masks bad samples, and splits where time jumps.
 
     Args:
         name: the channel, for the findings.
@@ -69,23 +74,22 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         max_gap_ns: intervals longer than this are gaps; 0 decides from the channel itself.
     """
     t, wraps = unwrapped(column.t)
-    told = _Told(name, t, start_ns)
-    for width, wrapped in wraps.items():
-        told("time-wrapped", f"{width} wrapped: continued", wrapped)
-    t = _spread(told, column.value)
+    report = _Report(name, t, start_ns)
+    for counter, wrapped in wraps.items():
+        report("time-wrapped", wrapped, counter=counter)
+    t = _spread(report, column.value)
     usable = column.valid & np.isfinite(column.value)
-    # Cells without any value are the reader's to tell; in a wide table of several rates most are.
-    told("not-a-number", "samples are NaN or infinite: left out", column.valid & ~usable)
+    # The reader reports cells without any value; a wide table of several rates has many.
+    report("not-a-number", column.valid & ~usable)
 
-    rises = bool((t[1:] > t[:-1]).all())
     restarts: tuple[int, ...] = (0,)
     out = same = np.zeros(len(t), dtype=np.bool_)
-    if not rises:
+    if not (t[1:] > t[:-1]).all():
         restarts, late, ahead = _order(t)
-        _tell_order(told, t, restarts, late, ahead)
+        _report_order(report, t, restarts, late, ahead)
         out = late | ahead
         usable &= ~out
-        same, clash = _repeated(told, t, column.value, usable)
+        same, clash = _repeated(report, t, column.value, usable)
         usable &= ~(same | clash)
 
     jumps = np.zeros(len(t), dtype=np.bool_)
@@ -101,36 +105,68 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     within = np.diff(piece_of) == 0
     limit = max_gap_ns or gap_limit(steps[within])
     long = within & (steps > limit)
-    if long.any():
-        longest = float(steps[long].max()) / 1e9
-        hour = abs(longest * 1e9 - HOUR_NS) < HOUR_NS / 100
-        summer = " (an hour: summer time?)" if hour else ""
-        told = replace(told, t=data.t)
-        told(
-            "gap",
-            f"no samples for up to {longest:.3f} s{summer}: not bridged, a new segment begins",
-            long,
-        )
+    hour = long & _about_an_hour(steps)
+    for code, which in (("gap", long & ~hour), ("gap-dst", hour)):
+        longest = float(steps[which].max(initial=0)) / 1e9
+        begin, end = data.t[:-1][which], data.t[1:][which]
+        report.stretches(code, begin, end, len(begin), longest_s=longest)
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
         data, starts, interval, limit, int(long.sum()), int(same.sum()),
-        int(out.sum()) + len(restarts) - 1, tuple(told.findings),
+        int(out.sum()) + len(restarts) - 1, tuple(report.findings),
     )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
-    """Collects what is wrong with the samples of a channel."""
+class _Report:
+    """Collects what is wrong with the samples of a channel, at its times `t` [ns]."""
 
-    name: str
+    channel: str
     t: Times
     start_ns: int
     findings: list[Finding] = field(default_factory=list)
 
-    def __call__(self, code: str, message: str, where: Bools) -> None:
-        if count := int(where.sum()):
-            first = (int(self.t[np.argmax(where)]) - self.start_ns) / 1e9
-            self.findings.append(Finding(code, "warning", message, self.name, count, first))
+    def __call__(self, code: str, where: Bools, **data: float | str) -> None:
+        """Reports the samples of a mask, if there are any; each run of them is a span."""
+        edges = np.flatnonzero(np.diff(where, prepend=False, append=False))
+        first, last = self.t[edges[::2]], self.t[edges[1::2] - 1]
+        self.stretches(code, first, last, int(np.count_nonzero(where)), **data)
+
+    def stretches(
+        self, code: str, begin: Times, end: Times, count: int, **data: float | str
+    ) -> None:
+        """Reports stretches of time [ns], if there are any, with the numbers and names given."""
+        if count:
+            spans = spans_of(np.minimum(begin, end), np.maximum(begin, end), self.start_ns)
+            values = {key: x for key, x in data.items() if not isinstance(x, str)}
+            names = {key: x for key, x in data.items() if isinstance(x, str)}
+            found = Finding(
+                code, "warning", channel=self.channel, count=count, spans=spans,
+                values=values, names=names,
+            )  # fmt: skip
+            self.findings.append(found)
+
+
+def spans_of(begin: Times, end: Times, start_ns: int) -> tuple[Span, ...]:
+    """Stretches [ns] as seconds after the log's start, the nearest joined until few are left."""
+    order = np.argsort(begin, kind="stable")
+    begin, end = begin[order], np.maximum.accumulate(end[order])
+    between = begin[1:] - end[:-1]
+    cuts = np.flatnonzero(between > 0)
+    if len(cuts) >= _MOST_SPANS:
+        widest = np.argsort(between[cuts], kind="stable")[1 - _MOST_SPANS :]
+        cuts = np.sort(cuts[widest])
+    first, last = np.r_[0, cuts + 1], np.r_[cuts, len(begin) - 1]
+    return tuple(
+        ((a - start_ns) / 1e9, (b - start_ns) / 1e9)
+        for a, b in zip(begin[first].tolist(), end[last].tolist(), strict=True)
+    )
+
+
+def _about_an_hour(steps: Times) -> Bools:
+    """Which steps [ns] are those of a clock that was set to or from summer time."""
+    near: Bools = np.abs(steps - HOUR_NS) < HOUR_NS / 100
+    return near
 
 
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
@@ -138,7 +174,7 @@ def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
 
     Returns:
         Where the clock starts anew; samples older than the newest so far of their piece, (n,);
-        those whose stamp alone is ahead, by a gap, of a clock that goes on behind them as before.
+        samples whose stamp alone is ahead, by a gap, of the stamps before and behind it, (n,).
     """
     ahead = np.zeros(len(t), dtype=np.bool_)
     steps = np.diff(t)
@@ -156,40 +192,35 @@ def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
     return restarts, late & ~ahead, ahead
 
 
-def _tell_order(
-    told: _Told, t: Times, restarts: tuple[int, ...], late: Bools, ahead: Bools
+def _report_order(
+    report: _Report, t: Times, restarts: tuple[int, ...], late: Bools, ahead: Bools
 ) -> None:
-    """Tells of the clock's jumps and of samples out of order."""
+    """Reports where the clock was set back, and samples out of order."""
     last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
-    back = t[last] - t[last + 1]
-    hour = np.abs(back - HOUR_NS) < HOUR_NS / 100
-    by = "up to " * (len(last) > 1) + f"{back[~hour].max(initial=0) / 1e9:.3f} s"
-    for code, text, which in (
-        ("time-dst", "clock set back one hour (summer time?): a new segment begins", hour),
-        ("time-backward", f"clock jumps back {by}: a new segment begins", ~hour),
-    ):
-        where = np.zeros(len(t), dtype=np.bool_)
-        where[last[which]] = True
-        told(code, text, where)
+    at, back = t[last], t[last] - t[last + 1]
+    hour = _about_an_hour(back)
+    report.stretches("time-dst", at[hour], at[hour], int(hour.sum()))
+    most = float(back[~hour].max(initial=0)) / 1e9
+    report.stretches("time-backward", at[~hour], at[~hour], int((~hour).sum()), most_s=most)
     good = np.where(late | ahead, 0, np.arange(len(t)))
     good[0] = ahead[0]
-    told = replace(told, t=t[np.maximum.accumulate(good)])  # a wrong stamp says nothing of when
-    told("time-late", "samples older than their predecessor: left out, not sorted", late)
-    told("time-ahead", "a stamp far ahead of those before and behind it: sample left out", ahead)
+    report = replace(report, t=t[np.maximum.accumulate(good)])  # a wrong stamp says no time
+    report("time-out-of-order", late)
+    report("time-outlier", ahead)
 
 
 def earliest(t: Times) -> int:
-    """The earliest time [ns] that is not left out as late."""
+    """The earliest time [ns] that is not left out as out of order."""
     t, _ = unwrapped(t)
     if (t[1:] < t[:-1]).any():
         t = t[~_order(t)[1]]
     return int(t.min())
 
 
-def _repeated(told: _Told, t: Times, value: Floats, usable: Bools) -> tuple[Bools, Bools]:
-    """Samples that repeat a stamp, and all of the stamps that stand for different values; tells.
+def _repeated(report: _Report, t: Times, value: Floats, usable: Bools) -> tuple[Bools, Bools]:
+    """Samples that repeat a stamp, and all samples of stamps that have different values.
 
-    Rows without a value of the channel are none of its samples.
+    It reports both. Rows without a value of the channel are none of its samples.
     """
     kept = np.flatnonzero(usable)
     same, clash, stuck = np.zeros((3, len(t)), dtype=np.bool_)
@@ -206,34 +237,23 @@ def _repeated(told: _Told, t: Times, value: Floats, usable: Bools) -> tuple[Bool
     doubled = not differs.any() and bool((np.diff(value[kept]) != 0.0).any())  # rows written twice
     if np.mean(sizes > 1) > 0.5 and len(sizes) > 1 and not doubled:
         apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
-        told(
-            "time-coarse",
-            f"about {np.median(sizes):.0f} samples share each time stamp, {apart:g} s apart: "
-            "those that differ are left out, for what came when is not known; export the time "
-            "with more decimals, or state [channels] group if rows of several devices "
-            "alternate", same | clash,
-        )  # fmt: skip
+        samples = float(np.median(sizes))
+        report("time-coarse", same | clash, samples=samples, apart_s=apart)
     else:
-        told(
-            "time-stuck",
-            "the clock stands still: samples of one time stamp are left out, or one is kept if "
-            "they are equal", stuck,
-        )  # fmt: skip
-        said = same & ~clash & ~stuck
-        told("time-duplicate", "samples repeated with the same time: dropped", said)
-        said = clash & ~stuck
-        told("time-conflict", "different values with one time stamp: all left out", said)
+        report("time-stuck", stuck)
+        report("time-duplicate", same & ~clash & ~stuck)
+        report("time-conflict", clash & ~stuck)
     return same, clash
 
 
-def _spread(told: _Told, value: Floats) -> Times:
+def _spread(report: _Report, value: Floats) -> Times:
     """The times of samples that came evenly, under a clock that ticks more rarely.
 
-    Where one even rate agrees with every stamp to within a sample, gaps between stamps apart, it is
-    known what came when. Rows of several devices that alternate look the same, but for values that
-    differ less from those a stamp before than from their neighbours.
+    The order is known where one even rate agrees with every stamp to within a sample, gaps between
+    stamps apart. Rows of several interleaved devices look the same. But their values differ less
+    from those one stamp before than from their neighbours.
     """
-    t = told.t
+    t = report.t
     inside = t[1:] == t[:-1]
     if np.count_nonzero(inside) <= len(t) / 2 or (t[1:] < t[:-1]).any():
         return t
@@ -241,7 +261,7 @@ def _spread(told: _Told, value: Floats) -> Times:
     if changes.any() and not changes[inside].any():
         return t  # one sample of each stamp, repeated
     if np.count_nonzero(np.isfinite(value)) < _FULL * len(t):
-        return t  # rows are filled by turns
+        return t  # rows of several channels alternate
     first = np.flatnonzero(np.diff(t, prepend=t[0] - 1))  # sample of each stamp
     last = np.append(first[1:], len(t)) - 1
     stamps = t[first]
@@ -267,17 +287,13 @@ def _spread(told: _Told, value: Floats) -> Times:
             return t
         n = np.arange(rows.stop - rows.start)
         even[rows] = t[rows.start] + np.rint((earliest + latest) / 2.0 + period * n).astype(int)
-    told(
-        "time-coarse",
-        f"about {many} samples share each time stamp, {tick / 1e9:g} s apart: spread evenly, as "
-        f"{1e9 / period:.6g} Hz agrees with every stamp to within a sample; export the time with "
-        "more decimals", np.ones(len(t), dtype=np.bool_),
-    )  # fmt: skip
+    everywhere = np.ones(len(t), dtype=np.bool_)
+    report("time-coarse-spread", everywhere, samples=many, apart_s=tick / 1e9, rate_hz=1e9 / period)
     return even
 
 
 def _alternates(value: Floats, many: int) -> bool:
-    """Whether samples differ more from their neighbours than from those so many before."""
+    """Whether samples differ more from their neighbours than from those `many` samples before."""
     near, far = (np.abs(value[k:] - value[:-k]) for k in (1, many))
     return bool(np.nansum(near) / len(near) > 1.2 * np.nansum(far) / max(len(far), 1))
 

@@ -55,10 +55,12 @@ def test_a_counter_that_wraps_goes_on_and_one_that_resets_does_not(
 ) -> None:
     t, counts = turning
     wrapped = logged(tmp_path / "a.csv", counts % 4096, t)
-    assert codes(wrapped)["counter-wrapped"] == int(counts[-1]) // 4096
+    went_on = next(f for f in wrapped.findings if f.code == "counter-wrapped")
+    assert went_on.count == len(went_on.spans) == int(counts[-1]) // 4096
     counts = np.where(t > 5.0, counts - counts[251], counts)
     reset = logged(tmp_path / "b.csv", counts, t)
-    assert codes(reset)["counter-reset"] == 1
+    fell = next(f for f in reset.findings if f.code == "counter-reset")
+    assert (fell.count, fell.channel, fell.spans) == (1, "wheel", ((5.0, 5.02),))
     assert np.abs(speed_of(reset).data.value).max() < 45.0
 
 
@@ -105,7 +107,10 @@ def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -
     lines = [f"{i / 10},{101.3 + max(i - 20, 0) * 10},10" for i in range(50)]
     (tmp_path / "a.csv").write_text("t [s],bc [kPa],wheel speed [m/s]\n" + "\n".join(lines) + "\n")
     source = open_source(tmp_path / "a.csv", ReadOptions())
-    assert codes(read(source, (), Vehicle()))["pressure-absolute"] == 1
+    (found,) = (f for f in read(source, (), Vehicle()).findings if f.severity == "warning")
+    assert (found.code, found.channel, found.names) == (
+        "pressure-absolute", "bc [kPa]", {"unit": "kPa"},
+    )  # fmt: skip
     stated = read(source, (Mapping("pressure", None, "bc", unit="kPa abs"),), Vehicle())
     assert "pressure-absolute" not in codes(stated)
     pressure = next(c for c in stated.channels if c.meaning == "pressure")
@@ -139,17 +144,20 @@ def test_a_fault_of_one_clock_is_told_once(tmp_path: Path) -> None:
     path = table(tmp_path / "a.csv", np.where(t < 5.0, t, t + 60.0), 4)
     log = survey(open_source(path, ReadOptions()), (), Vehicle())
     (gap,) = (f for f in log.findings if f.severity != "info")
-    assert (gap.code, gap.count, gap.first_s) == ("gap", 1, 4.9)
+    assert (gap.code, gap.count, gap.spans) == ("gap", 1, ((4.9, 65.0),))
+    assert gap.values == {"longest_s": pytest.approx(60.1)}
     assert gap.channel == ", ".join(c.title for c in log.channels)
-    assert gap.message.startswith("8 channels of one clock: no samples for")
 
 
 def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> None:
     sizes = np.random.default_rng(0).integers(4, 12, 30)
     path = table(tmp_path / "a.csv", np.repeat(np.arange(30.0), sizes), 1)
-    with pytest.raises(UserError, match=r"samples share each time stamp, 1 s apart") as error:
+    (coarse,) = survey(open_source(path, ReadOptions()), (), Vehicle()).findings[-1:]
+    assert (coarse.code, coarse.values["apart_s"]) == ("time-coarse", 1.0)
+    with pytest.raises(UserError) as error:
         read(open_source(path, ReadOptions()), (), Vehicle())
-    assert "more decimals" in error.value.hint
+    assert coarse.message.rstrip(".") in error.value.text
+    assert error.value.hint == coarse.hint
 
 
 @pytest.mark.parametrize("row", ["BC pressure axle 1 [kPa]\ns,bar", "BC [kPa] axle 1 [bar]\n,"])
@@ -166,3 +174,24 @@ def test_a_unit_stated_twice_is_refused_unless_mapped(tmp_path: Path, row: str) 
     pressure = log.find("pressure", 1)
     assert pressure is not None
     assert pressure.data.value.max() == pytest.approx(19.9e3)
+
+
+def test_what_cannot_be_used_without_its_unit_is_left_out_if_it_is_not_needed(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 10},1,{50 - k},{60 - k}\n" for k in range(40))
+    path.write_text("t [s],bc [bar],wheel speed [m/s],train speed [foo]\n" + rows)
+    log = read(open_source(path, ReadOptions()), (), Vehicle())
+    (left_out,) = (f for f in log.findings if f.severity == "warning")
+    assert (left_out.code, left_out.channel) == ("unit-unknown", "train speed [foo]")
+    assert left_out.names["meaning"] == "train speed"
+    assert "foo" in left_out.names["reason"]
+
+
+def test_every_message_of_the_findings_here_can_be_written(tmp_path: Path) -> None:
+    t = np.r_[0:200, 300:400, 350:500] / 50
+    path = table(tmp_path / "a.csv", t, 2)
+    for f in survey(open_source(path, ReadOptions()), (), Vehicle()).findings:
+        assert f.message
+        assert not f.text

@@ -309,20 +309,34 @@ def test_axles_counted_from_zero_move_up_and_are_told() -> None:
     fields = [Field(n) for n in ("p_bc_0 [bar]", "p_bc_1 [bar]", "omega_0 [rad/s]")]
     meant, findings = understood(fields, ())
     assert [m.axle for m in meant] == [1, 2, 1]
-    assert [f.code for f in findings] == ["axles-from-zero"]
+    assert [(f.code, f.count) for f in findings] == [("axles-from-zero", 3)]
 
 
 def test_a_bogie_pressure_serves_both_axles() -> None:
     meant, findings = understood([Field("bogie2_bc_pressure_kPa"), Field("axle3_speed_kmh")], ())
     assert {(m.meaning, m.axle) for m in meant} == {(PRESSURE, 3), (PRESSURE, 4), (WHEEL, 3)}
-    assert [f.code for f in findings] == ["bogie-pressure"]
+    (finding,) = findings
+    assert (finding.code, finding.channel) == ("bogie-pressure", "bogie2_bc_pressure_kPa")
+    assert finding.names == {"axles": "3 and 4"}
 
 
 def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
     fields = [Field("wheel speed left [km/h]"), Field("wheel speed right [km/h]")]
     meant, findings = understood(fields, ())
     assert [m.meaning for m in meant] == [WHEEL, None]
-    assert [(f.code, f.severity) for f in findings] == [("channel-ambiguous", "warning")]
+    (finding,) = findings
+    assert (finding.code, finding.severity, finding.count) == ("channel-ambiguous", "warning", 1)
+    assert finding.channel == "wheel speed right [km/h]"
+    assert finding.names == {"first": "wheel speed left [km/h]", "meaning": "wheel speed"}
+
+
+def test_many_channels_for_the_same_thing_are_one_finding() -> None:
+    fields = [
+        Field(f"wheel speed {'abcdefgh'[k // 8]}{'abcdefgh'[k % 8]} [km/h]") for k in range(60)
+    ]
+    (finding,) = understood(fields, ())[1]
+    assert (finding.code, finding.count) == ("channel-ambiguous", 59)
+    assert finding.channel.count(",") == 19
 
 
 def test_a_mapping_beats_every_guess() -> None:
@@ -355,7 +369,9 @@ def test_lists_in_lists_are_counted_through() -> None:
         ("bogies[0].wheel_speed_rpm[0]", 1), ("bogies[0].wheel_speed_rpm[1]", 2),
         ("bogies[1].wheel_speed_rpm[0]", 3), ("bogies[1].wheel_speed_rpm[1]", 4),
     }  # fmt: skip
-    assert [f.code for f in findings] == ["axles-nested"]
+    assert [(f.code, f.channel, f.values) for f in findings] == [
+        ("axles-nested", "/brake", {"wheels": 4})
+    ]
 
 
 def test_a_column_name_used_twice_is_no_second_axle() -> None:

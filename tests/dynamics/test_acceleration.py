@@ -103,7 +103,7 @@ def test_a_logged_speed_is_used_and_the_acceleration_told_as_not_needed(tmp_path
     record, told = taken(logged(speed=True), tmp_path)
     assert record.train_speed is not None
     assert record.train_speed_sigma is None
-    assert told["acceleration-unused"].severity == "info"
+    assert told["acceleration-not-needed"].severity == "info"
     assert "train-speed-integrated" not in told
 
 

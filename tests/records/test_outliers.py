@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from adhesion_cli.analysis import analyze, settings
-from adhesion_cli.channels.log import _step
+from adhesion_cli.channels.to_si import quantum
 from adhesion_cli.core.model import Bools, Channel, Column, Floats, Meaning
 from adhesion_cli.records import outliers, screen
 
@@ -22,7 +22,7 @@ def channel(t: Floats, value: Floats, meaning: Meaning) -> Channel:
     every = int(np.median(np.diff(ns)))
     data = Column(ns, value, np.ones(len(t), dtype=np.bool_))
     return Channel(
-        "c", "", meaning, 1, "", "", data, len(t), gap_ns=5 * every, step=_step(value),
+        "c", "", meaning, 1, "", "", data, len(t), gap_ns=5 * every, step=quantum(value),
         rate_hz=1e9 / every,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from adhesion_cli.channels.log import _tick
+from adhesion_cli.channels.to_si import period_tick
 from adhesion_cli.core import physics, signals
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
@@ -334,7 +334,7 @@ def test_a_speed_by_the_period_of_pulses_has_the_steps_of_its_timer(
     own = np.arange(t[0], t[-1], 1.0 / rate)
     last = np.searchsorted(at[1:] * tick, own, side="right") - 1
     y = speed[np.maximum(last, 0)]
-    shown = _tick(np.round(y, 5), 0.0)
+    shown = period_tick(np.round(y, 5), 0.0)
     assert shown == pytest.approx(tick * teeth / math.tau, rel=1e-4)
     rows = np.round((own - t[0]) * 1000.0).astype(int)
     log = AxleRecord(
@@ -357,7 +357,7 @@ def test_speeds_that_no_timer_made_have_no_ticks() -> None:
         (ramp, 0.0), (noisy, 0.0), (np.round(ramp, 1), 0.1), (np.round(noisy, 2), 0.01),
         (np.round(ramp / 0.0661) * 0.0661, 0.0661), (np.full(100, 7.0), 0.0), (ramp[:0], 0.0),
     ):  # fmt: skip
-        assert _tick(y, step) == 0.0
+        assert period_tick(y, step) == 0.0
 
 
 def test_wrong_mass_and_friction_change_the_model_not_the_noise() -> None:

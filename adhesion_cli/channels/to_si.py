@@ -1,0 +1,187 @@
+"""One channel in SI, on a clean time axis, with the step of its quantisation."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ..core import time_axis, units
+from ..core.finding import Finding, Severity
+from ..core.model import Bools, Channel, Column, Floats, Vehicle
+from ..core.time_axis import TimeAxis
+from .meaning import Meant, name
+
+_FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
+_ON_GRID = 0.9  # mean cosine of phases that lie on one
+_MAY_BE = 0.5  # the same of the gaps between them, with their digits' rounding
+
+
+def channel(
+    m: Meant, column: Column, vehicle: Vehicle, start: int, max_gap_ns: int = 0
+) -> tuple[Channel, list[Finding]]:
+    """One channel in SI where its unit is known, and what was wrong with its samples.
+
+    Args:
+        m: the channel with its meaning and its unit.
+        column: its samples, as the log has them.
+        vehicle: for the wheel radius, where a wheel speed is in km/h.
+        start: the log's start [ns].
+        max_gap_ns: longer intervals are gaps; 0 decides from the channel itself.
+    """
+    axis, column = _axis(m, column, start, max_gap_ns)
+    findings = list(axis.findings)
+    values = column.value if column.valid.all() else column.value[column.valid]
+    data, starts, step, tick = axis.data, axis.starts, quantum(values), 0.0
+    unit = units.of(m.unit, m.meaning) if m.meaning else None
+    radius = vehicle.radius(m.axle or 1).value if unit else 1.0
+    if unit and unit.dimension in ("count", "angle"):
+        counted = unit.dimension == "count"
+        turn = 2.0 * math.pi / max(m.teeth, 1) if counted else unit.factor
+        step = (1.0 if counted else step) * turn / max(axis.interval_ns / 1e9, 1e-9)
+        data, starts, wrapped, reset = _rate(axis, turn, m.wrap or _wrap(data.value, unit))
+        findings += _of_counter("counter-wrapped", "info", m, axis, wrapped, start)
+        findings += _of_counter("counter-reset", "warning", m, axis, reset, start)
+    elif unit:
+        factor = unit.factor
+        if m.meaning == "wheel_speed" and unit.dimension == "speed":
+            factor /= radius
+        if unit.dimension == "pulse rate":
+            factor *= 2.0 * math.pi / max(m.teeth, 1)
+        data = replace(data, value=factor * data.value + unit.offset)
+        tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
+        step *= factor
+        if m.meaning == "pressure" and not unit.offset and _from_vacuum(data.value):
+            names = {"unit": m.unit}
+            at = m.title
+            findings.append(Finding("pressure-absolute", "warning", channel=at, names=names))
+    rate = 1e9 / axis.interval_ns if axis.interval_ns else None
+    row_of = (m.field.channel if m.field.encoding else m.field.signal, m.field.group)
+    return Channel(
+        name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
+        starts, axis.gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
+        m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label, tick,
+    ), findings  # fmt: skip
+
+
+def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:
+    """The channel's clean time axis, and its samples.
+
+    A result of ours has NaN where there is no value. That is no gap in the log, so its stamps are
+    judged without its values.
+    """
+    told = m.title
+    if not m.field.message_type.startswith("adhesion."):
+        return time_axis.clean(told, column, start, max_gap_ns), column
+    column = replace(column, valid=column.valid & np.isfinite(column.value))
+    axis = time_axis.clean(told, column, start, max_gap_ns)
+    n = len(column.t)
+    stamps = Column(column.t, np.zeros(n), np.ones(n, dtype=np.bool_))
+    whole = time_axis.clean(told, stamps, start, max_gap_ns)
+    return replace(axis, findings=whole.findings, gaps=whole.gaps), column
+
+
+def _from_vacuum(pressure: Floats) -> bool:
+    """Whether a pressure [Pa] looks as if it counted from vacuum: 1 atmosphere at rest."""
+    if not len(pressure):
+        return False
+    low, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
+    return 0.85e5 < low < 1.1e5 and top > 2.0 * low
+
+
+def _rate(axis: TimeAxis, turn: float, size: float) -> tuple[Column, tuple[int, ...], Bools, Bools]:
+    """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
+
+    Half an interval before it can be known: at its end it would be delayed for the reference. An
+    interval over a jump of the clock, a gap or a reset of the counter gives no speed.
+
+    Args:
+        axis: the counter's samples (n,).
+        turn: angle of one count [rad].
+        size: the counter starts anew there.
+
+    Returns:
+        The speed; where its pieces begin; intervals in which the counter wrapped, and in which it
+        was reset, (n - 1,).
+    """
+    data, starts = axis.data, axis.starts
+    step, dt = np.diff(data.value), np.diff(data.t)
+    inside = dt <= axis.gap_ns if axis.gap_ns else np.ones(len(dt), dtype=np.bool_)
+    inside[np.array(starts[1:], dtype=np.int64) - 1] = False
+    usual = float(np.median(step[inside])) if inside.any() else 0.0
+    if usual < 0.0:
+        step, usual = -step, -usual  # it counts down
+    most = 10.0 * max(usual, 1.0)  # a wheel does not do more than this in one interval
+    wrapped = inside & (step < 0.0) & (step + size >= 0.0) & (step + size <= most)
+    step = np.where(wrapped, step + size, step)
+    reset = inside & (step < -most)
+    kept = inside & ~reset
+    middle = data.t[:-1] + dt // 2
+    speed = step * turn / (np.maximum(dt, 1) / 1e9)
+    new_starts = sorted({int(kept[:s].sum()) for s in starts if kept[s:].any()})
+    column = Column(middle[kept], speed[kept], np.ones(int(kept.sum()), dtype=np.bool_))
+    return column, tuple(new_starts), wrapped, reset
+
+
+def _of_counter(
+    code: str, severity: Severity, m: Meant, axis: TimeAxis, where: Bools, start: int
+) -> list[Finding]:
+    """A finding on the intervals of a counter, none where there is no such interval."""
+    count = int(where.sum())
+    if not count:
+        return []
+    spans = time_axis.spans_of(axis.data.t[:-1][where], axis.data.t[1:][where], start)
+    return [Finding(code, severity, channel=m.title, count=count, spans=spans)]
+
+
+def _wrap(values: Floats, unit: units.Unit) -> float:
+    """Where a counter starts anew: at a whole turn of an angle, else by its largest value."""
+    if unit.dimension == "angle":
+        return 2.0 * math.pi / unit.factor
+    top = float(values.max(initial=0.0))
+    return next((float(2**b) for b in (8, 10, 12, 16, 24, 32) if top < 2**b), 0.0)
+
+
+def quantum(values: Floats) -> float:
+    """The step of a quantised signal in its own unit, 0 where its values lie on no grid."""
+    head = values[:: max(1, len(values) // 20000)]
+    steps = np.diff(np.unique(head[np.isfinite(head)]))
+    if not len(steps):
+        return 0.0
+    smallest = float(steps.min())
+    if smallest <= 1e-9 * float(np.abs(head).max()):
+        return 0.0
+    ratio = steps / smallest
+    return smallest if float(np.abs(ratio - np.rint(ratio)).max()) < 0.02 else 0.0
+
+
+def period_tick(speed: Floats, step: float) -> float:
+    """The step of 1/speed, where a timer counts whole ticks from pulse to pulse; 0 elsewhere.
+
+    Judged over the faster half, where ticks are coarsest and speeds on a grid have no periods on
+    one: by the mean cosine of the periods' phases in it.
+    """
+    head = speed[:: max(1, len(speed) // 20000)]
+    head = head[np.isfinite(head)]
+    periods = np.unique(1.0 / head[head > max(0.5 * float(head.max(initial=0.0)), 1e-9)])
+    if len(periods) < 12 or periods[-1] < 1.2 * periods[0]:
+        return 0.0
+    gaps = np.diff(periods)
+    usual = float(np.quantile(gaps, 0.1))  # a tick, or some where speed falls fast
+    if usual < max(_FINEST * periods[0], 2.0 * step * periods[0] ** 2):
+        return 0.0
+
+    def agree(ticks: Floats, periods: Floats) -> Floats:
+        cosine: Floats = np.cos(2.0 * np.pi * periods / ticks[:, None]).mean(axis=1)
+        return cosine
+
+    some = periods[:: max(1, len(periods) // 200)]
+    close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
+    for parts in (1, 2, 3):
+        if agree(np.array([usual / parts]), gaps[gaps < 10.0 * usual])[0] < _MAY_BE:
+            continue  # so much is seen at once
+        ticks = usual / parts * close
+        best = ticks[[np.argmax(agree(ticks, some))]]
+        if agree(best, periods)[0] > _ON_GRID:
+            whole = np.rint(periods / best)
+            return float(periods @ whole / (whole @ whole))
+    return 0.0
