@@ -10,31 +10,15 @@ import numpy as np
 import orjson
 
 from ...core.model import Floats
-from .fields import (
-    EXACT,
-    LONG_ARRAY,
-    Bytes,
-    Fault,
-    Offsets,
-    Steps,
-    Tree,
-    UndecodableError,
-    Wanted,
-    at,
-    clipped,
-    label_fault,
-    length_faults,
-    microseconds,
-    path,
-    rounded_faults,
-    said_fault,
-)
+from .columns import EXACT, Batch, Bytes, Fault, Offsets, Wanted
+from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, at, clipped, path
+from .stamps import microseconds
 
-_MOST_LATE = 20  # new keys of one object that are told one by one, of each block
+_MOST_LATE = 20  # new keys of one object that are reported one by one, of each block
 _TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
 _NUMBERS = {int, float, bool}
 _MAY_HOLD = (int, float, dict, list)  # a number
-# Python writes these although JSON has none of them; strings are matched to be left alone.
+# Python writes these although JSON does not have them. The pattern matches strings to keep them.
 _NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
 
 
@@ -53,7 +37,7 @@ class JsonDecoder:
 
     Args:
         schema: the JSON schema, b"" where there is none.
-        most: bytes of one message: read it takes up to twenty times that.
+        most: bytes of one message; a message takes up to twenty times that when it is read.
 
     Raises:
         UndecodableError: where the schema is no JSON object.
@@ -121,49 +105,37 @@ class JsonDecoder:
     ) -> tuple[Floats, list[Fault]]:
         raw, loads = buffer.data, orjson.loads
         spans = list(zip(start.tolist(), end.tolist(), strict=True))
-        faults: list[Fault] = []
-        rows = np.arange(len(spans))
+        batch, rows = Batch(wanted, len(spans)), np.arange(len(spans))
         try:
             if len(spans) == 1:
                 self._bounded(int(end[0] - start[0]))
             messages = [loads(raw[a:b]) for a, b in spans]
         except (orjson.JSONDecodeError, UndecodableError):
-            messages, bad = [], {}
+            messages, whole = [], []
             for i, (a, b) in enumerate(spans):
                 try:
                     self._bounded(b - a)
                     messages.append(_loads(bytes(raw[a:b]), b'"NaN"'))
+                    whole.append(i)
                 except UndecodableError as e:
-                    bad[i] = str(e)
+                    batch.refuse(i, str(e))
                 except orjson.JSONDecodeError as e:
-                    bad[i] = f"not JSON: {e.msg}"
-            faults += [Fault("mcap-bad-message", np.array([i]), "", why) for i, why in bad.items()]
-            rows = np.delete(rows, list(bad))
-        values = np.full((len(wanted.leaves), len(spans)), np.nan)
-        spread = _Spread(wanted, values, faults)
+                    batch.refuse(i, f"not JSON: {e.msg}")
+            rows = np.array(whole, np.int64)
         if messages:
-            spread.walk(messages, rows, self._known, ())
+            _Spread(batch).walk(messages, rows, self._known, ())
         for steps, named in wanted.labels.items():
-            other = np.zeros(len(spans), np.bool_)
-            other[rows] = [at(m, steps) != named for m in messages]
-            if other.any():
-                faults.append(label_fault(wanted, steps, other, values))
-        faults += rounded_faults(wanted, spread.rounded)
-        for steps, other in spread.other.items():
-            if other.any():
-                faults.append(said_fault(wanted, steps, other, values))
-        return values, faults
+            batch.texts[steps][rows] = [at(message, steps) != named for message in messages]
+        return batch.finish()
 
 
 class _Spread:
     """Takes a list of trees apart, place by place."""
 
-    def __init__(self, wanted: Wanted, values: Floats, faults: list[Fault]) -> None:
-        self._columns = {steps: i for i, steps in enumerate(wanted.leaves)}
-        self._wanted, self._values, self._faults = wanted, values, faults
-        self.other = {steps: np.zeros(values.shape[1], np.bool_) for steps in wanted.said}
-        self.rounded = np.zeros(values.shape, np.bool_)
-        self._places = self._columns.keys() | self.other.keys()
+    def __init__(self, batch: Batch) -> None:
+        self._batch, self._wanted = batch, batch.wanted
+        self._columns = {steps: i for i, steps in enumerate(batch.wanted.leaves)}
+        self._places = self._columns.keys() | batch.wanted.said.keys()
 
     def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         """Takes what the messages `rows` have at a place.
@@ -180,14 +152,18 @@ class _Spread:
         elif isinstance(known, list):
             if len(known) <= LONG_ARRAY and (found := self._only(list, nodes, rows, steps)):
                 self._array(*found, known, steps)
-        elif steps in self.other:
-            text = self._wanted.said[steps].text
-            self.other[steps][rows] = [node != text and node not in ("", None) for node in nodes]
+        elif said := self._wanted.said.get(steps):
+            other = [node != said.text and node not in ("", None) for node in nodes]
+            self._batch.texts[steps][rows] = other
         elif (i := self._columns.get(steps)) is not None:
             if steps == self._wanted.iso:
-                self._values[i, rows] = list(map(microseconds, nodes))
+                self._batch.values[i, rows] = list(map(microseconds, nodes))
             else:
                 self._number(nodes, rows, i, steps)
+
+    def _fault(self, code: str, rows: Offsets, place: str) -> None:
+        if len(rows):
+            self._batch.faults.append(Fault(code, rows, place or "message"))
 
     def _only(
         self, kind: type, nodes: list[Tree], rows: Offsets, steps: Steps
@@ -196,57 +172,43 @@ class _Spread:
             return nodes, rows
         is_kind = np.array([type(node) is kind for node in nodes], np.bool_)
         other = [not ok and node is not None for ok, node in zip(is_kind, nodes, strict=True)]
-        self._type_fault(rows[other], steps)
+        self._fault("mcap-type-change", rows[other], path(steps))
         if not is_kind.any():
             return None
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
-    def _type_fault(self, rows: Offsets, steps: Steps) -> None:
-        if len(rows):
-            self._faults.append(Fault("mcap-type-change", rows, path(steps) or "message"))
-
     def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         keys = sorted(set().union(*nodes) - known.keys())
         if len(keys) > _MOST_LATE:
-            late = np.array([not node.keys() <= known.keys() for node in nodes], np.bool_)
-            at_keys = f"keys of {path(steps) or 'message'}"
-            self._faults.append(Fault("mcap-late-field", rows[late], at_keys))
+            late = [not node.keys() <= known.keys() for node in nodes]
+            self._fault("mcap-late-field", rows[late], f"keys of {path(steps) or 'message'}")
             keys = []
         for key in keys:
-            late = np.array([key in node for node in nodes], np.bool_)
-            self._faults.append(Fault("mcap-late-field", rows[late], path((*steps, key))))
+            late = [key in node for node in nodes]
+            self._fault("mcap-late-field", rows[late], path((*steps, key)))
         for key, child in known.items():
             place = (*steps, key)
             if not isinstance(child, (dict, list)) and place not in self._places:
                 if child is None:
-                    self._late(nodes, rows, key, place)
+                    late = [isinstance(node.get(key), _MAY_HOLD) for node in nodes]
+                    self._fault("mcap-late-field", rows[late], path(place))
                 continue
             try:
                 self.walk(list(map(itemgetter(key), nodes)), rows, child, place)
             except KeyError:
-                has = np.array([key in node for node in nodes], np.bool_)
-                below = [node[key] for node in nodes if key in node]
-                if below:
-                    self.walk(below, rows[has], child, place)
-
-    def _late(self, nodes: list[Tree], rows: Offsets, key: str, steps: Steps) -> None:
-        """Tells of numbers where messages had none at first."""
-        late = np.array([isinstance(node.get(key), _MAY_HOLD) for node in nodes], np.bool_)
-        if late.any():
-            self._faults.append(Fault("mcap-late-field", rows[late], path(steps)))
+                if below := [node[key] for node in nodes if key in node]:
+                    self.walk(below, rows[[key in node for node in nodes]], child, place)
 
     def _array(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
         count = np.array(list(map(len, nodes)))
-        for fault in length_faults(self._wanted, steps, count, len(rows)):
-            self._faults.append(replace(fault, rows=rows[fault.rows]))
+        if steps in self._batch.lengths:
+            self._batch.lengths[steps][rows] = count != self._wanted.lengths[steps]
         for k, child in enumerate(known):
             place = (*steps, k)
             if not isinstance(child, (dict, list)) and place not in self._places:
                 continue
-            has = count > k
-            below = [node[k] for node in nodes if len(node) > k]
-            if below:
-                self.walk(below, rows[has], child, place)
+            if below := [node[k] for node in nodes if len(node) > k]:
+                self.walk(below, rows[count > k], child, place)
 
     def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
         if set(map(type, nodes)) <= _NUMBERS:
@@ -255,13 +217,14 @@ class _Spread:
         number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
         self._put([node for node in nodes if type(node) in _NUMBERS], rows[number], i)
         nan = np.array([node == "NaN" for node in nodes], np.bool_)
-        if nan.any():
-            self._faults.append(Fault("mcap-not-a-number", rows[nan], path(steps)))
+        self._fault("mcap-not-a-number", rows[nan], path(steps))
         other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
-        self._type_fault(rows[other], steps)
+        self._fault("mcap-type-change", rows[other], path(steps))
 
     def _put(self, numbers: list[Tree], rows: Offsets, i: int) -> None:
-        self._values[i, rows] = numbers
-        for k in np.flatnonzero(np.abs(self._values[i, rows]) >= EXACT).tolist():
+        values = self._batch.values
+        values[i, rows] = numbers
+        for k in np.flatnonzero(np.abs(values[i, rows]) >= EXACT).tolist():
             number = numbers[k]
-            self.rounded[i, rows[k]] = isinstance(number, int) and int(float(number)) != number
+            rounded = isinstance(number, int) and int(float(number)) != number
+            self._batch.rounded[i, rows[k]] = rounded

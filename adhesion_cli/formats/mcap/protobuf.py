@@ -1,12 +1,11 @@
 """Protobuf messages, all messages of a batch one field at a time.
 
-Writers put the fields of a message in the order of their numbers. So all messages of a batch
-are read in lock-step: of the tags that come next, the lowest is taken from every message that
-has it, and the others wait. What is unusual (groups, broken varints, very many fields) goes
-message by message through the protobuf library, which also judges what is broken.
+Writers put the fields of a message in the order of their numbers. So all messages of a batch are
+read in step: of the tags that come next, the lowest is taken from every message that has it, and
+the others wait. The protobuf library reads what is unusual (groups, broken varints, very many
+fields) one message at a time, and decides what is broken.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,26 +18,9 @@ from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
 from numpy.typing import NDArray
 
-from ...core.model import Floats
-from .fields import (
-    DEEPEST,
-    LONG_ARRAY,
-    MOST_FIELDS,
-    Bytes,
-    Fault,
-    Offsets,
-    Opaque,
-    Steps,
-    Tree,
-    UndecodableError,
-    Wanted,
-    inexact,
-    label_fault,
-    length_faults,
-    other_text,
-    rounded_faults,
-    said_fault,
-)
+from ...core.model import Bools, Floats
+from .columns import Batch, Bytes, Fault, Offsets, Wanted, other_text
+from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
 _WIRE = {
@@ -100,7 +82,11 @@ class ProtobufDecoder:
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; messages inside that are absent show their defaults."""
-        return _tree(self._parse(message), (self._type,), [MOST_FIELDS])
+        return _tree(self._parse(message), (self._type,), [MOST_FIELDS], defaults=True)
+
+    def present(self, message: bytes) -> Tree:
+        """One message as plain values, without what is absent."""
+        return _tree(self._parse(message), (self._type,), [MOST_FIELDS], defaults=False)
 
     def know(self, tree: Tree) -> None:
         """Nothing: the schema says what messages hold."""
@@ -126,11 +112,6 @@ class ProtobufDecoder:
     ) -> tuple[Floats, list[Fault]]:
         """Many messages at once, see Decoder."""
         return _LockStep(self, buffer, start, end, wanted).columns()
-
-    def numbers(self, message: bytes, leaves: Sequence[Steps]) -> list[float]:
-        """The wanted numbers of one message by the protobuf library, NaN where absent."""
-        parsed = self._parse(message)
-        return [_number(parsed, steps) for steps in leaves]
 
 
 def _pool(data: bytes) -> DescriptorPool:
@@ -193,20 +174,23 @@ def _is_map(f: Any) -> bool:
     return f.type == F.TYPE_MESSAGE and bool(f.message_type.GetOptions().map_entry)
 
 
-def _tree(message: Any, above: tuple[Any, ...], left: list[int]) -> Tree:
+def _tree(message: Any, above: tuple[Any, ...], left: list[int], defaults: bool) -> Tree:
     """A message as plain values.
 
     Args:
-        message: it, parsed.
+        message: the parsed message.
         above: the types of the messages it stands in, and its own.
-        left: how many more fields may be shown, counted down: types that hold each other several
-            times over make a tree that is wide where it is not deep.
+        left: how many more fields may be shown, counted down. Types that hold each other several
+            times make a tree wide without making it deep.
+        defaults: whether what is absent is shown by its default.
     """
     if left[0] <= 0:
-        return Opaque(f"behind {MOST_FIELDS} others")
+        return Opaque(f"after {MOST_FIELDS} others")
     left[0] -= len(message.DESCRIPTOR.fields)
     tree: dict[str, Tree] = {}
     for f in message.DESCRIPTOR.fields:
+        if not defaults and f.has_presence and not message.HasField(f.name):
+            continue
         value = getattr(message, f.name)
         if _is_map(f):
             tree[f.name] = Opaque("a map")
@@ -214,62 +198,42 @@ def _tree(message: Any, above: tuple[Any, ...], left: list[int]) -> Tree:
             tree[f.name] = Opaque("bytes")
         elif f.is_repeated:
             some = value[: LONG_ARRAY + 1]
-            if not some and not _numeric(f, set()):
-                continue
             if f.type in _MESSAGES:
-                tree[f.name] = [_tree(v, (*above, f.message_type), left) for v in some]
-            else:
+                some = [_tree(v, (*above, f.message_type), left, defaults) for v in some]
+            if some or _numeric(f, set()):
                 tree[f.name] = list(some)
         elif f.type not in _MESSAGES:
             tree[f.name] = value
         elif message.HasField(f.name) or (f.message_type not in above and len(above) < DEEPEST):
-            tree[f.name] = _tree(value, (*above, f.message_type), left)
+            tree[f.name] = _tree(value, (*above, f.message_type), left, defaults)
         else:
             why = "holds itself" if f.message_type in above else "too deep"
             tree[f.name] = Opaque(f"absent at first, {why}")
     return tree
 
 
-def _at(message: Any, steps: Steps, absent: Any) -> Any:
-    """What a message holds at a place."""
-    for step in steps:
-        if isinstance(step, int):
-            message = message[step] if step < len(message) else absent
-        else:
-            message = getattr(message, step, absent)
-    return message
-
-
-def _number(message: Any, steps: Steps) -> float:
-    for step in steps:
-        if isinstance(step, int):
-            if step >= len(message):
-                return float("nan")
-            message = message[step]
-        else:
-            f = message.DESCRIPTOR.fields_by_name[step]
-            if f.has_presence and not message.HasField(step):
-                return float("nan")
-            message = getattr(message, step)
-    number: float = message
-    return number
-
-
 @dataclass(slots=True)
 class _Slot:
-    """What to do with one field of a message type."""
+    """What to do with one field of a message type; elements count from 0, which a single one is."""
 
     type: int
     wire: int
     repeated: bool
-    steps: Steps
-    columns: dict[int, int] = field(default_factory=dict)  # element (0 if single) to column
-    said: dict[int, Steps] = field(default_factory=dict)  # element (0 if single) to its place
-    inside: dict[int, "_Node"] = field(default_factory=dict)  # element (0 if single) to message
+    columns: dict[int, int] = field(default_factory=dict)  # element to column
+    said: dict[int, tuple[str, Bools]] = field(default_factory=dict)  # to text, and who differs
+    inside: dict[int, "_Node"] = field(default_factory=dict)  # element to message
     count: Offsets | None = None  # elements seen so far, per message of the batch
-    labels: list[str] | None = None
+    expected: list[tuple[int, Bools]] = field(default_factory=list)  # and who has another count
+    is_label: bool = False  # its texts name elements, and none may be empty
     clears: list[int] = field(default_factory=list)  # columns of the same oneof's other members
     closed: NDArray[np.int64] | None = None  # all values it may have, where its enum says so
+
+    @property
+    def idle(self) -> bool:
+        """Whether nobody wants to know what the field holds."""
+        return not (
+            self.columns or self.inside or self.said or self.clears or self.count is not None
+        )
 
 
 @dataclass(slots=True)
@@ -278,125 +242,98 @@ class _Node:
 
     slots: dict[int, _Slot]
     zeros: list[int]  # columns that are 0 where the message is there and does not say more
-    seen: NDArray[np.bool_]
+    seen: Bools
+
+
+# A place that is looked at, and its column; None where it is a text or an array.
+_Place = tuple[int | None, Steps]
 
 
 class _LockStep:
     def __init__(
         self, decoder: ProtobufDecoder, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> None:
-        self._decoder, self._buffer, self._wanted = decoder, buffer, wanted
+        self._decoder, self._buffer = decoder, buffer
         self._start, self._end = start, end
         self._words: Words = np.ndarray((len(buffer) - 7,), "<u8", buffer, 0, (1,))
-        n = len(start)
-        self._values = np.full((len(wanted.leaves), n), np.nan)
-        self._rounded = np.zeros(self._values.shape, np.bool_)
-        self._odd = np.zeros(n, np.bool_)  # unusual: the library decides
+        self._batch = Batch(wanted, len(start))
+        self._values = self._batch.values
+        self._odd = np.zeros(len(start), np.bool_)  # unusual: the library decides
         self._rounds = 0
-        self._slots: list[_Slot] = []
-        self._relabelled = {steps: np.zeros(n, np.bool_) for steps in wanted.labels}
-        self._resaid = {steps: np.zeros(n, np.bool_) for steps in wanted.said}
+        self._slots: list[_Slot] = []  # with elements that are counted
         self._terminators: Offsets | None = None
-        texts = [(-1, steps) for steps in wanted.said]
-        texts += [(-2, steps) for steps, length in wanted.lengths.items() if not length]
-        self._root = self._node(decoder._type, (), [*enumerate(wanted.leaves), *texts])
+        places: list[_Place] = [*enumerate(wanted.leaves)]
+        places += [(None, steps) for steps in (*wanted.said, *wanted.lengths, *wanted.labels)]
+        self._root = self._node(decoder._type, (), places)
 
-    def _node(self, kind: Any, at: Steps, below: list[tuple[int, Steps]]) -> _Node:  # noqa: C901, PLR0912
+    def _node(self, kind: Any, at: Steps, below: list[_Place]) -> _Node:
+        """What to do with a message.
+
+        Args:
+            kind: its type.
+            at: where it stands.
+            below: the places in it that are looked at.
+        """
         node = _Node({}, [], np.zeros(len(self._start), np.bool_))
-        depth = len(at)
-        by_name: dict[str, list[tuple[int, Steps]]] = {}
+        by_name: dict[str, list[_Place]] = {}
         for i, steps in below:
-            by_name.setdefault(str(steps[depth]), []).append((i, steps))
+            by_name.setdefault(str(steps[len(at)]), []).append((i, steps))
         for f in kind.fields:
-            steps = (*at, f.name)
-            repeated = f.is_repeated
-            slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), repeated, steps)
             mine = by_name.get(f.name, [])
-            inner = [one for one in mine if one != (-2, steps)]
-            if f.type in _MESSAGES:
-                groups: dict[int, list[tuple[int, Steps]]] = {}
-                for i, leaf in inner:
-                    element = leaf[depth + 1] if repeated else 0
-                    assert isinstance(element, int)
-                    groups.setdefault(element, []).append((i, leaf))
-                for element, leaves in groups.items():
-                    place = (*steps, element) if repeated else steps
-                    slot.inside[element] = self._node(f.message_type, place, leaves)
-            else:
-                for i, leaf in inner:
-                    element = leaf[-1] if repeated else 0
-                    assert isinstance(element, int)
-                    if i < 0:
-                        slot.said[element] = leaf
-                    else:
-                        slot.columns[element] = i
-                if slot.columns and not repeated and not f.has_presence:
-                    node.zeros += slot.columns.values()
-            slot.labels = self._wanted.labels.get(steps)
-            if repeated and (mine or slot.labels):
-                slot.count = np.zeros(len(self._start), np.int64)
-            if mine or slot.labels:
-                self._slots.append(slot)
+            slot = self._slot(f, (*at, f.name), mine)
+            node.slots[f.number] = slot
+            if not f.is_repeated and not f.has_presence:
+                node.zeros += slot.columns.values()
             if f.containing_oneof is not None:
                 others = {o.name for o in f.containing_oneof.fields} - {f.name}
-                slot.clears = [i for name in others for i, _ in by_name.get(name, []) if i >= 0]
-            if f.type == F.TYPE_ENUM and f.enum_type.is_closed:
-                slot.closed = np.array(list(f.enum_type.values_by_number))
-            node.slots[f.number] = slot
+                slot.clears = [i for o in others for i, _ in by_name.get(o, []) if i is not None]
         return node
 
-    def columns(self) -> tuple[Floats, list[Fault]]:
-        n = len(self._start)
-        self._message(self._root, np.arange(n), self._start, self._end)
-        faults: list[Fault] = []
-        bad: dict[str, list[int]] = {}
-        odd = np.flatnonzero(self._odd)
-        for i in odd.tolist():
-            message = self._buffer[self._start[i] : self._end[i]].tobytes()
-            try:
-                for k, number in enumerate(self._decoder.numbers(message, self._wanted.leaves)):
-                    self._put(None, k, np.array([i]), np.array([number]))
-                self._recount(message, i)
-            except UndecodableError as e:
-                self._values[:, i] = np.nan
-                bad.setdefault(str(e), []).append(i)
-        good = np.ones(n, np.bool_)
-        for text, rows in bad.items():
-            faults.append(Fault("mcap-bad-message", np.array(rows), "", text))
-            good[rows] = False
-        faults += rounded_faults(self._wanted, self._rounded & good)
-        for slot in self._slots:
-            if slot.count is None:
-                continue
-            if slot.labels is not None:
-                self._relabelled[slot.steps] |= slot.count != len(slot.labels)
-            expected = self._wanted.lengths.get(slot.steps)
-            count = slot.count if expected is None else np.where(good, slot.count, expected)
-            faults += length_faults(self._wanted, slot.steps, count, n)
-        faults += [
-            label_fault(self._wanted, steps, other & good, self._values)
-            for steps, other in self._relabelled.items()
-            if (other & good).any()
-        ]
-        faults += [
-            said_fault(self._wanted, steps, other & good, self._values)
-            for steps, other in self._resaid.items()
-            if (other & good).any()
-        ]
-        return self._values, faults
+    def _slot(self, f: Any, steps: Steps, places: list[_Place]) -> _Slot:
+        """What to do with a field, of which these places are looked at."""
+        slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), f.is_repeated)
+        wanted, depth = self._batch.wanted, len(steps)
+        if f.is_repeated and places:
+            slot.count = np.zeros(len(self._start), np.int64)
+            self._slots.append(slot)
+            if (length := wanted.lengths.get(steps)) is not None:
+                slot.expected.append((length, self._batch.lengths[steps]))
+        if f.is_repeated and (labels := wanted.labels.get(steps)):
+            other = self._batch.texts[steps]
+            slot.expected.append((len(labels), other))
+            slot.said, slot.is_label = {k: (label, other) for k, label in enumerate(labels)}, True
+        inside: dict[int, list[_Place]] = {}
+        for i, place in places:
+            if f.is_repeated and len(place) == depth:
+                continue  # the array itself
+            element = place[depth] if f.is_repeated else 0
+            assert isinstance(element, int)
+            if f.type in _MESSAGES:
+                inside.setdefault(element, []).append((i, place))
+            elif i is not None:
+                slot.columns[element] = i
+            elif place in wanted.said:
+                slot.said[element] = wanted.said[place].text, self._batch.texts[place]
+        for element, below in inside.items():
+            at = (*steps, element) if f.is_repeated else steps
+            slot.inside[element] = self._node(f.message_type, at, below)
+        if f.type == F.TYPE_ENUM and f.enum_type.is_closed:
+            slot.closed = np.array(list(f.enum_type.values_by_number))
+        return slot
 
-    def _recount(self, message: bytes, row: int) -> None:
-        """Array lengths, names and units of a message that the library read."""
-        parsed = self._decoder._parse(message)
-        for steps, other in self._resaid.items():
-            other[row] = _at(parsed, steps, "") not in ("", self._wanted.said[steps].text)
+    def columns(self) -> tuple[Floats, list[Fault]]:
+        """The columns, see Decoder."""
+        self._message(self._root, np.arange(len(self._start)), self._start, self._end)
         for slot in self._slots:
-            if slot.count is None:
-                continue
-            array = _at(parsed, slot.steps, ())
-            slot.count[row] = len(array)
-            if slot.labels is not None:
-                self._relabelled[slot.steps][row] = list(array) != slot.labels
+            for count, other in slot.expected:
+                other |= slot.count != count
+        for row in np.flatnonzero(self._odd).tolist():
+            message = self._buffer[self._start[row] : self._end[row]].tobytes()
+            try:
+                self._batch.put_tree(row, self._decoder.present(message))
+            except UndecodableError as e:
+                self._batch.refuse(row, str(e))
+        return self._batch.finish()
 
     def _varint(self, p: Offsets) -> tuple[Words, Offsets]:
         """Varints at p, and the offsets behind them (_NOWHERE where one does not end)."""
@@ -453,32 +390,16 @@ class _LockStep:
                 p = np.where(self._odd[rows], end, p)
 
     def _field(self, node: _Node, tag: int, rows: Offsets, q: Offsets, end: Offsets) -> Offsets:
-        """Reads one field of the messages that have it next; returns the offsets behind it."""
+        """Reads one field of the messages that have it next; returns the offsets after it."""
         number, wire = tag >> 3, tag & 7
         slot = node.slots.get(number)
-        q = np.minimum(q, end)
-        value: Words | None = None
-        if wire == _VARINT:
-            value, after = self._varint(q)
-        elif wire == _FIXED64:
-            after = q + 8
-        elif wire == _FIXED32:
-            after = q + 4
-        elif wire == _LEN:
-            length, q = self._varint(q)
-            room = np.maximum(end - q, -1)
-            fits = (room >= 0) & (length <= np.maximum(room, 0).astype(np.uint64))
-            after = np.where(fits, q + length.astype(np.int64), _NOWHERE)
-        else:
-            after = np.full(len(q), _NOWHERE)
-        if number == 0:
-            after = np.full(len(q), _NOWHERE)
+        q, after, value = self._extent(wire if number else -1, np.minimum(q, end), end)
         if slot is None:
             return after
         packed = wire == _LEN and slot.wire not in (_LEN, 3) and slot.repeated
         if wire != slot.wire and not packed:
             after = np.full(len(q), _NOWHERE)
-        if not (slot.columns or slot.inside or slot.said or slot.count is not None or slot.clears):
+        if slot.idle:
             return after
         if not (whole := after <= end).all():
             self._odd[rows[~whole]] = True
@@ -487,68 +408,52 @@ class _LockStep:
         else:
             end = after
         if len(rows):
-            self._store(slot, rows, q, end, value, packed)
+            for i in slot.clears:
+                self._values[i, rows] = np.nan
+            if packed:
+                self._packed(slot, rows, q, end)
+            else:
+                self._store(slot, rows, q, end, value)
         return after
 
+    def _extent(self, wire: int, q: Offsets, end: Offsets) -> tuple[Offsets, Offsets, Words | None]:
+        """Where values begin and end (_NOWHERE where they do not), and varints themselves."""
+        if wire == _VARINT:
+            value, after = self._varint(q)
+            return q, after, value
+        if wire == _FIXED64:
+            return q, q + 8, None
+        if wire == _FIXED32:
+            return q, q + 4, None
+        if wire == _LEN:
+            length, q = self._varint(q)
+            room = np.maximum(end - q, -1)
+            fits = (room >= 0) & (length <= np.maximum(room, 0).astype(np.uint64))
+            return q, np.where(fits, q + length.astype(np.int64), _NOWHERE), None
+        return q, np.full(len(q), _NOWHERE), None
+
     def _store(
-        self,
-        slot: _Slot,
-        rows: Offsets,
-        q: Offsets,
-        end: Offsets,
-        value: Words | None,
-        packed: bool,
+        self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets, value: Words | None
     ) -> None:
-        for i in slot.clears:
-            self._values[i, rows] = np.nan
-        if slot.inside or slot.type in _MESSAGES:
-            self._each(slot, rows, lambda k, r, pick: self._inside(slot, k, r, q[pick], end[pick]))
-        elif slot.type in _TEXTS:
-            self._each(slot, rows, lambda k, r, pick: self._label(slot, k, r, q[pick], end[pick]))
-        elif packed:
-            self._packed(slot, rows, q, end)
-        else:
-            numbers = self._numbers(slot.type, q, value)
+        """Takes the values of single fields, or the next element of repeated ones."""
+        numbers = self._numbers(slot.type, q, value) if slot.columns else None
+        at = slot.count[rows] if slot.count is not None else np.zeros(1, np.int64)
+        for k in np.unique(at).tolist() if (at != at[0]).any() else [int(at[0])]:
+            mine: Any = at == k if len(at) == len(rows) else slice(None)
+            if node := slot.inside.get(k):
+                self._message(node, rows[mine], q[mine], end[mine])
+            if said := slot.said.get(k):
+                other = other_text(self._buffer, q[mine], (end - q)[mine], said[0])
+                said[1][rows[mine]] |= other & (slot.is_label | (end > q)[mine])
+            if (i := slot.columns.get(k)) is not None and numbers is not None:
+                self._put(slot, i, rows[mine], numbers[mine])
+        if slot.count is not None:
+            slot.count[rows] += 1
 
-            def put(k: int, r: Offsets, pick: Any) -> None:
-                if (i := slot.columns.get(k)) is not None:
-                    self._put(slot, i, r, numbers[pick])
-
-            self._each(slot, rows, put)
-
-    def _put(self, slot: _Slot | None, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
-        self._values[i, rows] = numbers
-        if slot and slot.closed is not None:  # to the library another value is none at all
+    def _put(self, slot: _Slot, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
+        self._batch.put(i, rows, numbers)
+        if slot.closed is not None:  # the library takes no other value
             self._odd[rows[~np.isin(numbers, slot.closed)]] = True
-        if numbers.dtype.kind in "iu":
-            self._rounded[i, rows] = inexact(numbers)
-
-    def _each(self, slot: _Slot, rows: Offsets, put: Any) -> None:
-        """Hands on rows by the number of the element they are at."""
-        if slot.count is None:
-            put(0, rows, slice(None))
-            return
-        at = slot.count[rows]
-        if (at == at[0]).all():
-            put(int(at[0]), rows, slice(None))
-        else:
-            for k in np.unique(at).tolist():
-                pick = at == k
-                put(k, rows[pick], pick)
-        slot.count[rows] += 1
-
-    def _inside(self, slot: _Slot, k: int, rows: Offsets, q: Offsets, end: Offsets) -> None:
-        if node := slot.inside.get(k):
-            self._message(node, rows, q, end)
-
-    def _label(self, slot: _Slot, k: int, rows: Offsets, q: Offsets, end: Offsets) -> None:
-        if slot.labels is not None and k < len(slot.labels):
-            other = other_text(self._buffer, q, end - q, slot.labels[k])
-            self._relabelled[slot.steps][rows] |= other
-        if place := slot.said.get(k):
-            text = self._wanted.said[place].text
-            other = (end > q) & other_text(self._buffer, q, end - q, text)
-            self._resaid[place][rows] = other
 
     def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets) -> None:
         assert slot.count is not None

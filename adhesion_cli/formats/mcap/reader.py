@@ -13,25 +13,21 @@ from ...core.errors import UserError
 from ...core.finding import Finding, Severity, Span, merged
 from ...core.model import RECOVERED, Column, Floats, Reject, Times
 from ..source import Field, ReadOptions
+from .columns import Decoder, Fault, Offsets, Wanted
 from .fields import (
     MOST_LEAVES,
-    Decoder,
-    Fault,
     Leaf,
-    Offsets,
-    Stamp,
     Tree,
     UndecodableError,
     at,
     empty,
     leaves,
     number_texts,
-    repeated,
-    stamp,
     states_unit,
     typical,
 )
 from .records import HEADER, MESSAGE, Records, Schema, Walk
+from .stamps import Stamp, stamp
 
 _YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
 _DAY = 86_400 * 10**9
@@ -471,7 +467,7 @@ class _Taker:
     def prepare(self, source: Literal["log", "publish", "header"]) -> None:
         s = self.series
         self._source = source
-        self._wanted = repeated(s.tree, [s.leaves[p] for p in self.paths], s.stamp)
+        self._wanted = Wanted.of(s.tree, [s.leaves[p] for p in self.paths], s.stamp)
         places = list(self._wanted.leaves)
         self._stamp_at = [places.index(steps) for steps in s.stamp.places] if s.stamp else []
         self._t: Times = np.empty(s.rows, np.int64)

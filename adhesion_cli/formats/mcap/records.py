@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.model import RECOVERED, Bools, Times
 from ..source import ReadOptions
-from .fields import PADDING, Bytes, Offsets
+from .columns import PADDING, Bytes, Offsets
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER = struct.Struct("<BQ")  # opcode and length of every record

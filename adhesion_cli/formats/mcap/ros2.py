@@ -1,37 +1,25 @@
-"""ROS 2 messages (CDR) with a ros2msg schema, all messages of a batch one field at a time."""
+"""ROS 2 messages (CDR) with a ros2msg schema.
+
+One message is read front to back. It shows where the wanted numbers stand in every message that
+has the same lengths inside: the columns of all these are taken at once.
+"""
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+import struct
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.model import Bools, Floats
-from .fields import (
-    DEEPEST,
-    LONG_ARRAY,
-    PADDING,
-    Bytes,
-    Fault,
-    Offsets,
-    Steps,
-    Tree,
-    UndecodableError,
-    Wanted,
-    inexact,
-    label_fault,
-    length_faults,
-    other_text,
-    rounded_faults,
-    said_fault,
-)
+from ...core.model import Floats
+from .columns import Batch, Bytes, Fault, Offsets, Wanted
+from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
 
-_DTYPES = {
-    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
-    "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
-    "float32": "f4", "float64": "f8",
+_CODES = {  # of struct and numpy
+    "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",
+    "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q",
+    "float32": "f", "float64": "d",
 }  # fmt: skip
 _FIELD = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(?:(?<=\bstring)<=\d+)?"
@@ -41,21 +29,23 @@ _FIELD = re.compile(
 _CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*")
 _VALUE = re.compile(r"[-+]?(\.?\d[-+.\w]*|inf|nan)|true|false|\[[^]]*\]", re.IGNORECASE)
 _UNIT = re.compile(r"\[([^][,\d][^][,]*)\]")  # as rosidl reads units: "# ... [bar]"
-_MOST_ELEMENTS = 4096  # of an array of messages or strings, which is walked one by one
+_MOST_ELEMENTS = 4096  # of an array of messages or strings, which is read one by one
 _MOST_MESSAGES = 16384  # inside one message
-_SPARE = 8  # bytes behind a message that no alignment explains
-_WIDEST = 4096  # bytes of messages that are compared with one another
+_SPARE = 8  # bytes after a message that alignment does not explain
+_WIDEST = 1 << 14  # bytes of messages that are compared with one another
+_MOST_LAYOUTS = 256  # of one channel; messages of further ones are read one by one
 _TIME = "uint32 sec\nuint32 nanosec"
-
-_Place = int | Offsets  # alike in all messages of a batch, or one per message
 
 
 @dataclass(frozen=True, slots=True)
 class _Member:
     name: str
-    type: str  # a key of _DTYPES, "string", or "package/Name"
+    type: str  # a key of _CODES, "string", or "package/Name"
     size: int | None  # elements, 0 for as many as the message says, None for no array
     unit: str
+
+
+_Types = dict[str, tuple[_Member, ...]]
 
 
 class Ros2Decoder:
@@ -74,8 +64,8 @@ class Ros2Decoder:
             text = data.decode()
         except UnicodeDecodeError as e:
             raise UndecodableError(f"schema is not UTF-8: {e}") from e
-        self._types: dict[str, tuple[_Member, ...]] = {}
-        self._layouts: dict[int, _Layout] = {}  # by the identity of what is wanted
+        self._types: _Types = {}
+        self._layouts: WeakKeyDictionary[Wanted, list[_Layout]] = WeakKeyDictionary()
         lines = "\n".join(line for line in text.splitlines() if line.strip())
         current, self._root = name, _short(name)
         for part in re.split(r"^={3,}\s*$", lines, flags=re.MULTILINE):
@@ -95,58 +85,13 @@ class Ros2Decoder:
         if kind in above or len(above) > DEEPEST:
             raise UndecodableError(f"type {kind} contains itself or nests too deep")
         for member in self._types[kind]:
-            if member.type not in _DTYPES and member.type != "string" and member.type not in done:
+            if member.type not in _CODES and member.type != "string" and member.type not in done:
                 self._check(member.type, (*above, kind), done)
         done.add(kind)
 
-    def tree(self, message: bytes) -> Tree:  # noqa: C901
+    def tree(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
-        buffer = np.zeros(len(message) + PADDING, np.uint8)
-        buffer[: len(message)] = np.frombuffer(message, np.uint8)
-        root: dict[str, Tree] = {}
-
-        def put(steps: Steps, value: Tree) -> None:
-            node: Any = root
-            for step, after in zip(steps, (*steps[1:], None), strict=True):
-                new = value if after is None else [] if isinstance(after, int) else {}
-                if isinstance(step, str):
-                    node = node.setdefault(step, new)
-                else:
-                    if step == len(node):
-                        node.append(new)
-                    node = node[step]
-
-        def scalars(steps: Steps, dtype: str, where: Offsets, count: _Place) -> None:
-            for k in range(min(int(np.max(count)), LONG_ARRAY + 1)):
-                value = walk.gather(dtype, where + k * np.dtype(dtype).itemsize)[0].item()
-                put((*steps, k), value)
-
-        def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
-            put(steps, walk.gather(dtype, where)[0].item())
-
-        def text(steps: Steps, where: Offsets, length: Offsets) -> None:
-            raw = message[where[0] : where[0] + max(length[0] - 1, 0)]
-            try:
-                put(steps, raw.decode())
-            except UnicodeDecodeError as e:
-                raise UndecodableError(f"a string is not UTF-8: {e}") from e
-
-        def array(steps: Steps, kind: str, count: _Place) -> None:
-            if self._numeric(kind):  # others are put with their elements
-                put(steps, [])
-
-        walk = _Walk(
-            self._types, buffer, np.zeros(1, np.int64), np.array([len(message)]),
-            scalar, scalars, text, array,
-        )  # fmt: skip
-        walk.message(self._root, ())
-        if walk.bad[0]:
-            raise UndecodableError(walk.why)
-        return root
-
-    def _numeric(self, kind: str) -> bool:
-        """Whether a type holds a number."""
-        return kind in _DTYPES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
+        return _Message(self._types, self._root, message).tree
 
     def know(self, tree: Tree) -> None:
         """Nothing: the schema says what messages hold."""
@@ -165,364 +110,202 @@ class Ros2Decoder:
     def columns(
         self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
     ) -> tuple[Floats, list[Fault]]:
-        """Many messages at once, see Decoder.
-
-        Those laid out as one before are read at its places, the others are walked.
-        """
-        layout = self._layouts.pop(id(wanted), None)
-        layout = layout or self._layout(buffer, start[:1], end[:1], wanted)
-        if layout is None:
-            return self._walked(buffer, start, end, wanted)
-        same, messages = layout.alike(buffer, start, end)
-        if not len(same):
-            return self._walked(buffer, start, end, wanted)  # and the next time another layout
-        self._layouts[id(wanted)] = layout
-        found, lost = layout.numbers(messages)
-        faults = [replace(f, rows=same[f.rows]) for f in rounded_faults(wanted, lost)]
-        if len(same) == len(start):
-            return found, faults
-        values = np.empty((len(wanted.leaves), len(start)))
-        values[:, same] = found
-        odd = np.delete(np.arange(len(start)), same)
-        values[:, odd], more = self._walked(buffer, start[odd], end[odd], wanted)
-        return values, faults + [replace(f, rows=odd[f.rows]) for f in more]
-
-    def _layout(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
-    ) -> "_Layout | None":
-        """How one message is laid out; None where it has a fault or is long."""
-        if any(f.code != "mcap-rounded" for f in self._walked(buffer, start, end, wanted)[1]):
-            return None
-        first = int(start[0])
-        places: dict[Steps, tuple[str, int]] = {}
-        decide = [(first + 1, 1)]  # offset and length; the byte order
-
-        def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
-            places[steps] = dtype, int(where[0]) - first
-
-        def scalars(steps: Steps, dtype: str, where: Offsets, count: _Place) -> None:
-            for k in range(min(int(np.max(count)), LONG_ARRAY)):
-                places[*steps, k] = dtype, int(where[0]) - first + k * np.dtype(dtype).itemsize
-
-        def text(steps: Steps, where: Offsets, length: Offsets) -> None:
-            if steps in wanted.said or steps[:-1] in wanted.labels:
-                decide.append((int(where[0]), int(length[0])))
-
-        walk = _TracedWalk(self._types, buffer, start, end, scalar, scalars, text, lambda *_: None)
-        walk.message(self._root, ())
-        decide += [(at, 4) for at in walk.lengths]
-        of = [places.get(steps) for steps in wanted.leaves]
-        ends = [at - first + length for at, length in decide]
-        ends += [place[1] + np.dtype(place[0]).itemsize for place in of if place]
-        width = -(-max(ends) // 8) * 8
-        if width > _WIDEST:
-            return None
-        mask = np.zeros(width, np.uint8)
-        for at, length in decide:
-            mask[at - first : at - first + length] = 0xFF
-        said = buffer[first : first + width] & mask
-        return _Layout(
-            wanted, walk.behind - first, of, mask.view(np.uint64), said.view(np.uint64), walk.order
-        )
-
-    def _walked(
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
-        kind = buffer[start + 1]  # of the encapsulation: 0 big-endian, 1 little-endian
-        kind[end - start < 4] = 0xFF
-        if (kind == kind[0]).all() and kind[0] <= 1:
-            return self._same_order(buffer, start, end, wanted)
-        values = np.full((len(wanted.leaves), len(start)), np.nan)
-        faults = []
-        for value in (0, 1):
-            if len(rows := np.flatnonzero(kind == value)):
-                values[:, rows], found = self._same_order(buffer, start[rows], end[rows], wanted)
-                faults += [replace(f, rows=rows[f.rows]) for f in found]
-        if len(rows := np.flatnonzero(kind > 1)):
-            faults.append(Fault("mcap-bad-message", rows, "", "no plain CDR encapsulation"))
-        return values, faults
-
-    def _same_order(  # noqa: C901
-        self, buffer: Bytes, start: Offsets, end: Offsets, wanted: Wanted
-    ) -> tuple[Floats, list[Fault]]:
-        values = np.full((len(wanted.leaves), len(start)), np.nan)
-        rounded = np.zeros(values.shape, np.bool_)
-        faults: list[Fault] = []
-        scalars_at: dict[Steps, int] = {}
-        arrays_at: dict[Steps, dict[int, int]] = {}
-        for i, steps in enumerate(wanted.leaves):
-            if isinstance(steps[-1], int):
-                arrays_at.setdefault(steps[:-1], {})[steps[-1]] = i
+        """Many messages at once, see Decoder."""
+        batch, left = Batch(wanted, len(start)), np.arange(len(start))
+        layouts = self._layouts.setdefault(wanted, [])
+        for layout in layouts:
+            left = layout.take(batch, buffer, start, end, left)
+        while len(left):
+            row = int(left[0])
+            try:
+                raw = buffer[start[row] : end[row]].tobytes()
+                message = _Message(self._types, self._root, raw)
+            except UndecodableError as e:
+                batch.refuse(row, str(e))
+                left = left[1:]
+                continue
+            found = _layout(message, wanted) if len(layouts) < _MOST_LAYOUTS else None
+            if found:
+                layouts.append(found)
+                left = found.take(batch, buffer, start, end, left)
             else:
-                scalars_at[steps] = i
-        relabelled = {steps: np.zeros(len(start), np.bool_) for steps in wanted.labels}
-        resaid = {steps: np.zeros(len(start), np.bool_) for steps in wanted.said}
+                batch.put_tree(row, message.tree)
+                if message.spare >= _SPARE:
+                    batch.faults.append(Fault("mcap-long-message", left[:1]))
+                left = left[1:]
+        return batch.finish()
 
-        def put(i: int, dtype: str, where: Offsets, has: Bools | bool) -> None:
-            new = walk.gather(dtype, where)
-            np.copyto(values[i], new, where=has)
-            if new.dtype.kind in "iu":
-                np.copyto(rounded[i], inexact(new), where=has)
 
-        def scalar(steps: Steps, dtype: str, where: Offsets) -> None:
-            if (i := scalars_at.get(steps)) is not None:
-                put(i, dtype, where, True if walk.active is None else walk.active)
+class _Message:
+    """One message, read front to back.
 
-        def scalars(steps: Steps, dtype: str, where: Offsets, count: _Place) -> None:
-            for k, i in arrays_at.get(steps, {}).items():
-                has = np.greater(count, k) if walk.active is None else (count > k) & walk.active
-                if has is False or not np.any(has):
-                    continue
-                put(i, dtype, np.where(has, where + k * np.dtype(dtype).itemsize, 0), has)
+    Attributes:
+        tree: its values; long arrays are cut after LONG_ARRAY + 1 elements.
+        order: "<" or ">", of its bytes.
+        size: bytes that the schema explains.
+        spare: bytes after these.
+        lengths: offsets of the lengths in it, which are 4 bytes each.
+        texts: offset and size of its strings.
+        numbers: struct's code, offset and count of its numbers and arrays of numbers.
 
-        def text(steps: Steps, where: Offsets, length: Offsets) -> None:
-            length = np.maximum(length - 1, 0)  # without the 0 behind it
-            if said := wanted.said.get(steps):
-                other = (length > 0) & other_text(buffer, where, length, said.text)
-                resaid[steps] |= other if walk.active is None else other & walk.active
-            if steps and isinstance(steps[-1], int) and (named := wanted.labels.get(steps[:-1])):
-                k = steps[-1]
-                if k < len(named):
-                    other = other_text(buffer, where, length, named[k])
-                    relabelled[steps[:-1]] |= other if walk.active is None else other & walk.active
+    Raises:
+        UndecodableError: where the schema does not fit.
+    """
 
-        def array(steps: Steps, kind: str, count: _Place) -> None:
-            faults.extend(length_faults(wanted, steps, count, len(start)))
-            if (named := wanted.labels.get(steps)) is not None:
-                relabelled[steps] |= np.not_equal(count, len(named))
+    def __init__(self, types: _Types, root: str, raw: bytes) -> None:
+        if len(raw) < 4 or raw[1] > 1:  # of the encapsulation: 0 big-endian, 1 little-endian
+            raise UndecodableError("no plain CDR encapsulation")
+        self._types, self._raw = types, raw
+        self.order = "<" if raw[1] else ">"
+        self.size = 4  # alignment counts from here
+        self._messages = 0
+        self.lengths: list[int] = []
+        self.texts: dict[Steps, tuple[int, int]] = {}
+        self.numbers: dict[Steps, tuple[str, int, int]] = {}
+        self.tree = self._members(root, ())
+        self.spare = len(raw) - self.size
 
-        walk = _Walk(self._types, buffer, start, end, scalar, scalars, text, array)
-        walk.message(self._root, ())
-        faults += [
-            label_fault(wanted, steps, other & ~walk.bad, values)
-            for steps, other in relabelled.items()
-            if (other & ~walk.bad).any()
-        ]
-        faults += [
-            said_fault(wanted, steps, other & ~walk.bad, values)
-            for steps, other in resaid.items()
-            if (other & ~walk.bad).any()
-        ]
-        faults += rounded_faults(wanted, rounded & ~walk.bad)
-        if len(long := np.flatnonzero(~walk.bad & (walk.left >= _SPARE))):
-            faults.append(Fault("mcap-long-message", long))
-        if walk.bad.any():
-            bad = np.flatnonzero(walk.bad)
-            values[:, bad] = np.nan
-            faults = [
-                replace(f, rows=kept) for f in faults if len(kept := np.setdiff1d(f.rows, bad))
-            ]
-            faults.append(Fault("mcap-bad-message", bad, "", walk.why))
-        return values, faults
+    def _take(self, size: int, count: int = 1) -> int:
+        """Moves on over `count` aligned numbers of a size; returns where they start."""
+        if not count:
+            return self.size  # no padding before no element
+        begin = self.size + -(self.size - 4) % size
+        if begin + size * count > len(self._raw):
+            raise UndecodableError("message is shorter than its schema says")
+        self.size = begin + size * count
+        return begin
+
+    def _length(self) -> int:
+        self.lengths.append(self._take(4))
+        length: int = struct.unpack_from(f"{self.order}I", self._raw, self.lengths[-1])[0]
+        return length
+
+    def _members(self, kind: str, steps: Steps) -> dict[str, Tree]:
+        self._messages += 1
+        if self._messages > _MOST_MESSAGES:
+            raise UndecodableError("too many messages in a message")
+        members = self._types[kind]
+        if not members:
+            self._take(1)  # rosidl gives an empty message one byte
+        tree = {}
+        for member in members:
+            at = (*steps, member.name)
+            if member.size is None:
+                tree[member.name] = self._one(member.type, at)
+            elif (array := self._many(member, at)) or self._numeric(member.type):
+                tree[member.name] = array
+        return tree
+
+    def _numeric(self, kind: str) -> bool:
+        """Whether a type holds a number."""
+        return kind in _CODES or any(self._numeric(m.type) for m in self._types.get(kind, ()))
+
+    def _one(self, kind: str, steps: Steps) -> Tree:
+        if kind == "string":
+            length = self._length()
+            begin = self._take(1, length)
+            self.texts[steps] = begin, length
+            # What is not UTF-8 stays distinct and printable.
+            return self._raw[begin : begin + max(length - 1, 0)].decode(errors="backslashreplace")
+        if code := _CODES.get(kind):
+            return self._numbers(code, 1, steps)[0]
+        return self._members(kind, steps)
+
+    def _numbers(self, code: str, count: int, steps: Steps) -> list[Tree]:
+        begin = self._take(struct.calcsize(f"{self.order}{code}"), count)
+        self.numbers[steps] = code, begin, count
+        shown = min(count, LONG_ARRAY + 1)
+        return list(struct.unpack_from(f"{self.order}{shown}{code}", self._raw, begin))
+
+    def _many(self, member: _Member, steps: Steps) -> list[Tree]:
+        count = member.size or self._length()
+        if code := _CODES.get(member.type):
+            return self._numbers(code, count, steps)
+        if count > min(_MOST_ELEMENTS, len(self._raw)):  # each has at least one byte
+            raise UndecodableError(f"too many elements in an array of {member.type}")
+        found = [self._one(member.type, (*steps, k)) for k in range(count)]
+        return found[: LONG_ARRAY + 1]
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Where the wanted numbers stand in messages that are laid out alike.
+    """Where the wanted numbers stand in messages that have the same lengths inside.
 
-    That is decided by their byte order and the lengths in them. The strings that say what is
-    wanted decide too, as a message that says another is at fault.
+    The byte order decides on that, too, and so do the strings that must not change.
     """
 
-    wanted: Wanted
-    size: int  # bytes that such a message has, few more aside
-    places: list[tuple[str, int] | None]  # of the wanted numbers: type, offset
+    size: int  # bytes that the schema explains
+    long: bool  # whether more than a few bytes follow them
+    places: list[tuple[str, int] | None]  # of the wanted numbers: numpy's type, offset
     mask: NDArray[np.uint64]  # set where bytes decide, shape (w,)
     said: NDArray[np.uint64]  # what they are, shape (w,)
-    order: str  # of the bytes, "<" or ">"
+    lengths: set[Steps]  # the arrays that have another length than at first
+    texts: set[Steps]  # the strings that are other units or names than at first
 
-    def alike(
-        self, buffer: Bytes, start: Offsets, end: Offsets
-    ) -> tuple[Offsets, NDArray[np.uint64]]:
-        """Which messages are laid out so, and their bytes, shape (n, w)."""
-        more = end - start - self.size
-        rows = np.flatnonzero((more >= 0) & (more < _SPARE))
-        width = self.mask.nbytes
+    def take(
+        self, batch: Batch, buffer: Bytes, start: Offsets, end: Offsets, left: Offsets
+    ) -> Offsets:
+        """Takes the messages of `left` that are laid out so; returns the others."""
+        more = end[left] - start[left] - self.size
+        fit = more >= _SPARE if self.long else (more >= 0) & (more < _SPARE)
+        rows, width = left[fit], self.mask.nbytes
         if not len(rows):
-            return rows, np.empty((0, len(self.mask)), np.uint64)
+            return left
         view = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, 0, (1,))
         messages = view[start[rows]].view(np.uint64).reshape(len(rows), len(self.mask))
         other = (messages & self.mask) != self.said
         if other.any():
-            alike = ~other.any(axis=1)
-            rows, messages = rows[alike], messages[alike]
-        return rows, messages
+            same = ~other.any(axis=1)
+            rows, messages, fit[fit] = rows[same], messages[same], same
+        if len(rows):
+            self._put(batch, rows, messages)
+        return left[~fit]
 
-    def numbers(self, messages: NDArray[np.uint64]) -> tuple[Floats, Bools]:
-        """The wanted numbers of such messages and which are `inexact`, each of shape (k, n)."""
-        values = np.full((len(self.places), len(messages)), np.nan)
-        lost = np.zeros(values.shape, np.bool_)
-        for i, (dtype, offset) in ((i, place) for i, place in enumerate(self.places) if place):
-            kind = "u1" if dtype == "?" else self.order + dtype
-            new = np.ndarray((len(messages),), kind, messages.data, offset, messages.strides[:1])
-            values[i] = new != 0 if dtype == "?" else new
-            lost[i] = new.dtype.kind in "iu" and inexact(new)
-        return values, lost
+    def _put(self, batch: Batch, rows: Offsets, messages: NDArray[np.uint64]) -> None:
+        for i, place in enumerate(self.places):
+            if place:
+                kind = "u1" if place[0][1:] == "?" else place[0]  # a bool of 2 is True
+                numbers = np.ndarray(
+                    (len(rows),), kind, messages.data, place[1], messages.strides[:1]
+                )
+                batch.put(i, rows, numbers != 0 if place[0][1:] == "?" else numbers)
+        for steps in self.lengths:
+            batch.lengths[steps][rows] = True
+        for steps in self.texts:
+            batch.texts[steps][rows] = True
+        if self.long:
+            batch.faults.append(Fault("mcap-long-message", rows))
 
 
-class _Walk:
-    """The place in every message of a batch, moved on together, field by field.
-
-    A message that ends too early is marked bad and stays at its end; loads for it are from
-    offset 0 and are thrown away.
-    """
-
-    def __init__(  # noqa: PLR0913
-        self,
-        types: dict[str, tuple[_Member, ...]],
-        buffer: Bytes,
-        start: Offsets,
-        end: Offsets,
-        scalar: Callable[[Steps, str, Offsets], None],
-        scalars: Callable[[Steps, str, Offsets, _Place], None],
-        text: Callable[[Steps, Offsets, Offsets], None],
-        array: Callable[[Steps, str, _Place], None],
-    ) -> None:
-        self._types, self._buffer = types, buffer
-        self._base = start + 4  # alignment counts from behind the encapsulation header
-        self._room = np.maximum(end - self._base, 0)
-        self._least = int(self._room.min())
-        self._pos: _Place = 0
-        self._scalar, self._scalars, self._text, self._array = scalar, scalars, text, array
-        self.active: Bools | None = None  # messages that have the array element being walked
-        self.bad = end - start < 4
-        self.why = "message is shorter than its schema says"
-        self._messages = 0
-        self.order = ">" if len(buffer) and buffer[start[0] + 1] == 0 else "<"
-
-    @property
-    def left(self) -> Offsets:
-        """Bytes behind what was walked."""
-        left: Offsets = self._room - self._pos
-        return left
-
-    def gather(self, dtype: str, where: Offsets) -> NDArray[Any]:
-        """Numbers at any offsets, aligned or not."""
-        if dtype == "?":
-            truth: Bools = self._buffer[where] != 0
-            return truth
-        size = np.dtype(dtype).itemsize
-        view = np.ndarray(
-            (len(self._buffer) - size + 1,), self.order + dtype, self._buffer, 0, (1,)
+def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
+    """How a message is laid out; None where it is too long to compare others with it."""
+    decide = [(1, 1), *((at, 4) for at in message.lengths)]  # offset and size; the byte order
+    decide += [
+        place
+        for steps, place in message.texts.items()
+        if steps in wanted.said or steps[:-1] in wanted.labels
+    ]
+    places: list[tuple[str, int] | None] = []
+    for steps in wanted.leaves:
+        k = steps[-1] if isinstance(steps[-1], int) else 0
+        code, begin, count = message.numbers.get(
+            steps[:-1] if k is steps[-1] else steps, ("", 0, 0)
         )
-        found: NDArray[Any] = view[where]
-        return found
-
-    def _take(self, size: int, count: _Place = 1) -> Offsets:
-        """Moves on over `count` aligned numbers of a size; returns where they start."""
-        pos = self._pos + -self._pos % size
-        if not isinstance(count, int):
-            pos = np.where(count > 0, pos, self._pos)  # no padding before no element
-        elif count == 0:
-            pos = self._pos
-        after = pos + size * count
-        where = self._base + pos
-        if isinstance(after, int) and after <= self._least and self.active is None:
-            self._pos = after
-            return where
-        short = after > self._room
-        if self.active is not None:
-            short &= self.active
-        if np.any(short):
-            self.bad = self.bad | short
-            after = np.where(short, self._room, after)
-        where = np.where(self.bad | (after > self._room), 0, where)
-        if self.active is not None:
-            after = np.where(self.active, after, self._pos)
-        self._pos = after
-        return where
-
-    def _length(self) -> Offsets:
-        length = self.gather("u4", self._take(4)).astype(np.int64)
-        length[self.bad] = 0
-        if self.active is not None:
-            length[~self.active] = 0
-        return length
-
-    def message(self, kind: str, steps: Steps) -> None:
-        """Walks one message, or one message inside another."""
-        self._messages += 1
-        if self._messages > _MOST_MESSAGES and not self.bad.all():
-            self.bad, self.why = np.ones_like(self.bad), "too many messages in a message"
-        if self.bad.all():
-            return
-        members = self._types[kind]
-        if not members:
-            self._take(1)  # rosidl gives an empty message one byte
-        for member in members:
-            at = (*steps, member.name)
-            if member.size is None:
-                self._one(member.type, at)
-            else:
-                self._many(member.type, member.size, at)
-
-    def _one(self, kind: str, steps: Steps) -> None:
-        if kind == "string":
-            length = self._length()
-            uniform = self.active is None and bool((length == length[0]).all())
-            where = self._take(1, int(length[0]) if uniform else length)
-            self._text(steps, where, np.where(self.bad, 0, length))
-        elif dtype := _DTYPES.get(kind):
-            where = self._take(np.dtype(dtype).itemsize)
-            self._scalar(steps, dtype, where)
-        else:
-            self.message(kind, steps)
-
-    def _many(self, kind: str, size: int, steps: Steps) -> None:
-        count: _Place = size
-        if not size:
-            counts = self._length()
-            uniform = self.active is None and bool((counts == counts[0]).all())
-            count = int(counts[0]) if uniform else counts
-        self._array(steps, kind, count)
-        if dtype := _DTYPES.get(kind):
-            where = self._take(np.dtype(dtype).itemsize, count)
-            if self.bad.any():
-                count = np.where(self.bad, 0, count)
-            self._scalars(steps, dtype, where, count)
-            return
-        outer = self.active
-        # every element has at least one byte, so more elements than bytes are none
-        over = np.broadcast_to(
-            np.greater(count, np.minimum(self._room, _MOST_ELEMENTS)), self.bad.shape
-        )
-        if outer is not None:
-            over = over & outer
-        if over.any():
-            self.bad = self.bad | over
-            self.why = (
-                f"too many elements in an array of {kind}, or message shorter than its schema says"
-            )
-            count = np.where(self.bad, 0, count)
-        for k in range(int(np.max(count))):
-            if not isinstance(count, int):
-                self.active = (count > k) & ~self.bad
-                if outer is not None:
-                    self.active = self.active & outer
-                if not self.active.any():
-                    break
-            elif self.bad.all():
-                break
-            self._one(kind, (*steps, k))
-        self.active = outer
-
-
-class _TracedWalk(_Walk):
-    """A walk over one message that keeps where the lengths in it stand."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.lengths: list[int] = []
-
-    @property
-    def behind(self) -> int:
-        """The offset behind what was walked."""
-        return int((self._base + self._pos)[0])
-
-    def _length(self) -> Offsets:
-        length = super()._length()
-        self.lengths.append(self.behind - 4)
-        return length
+        size = struct.calcsize(f"<{code}")
+        places.append((message.order + code, begin + k * size) if k < count else None)
+    ends = [at + size for at, size in decide] + [place[1] + 8 for place in places if place]
+    width = -(-max(ends) // 8) * 8
+    if width > _WIDEST:
+        return None
+    mask = np.zeros(width, np.uint8)
+    for at, size in decide:
+        mask[at : at + size] = 0xFF
+    said = np.frombuffer(message._raw[:width].ljust(width, b"\0"), np.uint8) & mask
+    lengths, texts = wanted.differences(message.tree)
+    return _Layout(
+        message.size, message.spare >= _SPARE, places, mask.view(np.uint64),
+        said.view(np.uint64), lengths, texts,
+    )  # fmt: skip
 
 
 def _short(name: str) -> str:
@@ -538,12 +321,12 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
         if not code:
             continue
         found = _FIELD.fullmatch(code)
-        if not found or not _is_said(found):
+        if not found or not _is_value(found):
             raise UndecodableError(f"schema line not understood: {line.strip()[:80]!r}")
         if found["constant"]:
             continue
         kind = found["type"]
-        if kind not in _DTYPES and kind != "string":
+        if kind not in _CODES and kind != "string":
             if kind in ("wstring", "time", "duration"):
                 raise UndecodableError(f"type {kind} is not read")
             kind = _short(kind) if "/" in kind else f"{package}/{kind}"
@@ -559,15 +342,15 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
     return tuple(members)
 
 
-def _is_said(line: re.Match[str]) -> bool:
-    """Whether what a line says behind the name is a value as rosidl takes it.
+def _is_value(line: re.Match[str]) -> bool:
+    """Whether the text after a field's name is a value that rosidl accepts.
 
-    Two lines run into one, or an "=" too many, would leave a field out: all behind it were read
-    at wrong places.
+    Else two lines may have run into one. Then a field is missing, and all later ones would be
+    read at wrong places.
     """
     of, value = line["type"], line["default"]
     if line["constant"]:
         if not _CONSTANT.fullmatch(line["name"]):
             return False
         value = line["constant"].lstrip(" \t=")
-    return not value or of == "string" or (of in _DTYPES and bool(_VALUE.fullmatch(value)))
+    return not value or of == "string" or (of in _CODES and bool(_VALUE.fullmatch(value)))
