@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
 from .fields import MOST_LEAVES, Leaf, Steps, Tree, at, empty, is_number, names, path
+from .messages import Bytes, Offsets
 from .stamps import Stamp
 
-Bytes = NDArray[np.uint8]
-Offsets = NDArray[np.int64]
-
 EXACT = 1 << 53  # up to here every integer is a double
-PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +44,7 @@ class Wanted:
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
     labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
     said: dict[Steps, Said]
+    known: Tree  # what the first messages hold, all taken together
     iso: Steps | None = None  # the one of `leaves` that is a time as text
 
     @classmethod
@@ -72,7 +70,7 @@ class Wanted:
                 if place:
                     said.setdefault(place, Said(text, [])).leaves.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
-        return cls(tuple(places), len(wanted), lengths, labels, said, iso)
+        return cls(tuple(places), len(wanted), lengths, labels, said, tree, iso)
 
     def described(self, steps: Steps) -> list[int]:
         """Which wanted numbers a string gives their unit or name, or an array of names theirs."""
@@ -105,10 +103,6 @@ class Decoder(Protocol):
         Raises:
             UndecodableError: where the message breaks its encoding.
         """
-        ...
-
-    def know(self, tree: Tree) -> None:
-        """States what the channel's first messages hold, all taken together."""
         ...
 
     def unit(self, steps: Steps) -> tuple[str, str]:

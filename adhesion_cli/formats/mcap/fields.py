@@ -98,15 +98,6 @@ def number_texts(tree: Tree) -> Iterator[str]:
             yield path(steps)
 
 
-def clipped(tree: Tree, depth: int = 0) -> Tree:
-    """A message with long arrays cut after LONG_ARRAY + 1 elements."""
-    if isinstance(tree, dict) and depth < DEEPEST:
-        return {key: clipped(value, depth + 1) for key, value in tree.items()}
-    if isinstance(tree, list) and depth < DEEPEST:
-        return [clipped(value, depth + 1) for value in tree[: LONG_ARRAY + 1]]
-    return tree
-
-
 def stamp_keys(tree: Tree) -> tuple[str, str] | None:
     """The names of seconds and nanoseconds, where a tree is a time or a duration of these."""
     if isinstance(tree, dict) and len(tree) == 2 and all(map(is_number, tree.values())):
@@ -268,7 +259,6 @@ def _union(values: Sequence[Tree], depth: int) -> Tree:
         arrays = [one for one in values if isinstance(one, list) and one]
         often = Counter(map(len, arrays))
         length = max(often, key=lambda n: (often[n], n), default=0)
-        return [
-            _union([one[i] for one in arrays if i < len(one)], depth + 1) for i in range(length)
-        ]
+        few = range(min(length, LONG_ARRAY + 1))
+        return [_union([one[i] for one in arrays if i < len(one)], depth + 1) for i in few]
     return first

@@ -10,8 +10,9 @@ import numpy as np
 import orjson
 
 from ...core.model import Floats
-from .columns import EXACT, Batch, Bytes, Fault, Offsets, Wanted
-from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, at, clipped, path
+from .columns import EXACT, Batch, Fault, Wanted
+from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, at, path
+from .messages import Bytes, Offsets
 from .stamps import microseconds
 
 _MOST_LATE = 20  # new keys of one object that are reported one by one, of each block
@@ -49,13 +50,12 @@ class JsonDecoder:
             self._schema = orjson.loads(schema) if schema.strip() else {}
         except orjson.JSONDecodeError as e:
             raise UndecodableError(f"JSON schema: {e}") from None
-        self._known: Tree = None  # all keys of the messages seen on opening
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values."""
         try:
             self._bounded(len(message))
-            return clipped(_loads(message, b"0"))  # a number, whichever
+            return _loads(message, b"0")  # NaN is a number, whichever
         except orjson.JSONDecodeError as e:
             raise UndecodableError(f"not JSON: {e}") from None
 
@@ -65,10 +65,6 @@ class JsonDecoder:
                 f"a JSON message of {size} bytes, limit {self._most}; if the log is trusted, raise "
                 f"it with --set mcap.max_record={32 * size}"
             )
-
-    def know(self, tree: Tree) -> None:
-        """States which keys messages have; others are a fault from then on."""
-        self._known = tree
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The property `unit` (or `units`) that the JSON schema states beside the type."""
@@ -123,7 +119,7 @@ class JsonDecoder:
                     batch.refuse(i, f"not JSON: {e.msg}")
             rows = np.array(whole, np.int64)
         if messages:
-            _Spread(batch).walk(messages, rows, self._known, ())
+            _Spread(batch).walk(messages, rows, wanted.known, ())
         for steps, named in wanted.labels.items():
             batch.texts[steps][rows] = [at(message, steps) != named for message in messages]
         return batch.finish()

@@ -7,6 +7,7 @@ fields) one message at a time, and decides what is broken.
 """
 
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
-from .columns import Batch, Bytes, Fault, Offsets, Wanted, other_text
+from .columns import Batch, Fault, Wanted, other_text
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
+from .messages import Bytes, Offsets
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
 _WIRE = {
@@ -88,9 +90,6 @@ class ProtobufDecoder:
         """One message as plain values, without what is absent."""
         return _tree(self._parse(message), (self._type,), [MOST_FIELDS], defaults=False)
 
-    def know(self, tree: Tree) -> None:
-        """Nothing: the schema says what messages hold."""
-
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit a custom field option named `unit` states."""
         kind, option = self._type, None
@@ -120,29 +119,20 @@ def _pool(data: bytes) -> DescriptorPool:
         files = FileDescriptorSet.FromString(data).file
     except DecodeError as e:
         raise UndecodableError(f"schema is no FileDescriptorSet: {e}") from None
-    waiting = {file.name: file for file in files}
-    if len(waiting) < len(files):
+    by_name = {file.name: file for file in files}
+    if len(by_name) < len(files):
         raise UndecodableError("schema defines a file twice")
-    needs = {name: set(file.dependency) for name, file in waiting.items()}
-    users: dict[str, list[str]] = {}
-    for name, needed in needs.items():
-        for other in needed:
-            users.setdefault(other, []).append(name)
-    ready = [name for name, needed in needs.items() if not needed]
-    pool, added = DescriptorPool(), 0
-    while ready:
-        name = ready.pop()
-        try:
-            pool.Add(waiting[name])
-        except TypeError as e:
-            raise UndecodableError(f"schema file {name!r} is wrong: {e}") from None
-        added += 1
-        for user in users.get(name, ()):
-            needs[user].discard(name)
-            if not needs[user]:
-                ready.append(user)
-    if added < len(waiting):
-        raise UndecodableError("schema imports files in a circle or files it does not hold")
+    order = TopologicalSorter({file.name: list(file.dependency) for file in files})
+    pool = DescriptorPool()
+    try:
+        for name in order.static_order():
+            pool.Add(by_name[name])
+    except CycleError:
+        raise UndecodableError("schema imports files in a circle") from None
+    except KeyError as e:
+        raise UndecodableError(f"schema imports {e}, which it does not hold") from None
+    except TypeError as e:
+        raise UndecodableError(f"schema file {name!r} is wrong: {e}") from None
     return pool
 
 

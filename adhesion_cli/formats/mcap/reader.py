@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from mcap.records import Schema
 
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity, Span, merged
-from ...core.model import RECOVERED, Column, Floats, Reject, Times
+from ...core.model import Column, Floats, Reject, Times
 from ..source import Field, ReadOptions
-from .columns import Decoder, Fault, Offsets, Wanted
+from .columns import Decoder, Fault, Wanted
 from .fields import (
     MOST_LEAVES,
     Leaf,
@@ -26,8 +27,9 @@ from .fields import (
     states_unit,
     typical,
 )
-from .records import HEADER, MESSAGE, Records, Schema, Walk
+from .messages import Offsets, Records
 from .stamps import Stamp, stamp
+from .walk import Walk
 
 _YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
 _DAY = 86_400 * 10**9
@@ -133,12 +135,12 @@ class McapSource:
     # ------------------------------------------------------------------ what is in it
 
     def _report_walk(self) -> None:
-        walk = self.walk
+        walk, losses = self.walk, self.walk.losses
         if walk.damage:
             first = walk.damage[0]
             values = {"byte": first.at, "kept_messages": self.rows}
-            if walk.lost:
-                values["lost_messages"] = walk.lost
+            if losses.lost:
+                values["lost_messages"] = losses.lost
             found = Finding("mcap-damaged", "error", count=len(walk.damage), values=values,
                             names={"damage": first.what})  # fmt: skip
             self._report(found)
@@ -147,12 +149,12 @@ class McapSource:
             found = Finding("mcap-unknown-channel", "error", count=sum(lost.values()),
                             names={"channels": some})  # fmt: skip
             self._report(found)
-        if walk.unchecked:
-            self._report(Finding("mcap-unchecked", "info", count=walk.unchecked))
-        if damage := walk.metadata.get(RECOVERED, {}).get("damage"):
-            severity: Severity = "warning" if walk.suspect else "info"
-            names = {"damage": damage[:200]}
-            self._report(Finding("mcap-recovered", severity, count=walk.suspect or 1, names=names))
+        if losses.unchecked:
+            self._report(Finding("mcap-unchecked", "info", count=losses.unchecked))
+        if damage := losses.past.get("damage"):
+            severity: Severity = "warning" if losses.suspect else "info"
+            count, names = losses.suspect or 1, {"damage": damage[:200]}
+            self._report(Finding("mcap-recovered", severity, count=count, names=names))
         if walk.unknown:
             self._report(Finding("mcap-unknown-record", "info", count=walk.unknown))
 
@@ -242,7 +244,6 @@ class McapSource:
                 self._report(s.finding("mcap-topic-unreadable", "error", reason=why))
                 continue
             s.tree = typical(trees)
-            s.decoder.know(s.tree)
             found, left_out = leaves(s.tree, s.decoder.unit, s.metadata)
             for leaf in found:
                 if s.leaves.setdefault(leaf.path, leaf) is not leaf:
@@ -484,8 +485,8 @@ class _Taker:
         decoder = self.series.decoder
         assert decoder is not None
         with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
-            begin = records.start + HEADER.size + MESSAGE
-            values, faults = decoder.columns(records.data, begin, records.end, self._wanted)
+            data, begin, end = records.data, records.data_start, records.end
+            values, faults = decoder.columns(data, begin, end, self._wanted)
         here = slice(self.rows, self.rows + n)
         self.rows += n
         self._values[:, here] = values[: len(self.paths)]

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.model import Floats
-from .columns import Batch, Bytes, Fault, Offsets, Wanted
+from .columns import Batch, Fault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
+from .messages import Bytes, Offsets
 
 _CODES = {  # of struct and numpy
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",
@@ -92,9 +93,6 @@ class Ros2Decoder:
     def tree(self, message: bytes) -> Tree:
         """One message as plain values; long arrays are cut after LONG_ARRAY + 1 elements."""
         return _Message(self._types, self._root, message).tree
-
-    def know(self, tree: Tree) -> None:
-        """Nothing: the schema says what messages hold."""
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The unit in square brackets in the comment behind a field, as rosidl reads it."""
