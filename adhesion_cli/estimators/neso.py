@@ -1,4 +1,4 @@
-"""Nonlinear extended state observer: as LESO, small errors fed back more than in proportion.
+"""Nonlinear extended state observer: as LESO, but small errors are fed back more strongly.
 
     ε = ω̂ − y
     dω̂/dt = d̂ − aφK − β1 fal(ε, α1, δ)                                              (9)
@@ -7,9 +7,10 @@
 
 State scaled to d = aF as in LESO. The printed h2 is δ.
 
-fal(ε) is a gain times ε, and between samples that gain changes slowly: the exact step of the
-linear observer, with the gains of the middle of the step, twice over: half a step with the gains
-at its start gives the middle. Second order, and as the gains are positive stable at every h.
+fal(ε) is a gain times ε, and between samples that gain changes slowly. A step is therefore the
+exact step of the linear observer with the gains at the middle of the step. Half a step with the
+gains at its start gives the middle. The method is of second order. The gains are positive, so it is
+stable at every h.
 """
 
 import math
@@ -19,7 +20,9 @@ from ..core.estimator import About, Claim
 from ..core.model import Quantity, Wheelset
 from . import PAPER
 from ._han import HAN, fal_gain
-from ._observer import advance, longest_euler
+from ._observer import Gains, Inputs, State, advance, euler_step, init, lines, longest_euler
+
+__all__ = ["ABOUT", "Params", "State", "init", "longest_step", "step"]
 
 SUBSTEPS = 4096  # at most; by then the observer has long settled
 
@@ -35,52 +38,30 @@ class Params(NamedTuple):
     euler: Annotated[float, Quantity("-", "1: forward Euler step, as printed", 0.0, 1.0)] = 0.0
 
 
-class State(NamedTuple):
-    """Observer, and the sample before."""
-
-    e: float  # ε = ω̂ − y [rad/s]
-    d: float  # d̂ = aF̂ [rad/s²]
-    K: float  # [N]
-    y: float  # [rad/s]
-    F: float  # [N]
-
-
-def init(p: Params, w: Wheelset, K: float, y: float) -> State:
-    """ω̂ = y, F̂ = 0."""
-    return State(0.0, 0.0, K, y, 0.0)
-
-
-def gains(p: Params, e: float) -> tuple[float, float]:
+def gains(p: Params, e: float) -> Gains:
     """The gains of the linear observer that (9) is at error `e`."""
-    return p.beta1 * fal_gain(e, p.alpha1, p.delta), p.beta2 * fal_gain(e, p.alpha2, p.delta)
+    return Gains(p.beta1 * fal_gain(e, p.alpha1, p.delta), p.beta2 * fal_gain(e, p.alpha2, p.delta))
 
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    kappa = w.a * w.phi * s.K
     if p.euler > 0.0:
-        b1, b2 = gains(p, s.e)
-        e, d = s.e + s.y - y + h * (s.d - kappa - b1 * s.e), s.d - h * b2 * s.e  # (9)
-        return State(e, d, K, y, d / w.a)
-    kappa_rate = w.a * w.phi * (K - s.K) / h
-    y_rate = (y - s.y) / h
-    b1, b2 = gains(p, 0.0)  # the highest
-    n = math.ceil(min(h * (b1 + math.sqrt(b2)), SUBSTEPS))
+        return euler_step(w, s, h, K, y, gains(p, s.e))  # (9)
+    kappa, kappa_rate, y_rate = lines(w, s, h, K, y)
+    highest = gains(p, 0.0)
+    n = math.ceil(min(h * (highest.b1 + math.sqrt(highest.b2)), SUBSTEPS))
     tau = h / n
     e, d = s.e, s.d
     for i in range(n):
-        k = kappa + i * tau * kappa_rate
-        b1, b2 = gains(p, e)
-        middle, _ = advance(e, d, b1, b2, 0.5 * tau, k, kappa_rate, y_rate)
-        b1, b2 = gains(p, middle)
-        e, d = advance(e, d, b1, b2, tau, k, kappa_rate, y_rate)  # (9)
+        of = Inputs(kappa + i * tau * kappa_rate, kappa_rate, y_rate)
+        middle, _ = advance(e, d, gains(p, e), 0.5 * tau, of)
+        e, d = advance(e, d, gains(p, middle), tau, of)  # (9)
     return State(e, d, K, y, d / w.a)
 
 
 def longest_step(p: Params) -> float:
     """Longest stable interval [s]."""
-    b1, b2 = gains(p, 0.0)
-    return longest_euler(b1, b2) if p.euler > 0.0 else float("inf")
+    return longest_euler(gains(p, 0.0)) if p.euler > 0.0 else float("inf")
 
 
 ABOUT = About(
