@@ -31,15 +31,10 @@ class Slide(NamedTuple):
     at_least: bool  # the train speed is made of the axles, or nothing tells how late it is
 
     def __str__(self) -> str:
-        heat = "unknown energy" if self.energy is None else f"{self.energy / 1e3:.1f} kJ"
-        text = (
-            f"slide of {self.duration:.2f} s over {self.distance:.0f} m, slip up to "
-            f"{self.max_slip:.0%}, {heat} into tread and rail"
-        )
-        return (
-            text
-            + " (at least: the train speed is made of the axles, or may be late)" * self.at_least
-        )
+        heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
+        least = "at least " if self.at_least else ""
+        text = f"{self.duration:.2f} s, {self.distance:.0f} m, slip up to {self.max_slip:.0%}"
+        return f"slide of {least}{text}{heat}"
 
 
 def slides(  # noqa: PLR0913
@@ -97,7 +92,7 @@ def of_axle(
         for i in starts[lasts].tolist():
             after = REGIONS[mine[i]]
             if after != before:
-                text = f"{name}: region {after}, was {before}"
+                text = f"{name}: region changes from {before} to {after}"
                 events.append(Event(int(at[i]), "region-change", text))
             before = after
     return tuple(sorted(events))

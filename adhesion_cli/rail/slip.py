@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled, physics, signals
-from ..core.finding import Finding, Severity
+from ..core.finding import Finding, merged
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Parameter, Regions, Times, Vehicle
 from ..core.physics import reference_speed
 from . import events, fit
@@ -82,30 +82,20 @@ def _student(freedom: float) -> float:
 
 
 def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
-    """Wheel radius [m] at which the axle coasts without slip, and what is told of it."""
-    stated = vehicle.radius(record.axle)
+    """Wheel radius [m] at which the axle coasts without slip, and findings about it."""
+    stated, name = vehicle.radius(record.axle), f"axle {record.axle}"
     radius = stated.value
     found = calibration(record, radius)
     if found is None:
-        text = "no coasting: slip counts on the stated wheel diameter"
-        return stated, [Finding("wheel-not-calibrated", "info", text, f"axle {record.axle}")]
+        return stated, [Finding("wheel-not-calibrated", "info", channel=name)]
     ratio, sigma = found
     if abs(ratio - 1.0) > _LARGEST:
         return stated, []
     if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated.tolerance)), []
-    what = (
-        f"one of {2e3 * radius * ratio:.1f} mm (± {2e3 * radius * sigma:.1f}), not "
-        f"{2e3 * radius:.1f}"
-    )
-    if record.train_speed_sigma is not None:  # which is held where wheels roll
-        what = (
-            f"one {100.0 * abs(ratio - 1.0):.2g} % {'larger' if ratio > 1.0 else 'smaller'} than "
-            "stated beside the other axles, by which the train speed is known"
-        )
-    text = f"while coasting the wheel rolls as {what}: slip counts on that"
+    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma}
     rolling = Parameter(radius * ratio, radius * sigma)
-    return rolling, [Finding("wheel-calibrated", "info", text, f"axle {record.axle}")]
+    return rolling, [Finding("wheel-calibrated", "info", channel=name, values=values)]
 
 
 # Train speed from the axles
@@ -132,8 +122,7 @@ def with_reference_speed(
         start_ns: the log's start.
     """
     if any((np.diff(r.t) <= 0).any() for r in every):
-        text = "the clock jumps back: no train speed can be made of the axles"
-        return list(records), [Finding("no-train-speed", "warning", text)]
+        return list(records), [Finding("no-train-speed", "warning")]
     t = np.unique(np.concatenate([r.t for r in every]))
     rim, K = (np.full((len(every), len(t)), np.nan) for _ in range(2))
     for i, r in enumerate(every):
@@ -152,19 +141,12 @@ def with_reference_speed(
     v = np.empty(len(t))
     seconds = (t - t[0]) * 1e-9
     compiled.function(_follow)(seconds, fastest, braking, v)
-    count = f"{len(every)} axles" if len(every) > 1 else "one axle"
-    text = f"no train speed: made of {count}, the fastest one, falling no harder than braked"
-    findings = [Finding("reference-speed", "info", text)]
+    findings = [Finding("reference-speed", "info", values={"axles": len(every)})]
     behind = (fastest < (1.0 - _BEHIND) * v) & (v > _FAST)
     if behind.any():
-        findings.append(
-            Finding(
-                "all-axles-slide", "warning",
-                "every axle slows harder than the brakes can slow the train: the train speed, and "
-                "so slip, is a guess there", "", int(behind.sum()),
-                (int(t[np.argmax(behind)]) - start_ns) / 1e9,
-            )
-        )  # fmt: skip
+        at = (t - start_ns) * 1e-9
+        spans = merged([(float(at[a]), float(at[b - 1])) for a, b in signals.true_runs(behind)])
+        findings.append(Finding("all-axles-slide", "warning", count=int(behind.sum()), spans=spans))
     made = [
         replace(
             r, train_speed=np.interp(r.t, t, v), train_speed_late=Parameter(0.0, 0.0),
@@ -320,15 +302,15 @@ def observed(
     if record.train_speed_late is None and any(
         np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip)
     ):
-        text = "neither wheels that roll while braked nor the forces of all tell whether the train "
-        severity: Severity = "info"
-        if _slow(record):
-            most = 2.0 * record.train_speed_interval
-            text += f"speed is late, and it may be by {most:.1f} s: slides are at least as told"
-            severity = "warning"
-        else:
-            text += "speed is late: slip in slides trusts its time stamps"
-        findings.append(Finding("train-clock-unknown", severity, text, f"axle {record.axle}"))
+        slow, name = _slow(record), f"axle {record.axle}"
+        findings.append(
+            Finding(
+                "train-speed-slow", "warning", channel=name,
+                values={"delay_s": 2.0 * record.train_speed_interval},
+            )
+            if slow
+            else Finding("train-speed-delay-unknown", "info", channel=name)
+        )  # fmt: skip
     told = events.of_axle(record.axle, slides(done), record.segments, record.t, code)
     return replace(done, events=told), findings
 
@@ -434,46 +416,41 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     """Slides, shares, rail, peak and adhesion utilisation of an axle."""
     name, found = f"axle {axle.record.axle}", slides(axle)
 
-    def told(rail: fit.RailFit | None, text: str) -> tuple[Summary, list[Finding]]:
-        findings = [Finding("rail-not-observable", "info", text, name)] if text else []
-        late = None if axle.record.train_speed_made else axle.record.train_speed_late
-        return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
-
+    rail, findings = None, list[Finding]()
     if not found:
-        return told(None, "no slide: neither peak nor rail can be told")
-    if axle.record.train_speed_made:
-        return told(
-            None,
-            "the train speed is made of the axles, and all may creep by as much as the peak's slip "
-            "and more: log a train speed to be told peak and rail",
-        )
-    if _slow(axle.record):
-        return told(
-            None,
-            "nothing tells how late the train speed is: neither peak nor rail can be told; log its "
-            "time of measurement, or a stop in which wheels roll while braked",
-        )
-    radius = calibrated(axle.record, vehicle)[0]
+        findings.append(Finding("no-slide", "info", channel=name))
+    elif axle.record.train_speed_made:
+        findings.append(Finding("rail-needs-train-speed", "info", channel=name))
+    elif _slow(axle.record):
+        findings.append(Finding("rail-needs-train-clock", "info", channel=name))
+    else:
+        rail, findings = _rail(axle, vehicle, found)
+    late = None if axle.record.train_speed_made else axle.record.train_speed_late
+    return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
+
+
+def _rail(
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]
+) -> tuple[fit.RailFit | None, list[Finding]]:
+    """The rail under the slides of an axle, and findings about what they do not show."""
+    name, radius = f"axle {axle.record.axle}", calibrated(axle.record, vehicle)[0]
     points, mu_error = _points(axle, vehicle, found, radius.value)
     if not fit.enough(points):
-        return told(
-            None,
-            f"slides too short: with the creep beside them less than {fit.SHORTEST:g} s in "
-            "which slip stands out of its noise: neither peak nor rail can be told",
-        )
+        needed = {"needed_s": fit.SHORTEST}
+        return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
     rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
-        return told(None, "no curve goes through the points: the rail changed under the slides")
-    missing = [n for n in rail.best._fields if n not in rail.told]
-    text = ""
+        return None, [Finding("rail-changes", "info", channel=name)]
+    findings = []
     if rail.below is None:
-        text = "whether the slides went past the peak cannot be told. "
+        findings.append(Finding("peak-unknown", "info", channel=name))
     elif rail.peak_slip is None:
-        text = f"the peak lies below {rail.below:.2%} slip, the slides do not show where. "
-    if missing:
-        names = ", ".join(missing)
-        text += f"{names}: not to be told from the other constants or from the wheel's diameter"
-    return told(rail, text)
+        below = {"share": rail.below}
+        findings.append(Finding("peak-below", "info", channel=name, values=below))
+    if missing := ", ".join(n for n in rail.best._fields if n not in rail.told):
+        names = {"parameters": missing}
+        findings.append(Finding("rail-parameters-unknown", "info", channel=name, names=names))
+    return rail, findings
 
 
 def _rmse(axle: AxleResult) -> float | None:

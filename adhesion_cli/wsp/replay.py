@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ..core import physics
 from ..core.controller import registry
 from ..core.errors import UserError
-from ..core.finding import Finding
+from ..core.finding import Finding, merged
 from ..core.model import Bools, Floats, Result, Times, Vehicle
 from ..core.signals import true_runs
 from ..core.stop import JUDGED_FROM, Stop, Verdict
@@ -106,22 +106,16 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     for axle in result.axles:
         summary, told = slip.summary(axle, result.vehicle)
         if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
-            hint = (
-                "it takes slides of several seconds through the peak, on one kind of rail: choose "
-                "them with --from and --to, or leave the axle out with --axle"
-            )
-            if axle.record.train_speed_made:
-                hint = "it takes a log with a train speed, by radar or GNSS"
-            text = " ".join(f.message for f in told)
+            why = told[0] if told else Finding("peak-unknown", "info")
             raise UserError(
-                f"{name}: no rail to replay under axle {axle.record.axle}: {text}", hint
+                f"{name}: no rail to replay under axle {axle.record.axle}: {why.message}",
+                f"{why.hint} Or choose other slides with --from, --to and --axle.",
             )
         summaries.append(summary)
         findings += [f for f in told if summary.slides]
     if not any(s.slides for s in summaries):
         raise UserError(
-            f"{name}: no axle slides: the rail had more than was asked for, or slide protection "
-            "kept every slip below 5 %; what it could give is not known",
+            f"{name}: no axle slides, so the adhesion available is not known",
             "replay a log with slides",
         )
     braking = _braking(result, summaries)
@@ -134,7 +128,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         for a, s in zip(result.axles, summaries, strict=True)
     ]
     places = [_distance(braking, first) if first else None for first in firsts]
-    asked, known, told = _demand(braking, firsts)
+    asked, known, told = _demand(braking, firsts, result.log.start_ns())
     radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
     scenario = Scenario(
         Path(name).stem, "a stop of a log", closed_loop.LONGEST, closed_loop.DRY,
@@ -288,13 +282,12 @@ def _last_full(asked: Floats) -> int:
 
 
 def _in_part(result: Result, braking: _Braking) -> list[Finding]:
-    """What is told where these axles are not all that slowed the train."""
+    """Findings where other axles or forces slowed the train, too."""
     mine = {a.record.axle for a in result.axles}
     speeds = [c for c in result.log.channels if c.meaning == "wheel_speed" and len(c.data.t)]
     if others := sorted({c.axle for c in speeds if c.axle} - mine):
-        names = ", ".join(map(str, others))
-        text = f"without axle {names}: a train of the other axles alone is replayed, not the log's"
-        return [Finding("train-in-part", "warning", text)]
+        names = {"axles": ", ".join(map(str, others))}
+        return [Finding("replay-axles-missing", "warning", names=names)]
     if any(a.record.train_speed_made for a in result.axles):
         return []
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
@@ -302,12 +295,9 @@ def _in_part(result: Result, braking: _Braking) -> list[Finding]:
     by_axles, lost = float(np.sum(F)) * _EVERY / mass, float(braking.speed[0] - braking.speed[-1])
     if by_axles > 0.0 and abs(lost / by_axles - 1.0) < SIGMAS * tolerance(result.vehicle):
         return []
-    text = (
-        f"the train lost {lost:.1f} m/s, of which the forces of its {len(mine)} axles explain "
-        f"{by_axles:.1f}: other axles or brakes, a gradient, or another mass; these axles alone "
-        "are replayed, on level track"
-    )
-    return [Finding("train-in-part", "warning", text)]
+    span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
+    values = {"lost_mps": lost, "explained_mps": by_axles}
+    return [Finding("replay-train-differs", "warning", spans=((span[0], span[1]),), values=values)]
 
 
 def _column(at: Times, t: Times, values: Floats | None) -> Floats:
@@ -323,14 +313,18 @@ def _distance(braking: _Braking, until: int) -> float:
     return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
 
 
-def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[Floats, Bools, list[Finding]]:
+def _demand(
+    braking: _Braking, firsts: Sequence[int], start_ns: int
+) -> tuple[Floats, Bools, list[Finding]]:
     """What was asked of the brakes [N], at least; where that is all; shape (n,).
 
     Args:
         braking: the stop.
         firsts: when each axle began to slide, 0: it did not.
+        start_ns: the log's start.
     """
     free, findings = [first == 0 for first in firsts], []
+    at = (braking.t - start_ns) * 1e-9
     known: Bools = np.ones(len(braking.t), dtype=np.bool_)
     if any(free):
         asked: Floats = braking.K[free].max(axis=0)
@@ -349,20 +343,17 @@ def _demand(braking: _Braking, firsts: Sequence[int]) -> tuple[Floats, Bools, li
             stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
             if stood and np.abs(since / before[-1] - 1.0).max() < _EVEN:
                 known[first:past] = True
-        if known.all():
-            text = "every axle slid: where none shows the demand it counts as it stood before"
-            findings.append(Finding("demand-guessed", "info", text))
-        else:
-            text = (
-                "every axle slid before the demand stood, or it changed since: it counts as at "
-                f"least the clamping force that was reached, {asked.max() / 1e3:.1f} kN; no dry "
-                "distance to compare with"
-            )
-            findings.append(Finding("demand-guessed", "warning", text))
+        hidden = ~(rolling.any(axis=0) | held)
+        spans = merged([(float(at[a]), float(at[b - 1])) for a, b in true_runs(hidden)])
+        force = {"force_n": float(asked.max())}
+        findings.append(
+            Finding("demand-estimated", "info", spans=spans)
+            if known.all()
+            else Finding("demand-unknown", "warning", spans=spans, values=force)
+        )
     if braking.speed[-1] >= _STANDS:
-        v = braking.speed[-1]
-        text = f"the brake was released, or the log ends, at {v:.1f} m/s: replayed to standstill"
-        findings.append(Finding("stop-extended", "info", text))
+        values, end = {"speed_mps": float(braking.speed[-1])}, float(at[-1])
+        findings.append(Finding("stop-extended", "info", spans=((end, end),), values=values))
     return asked, known, findings
 
 
