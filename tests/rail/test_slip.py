@@ -343,7 +343,7 @@ def test_all_axles_sliding_is_told() -> None:
     made, findings = slip.with_reference_speed(records, records, Vehicle(), 0)
     assert [f.code for f in findings] == ["reference-speed", "all-axles-slide"]
     assert findings[0].values == {"axles": 2}
-    (begin, *_), *_, (*_, end) = findings[1].spans
+    ((begin, end),) = findings[1].spans
     assert 3.9 < begin < 5.5
     assert 9.0 < end < 10.1
     assert np.abs(made[0].train_speed - v)[seconds < 4.0].max() < 0.01
@@ -355,16 +355,13 @@ def test_all_axles_sliding_is_told() -> None:
         axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
         axle, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
         summary, _ = slip.summary(axle, Vehicle())
-        (event,) = [e for e in axle.events if e.code == "slide"]
-        shown.append((summary.slides[0], table([summary], 0), event.message))
-    (bound, *text), (whole, *plain) = shown
+        shown.append((summary.slides[0], table([summary], 0)))
+    (bound, text), (whole, plain) = shown
     assert (bound.at_least, whole.at_least) == (True, False)
     for name in ("duration", "distance", "max_slip", "energy"):
         assert getattr(bound, name) < getattr(whole, name), name
-    assert f"≥ {100.0 * bound.max_slip:.1f}" in text[0]
-    assert "at least" in text[1]
-    assert "≥" not in plain[0]
-    assert "at least" not in plain[1]
+    assert f"≥ {100.0 * bound.max_slip:.1f}" in text
+    assert "≥" not in plain
 
 
 def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
@@ -383,8 +380,7 @@ def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
     assert slide.max_slip == 1.0
     assert slide.duration == pytest.approx(4.0, abs=0.05)
     assert (axle.region[creep == 1.0] == slope.REGIONS.index("beyond")).all()
-    (event,) = [e for e in axle.events if e.code == "slide"]
-    assert "unknown energy" in event.message
+    assert [e.code for e in axle.events].count("slide") == 1
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 50.0])

@@ -224,7 +224,7 @@ def test_a_demand_larger_than_it_stood_is_not_known() -> None:
     K = np.where(np.arange(100) < 30, 6e3, 2e3)
     K[60:65] = 8e3  # refilled to more than it stood at
     stop = replay._Braking(t, np.linspace(20.0, 0.0, 100), K[None], t >= t[30])
-    asked, known, _ = replay._demand(stop, [int(t[30])])
+    asked, known, _ = replay._demand(stop, [int(t[30])], 0)
     assert known[:30].all()
     assert not known[30:].any()
     assert asked[[40, 80]] == pytest.approx([6e3, 8e3])
