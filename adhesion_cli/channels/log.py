@@ -42,7 +42,7 @@ def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
     log = _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
-    # Counters and stamps in ns that mean nothing to us may be rounded.
+    # Counters and stamps in ns that have no meaning may be rounded.
     used = {f"{m.field.channel} {m.field.path}" for m in meant if m.meaning}
     kept = [f for f in log.findings if f.code != "mcap-rounded" or f.channel in used]
     return replace(log, findings=tuple(kept))
@@ -211,7 +211,7 @@ def _state(m: Meant) -> str:
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
-    """`understood`; a result of ours says itself what it holds, mappings are about raw logs."""
+    """`understood`; mappings are for raw logs, a result of this program needs none."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
     if source.metadata.get("adhesion.provenance", {}).get("train_speed") == MADE:
         fields = [f for f in fields if f.path != "train_speed"]  # of the axles, as it will be again

@@ -75,7 +75,7 @@ def understood(
             continue
         own = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(own)
-        if (first := first_name(field.channel)) in channels:  # "(2)" is the reader's
+        if (first := first_name(field.channel)) in channels:  # the reader added "(2)"
             axle = axle_of(replace(own, channel=first))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
@@ -104,14 +104,14 @@ def _as_stated(field: Field, m: Mapping) -> Meant:
 
 
 def _unit_too(field: Field, meaning: Meaning, unit: str) -> str:
-    """A unit that a field's names state beside the one taken, "" for none."""
+    """Another unit that the names of a field state, "" for none."""
     if field.message_type.startswith("adhesion."):
-        return ""  # its name is that of the log it was made of, in units of its own
+        return ""  # its name is that of a log that had other units
     return units.contradicting(unit, (field.path, field.label, field.channel), meaning)
 
 
 def _own_stamps(meant: list[Meant], guesses: list[int]) -> None:
-    """In a result of ours, pressure and train speed as logged beat those at the wheel's stamps."""
+    """In a result, pressure and train speed as logged are preferred to those at wheel stamps."""
     own = {
         (m.meaning, m.axle)
         for m in (meant[i] for i in guesses)
@@ -199,9 +199,9 @@ def _serve(meant: list[Meant], guesses: list[int], i: int, axles: Sequence[int])
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     """Channels that number axles from 0 move up by one, and that is reported.
 
-    Those of another meaning move with them where their numbers end with theirs, but not those that
-    reach beyond: of speeds 0 and 1 and pressures 1 and 2, the pressures count from 1. An index in
-    brackets says nothing of a number in a name, nor the other way round.
+    Channels of another meaning move with them if their numbers do not reach further. With speeds 0
+    and 1 and pressures 1 and 2, the pressures count from 1. Indices in brackets and numbers in
+    names are judged separately.
     """
     moved = []
     for indexed in (False, True):
@@ -279,13 +279,13 @@ def title(field: Field) -> str:
 
 
 def first_name(channel: str) -> str:
-    """The name of which "name (2)" is a repetition; "" where it is none."""
+    """The name that "name (2)" repeats; "" for any other name."""
     match = re.fullmatch(r"(.*) \(\d+\)", channel)
     return match[1] if match else ""
 
 
 def _find(fields: Sequence[Field], m: Mapping) -> Field:
-    """The field a mapping speaks of."""
+    """The field that a mapping names."""
     wanted = m.channel.strip()
     if not any(f.channel == wanted for f in fields):
         folded = {f.channel.strip().casefold(): f.channel for f in fields}

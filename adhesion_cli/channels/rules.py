@@ -30,11 +30,12 @@ class Rule(NamedTuple):
 
     Attributes:
         quantity: by its unit, or by a word where it states no unit; see `_Name.quantities`.
-        words: kinds of words of the vocabulary, all of which must hold. "own" asks only the words
-            of the field itself, not of its topic; "|" separates alternatives; "!" asks that there
-            is none; "?" names a word that need not be there.
-        meaning: None for a field that is no input of an analysis.
-        reason: why it is none, with the words that were found; or what to add to the reason.
+        words: kinds of words of the vocabulary; all conditions must hold. "own" asks only the
+            words of the field itself, not of its topic. "|" separates alternatives. "!" asks that
+            there are no such words. "?" finds words for the reason, and asks nothing.
+        meaning: None for a field that is not an input of an analysis.
+        reason: why there is no meaning, with the words that were found. Or what to add to the
+            reason of a meaning.
     """
 
     quantity: str
@@ -82,8 +83,8 @@ _CONVENTIONS: tuple[tuple[str, str, str], ...] = (
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
     (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
 )
-# What results of ours hold, by message type and field. Their topics begin with the name of a log,
-# which may say anything.
+# What results of this program hold, by message type and field. Their topics begin with the name of
+# a log, which may say anything.
 _OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
     ("adhesion.AxleInput", "brake_cylinder_pressure"): ("pressure", "Pa"),
     ("adhesion.AxleInput", "clamping_force"): ("clamping_force", "N"),
@@ -183,10 +184,10 @@ class _Name:
         self.rare_unit = self.unit or units.unknown_in(field.label or field.channel)
 
     def quantities(self) -> dict[str, str]:
-        """What this may be, each with the unit in which it is then.
+        """What this may be, each with its unit.
 
-        By its unit; where none is stated, by a word for the quantity. A unit that only a ratio or
-        an acceleration has counts for these alone.
+        The unit decides; without a unit, the words. A unit that only a ratio or an acceleration
+        has counts for these alone.
         """
         measured = units.unit(self.unit)
         may_be: tuple[str, ...] = ()
@@ -246,7 +247,7 @@ def _by_convention(field: Field) -> tuple[str, str]:
 
 
 def _wheel(name: _Name) -> str:
-    """The word for wheel or axle; a topic's counts only where the field does not say train."""
+    """The word for wheel or axle; that of the topic only where the field does not say train."""
     around = "" if "train" in name.own_kinds else name.kinds.get("wheel", "")
     return name.own_kinds.get("wheel", around)
 
@@ -254,8 +255,8 @@ def _wheel(name: _Name) -> str:
 def _adhesion_force(name: _Name) -> str:
     """The word that calls this an adhesion force, "" where none does.
 
-    It is next to the word for a force. Where there is none, it has only an axle beside it: a force
-    for an adhesion test is no adhesion force.
+    It is next to the word for a force, or the only word but for an axle. A force for an adhesion
+    test is no adhesion force.
     """
     aside = [w for w in name.own if not (w.isdigit() or {"true", "actual"} & _kinds(w).keys())]
     for i, word in enumerate(aside):
@@ -275,7 +276,7 @@ _SPECIAL: Mapping[str, Callable[[_Name], str]] = {
 
 @lru_cache(1 << 15)  # `inspect` asks twice
 def guess(field: Field) -> Guess:
-    """What a field means: a message of ours says it by its type, others by their names."""
+    """What a field means, by its name; by its type in a result of this program."""
     if field.message_type.startswith("adhesion.") and field.message_type != "adhesion.Scalar":
         return _of_ours(field)  # a Scalar is any channel of a log that was converted or simulated
     name, axle = _Name(field), axle_of(field)
@@ -287,7 +288,7 @@ def guess(field: Field) -> Guess:
             continue
         if not rule.meaning:
             return Guess(None, axle, unit, rule.reason.format(*seen))
-        # A number beside the train is a channel's, unless an axle is named.
+        # A number next to the train numbers channels, unless the name says axle.
         numbered = field.group or "wheel" in name.kinds
         if rule.quantity == "acceleration" or (rule.meaning == "train_speed" and not numbered):
             axle = None
@@ -302,7 +303,7 @@ def guess(field: Field) -> Guess:
 
 
 def _of_ours(field: Field) -> Guess:
-    """What a message of a result of ours holds."""
+    """What a field of a result of this program means."""
     place = re.search(r"/axle/(\d+)/", field.channel)
     axle = int(place[1]) if place else None
     if known := _OURS.get((field.message_type, field.path)):
@@ -319,7 +320,7 @@ def axle_of(field: Field) -> int | None:
 
 
 def _axle_in(text: str, is_path: bool) -> int | None:
-    """The number beside a word for wheel or cylinder; else the last number, or a list's index."""
+    """The number next to a word for wheel or cylinder; else the last number, or a list index."""
     words = words_of(units.in_name(text)[0])
     for i, word in enumerate(words):
         behind = "".join(words[i + 1 : i + 2])

@@ -66,22 +66,22 @@ def channel(
 def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:
     """The channel's clean time axis, and its samples.
 
-    A result of ours has NaN where there is no value. That is no gap in the log, so its stamps are
-    judged without its values.
+    A result of this program has NaN where there is no value. That is no gap in the log, so its
+    stamps are judged without its values.
     """
-    told = m.title
+    title = m.title
     if not m.field.message_type.startswith("adhesion."):
-        return time_axis.clean(told, column, start, max_gap_ns), column
+        return time_axis.clean(title, column, start, max_gap_ns), column
     column = replace(column, valid=column.valid & np.isfinite(column.value))
-    axis = time_axis.clean(told, column, start, max_gap_ns)
+    axis = time_axis.clean(title, column, start, max_gap_ns)
     n = len(column.t)
     stamps = Column(column.t, np.zeros(n), np.ones(n, dtype=np.bool_))
-    whole = time_axis.clean(told, stamps, start, max_gap_ns)
+    whole = time_axis.clean(title, stamps, start, max_gap_ns)
     return replace(axis, findings=whole.findings, gaps=whole.gaps), column
 
 
 def _from_vacuum(pressure: Floats) -> bool:
-    """Whether a pressure [Pa] looks as if it counted from vacuum: 1 atmosphere at rest."""
+    """Whether a pressure [Pa] seems to count from vacuum: 1 atmosphere at rest."""
     if not len(pressure):
         return False
     low, top = (float(x) for x in np.quantile(pressure, [0.02, 1.0]))
@@ -91,8 +91,8 @@ def _from_vacuum(pressure: Floats) -> bool:
 def _rate(axis: TimeAxis, turn: float, size: float) -> tuple[Column, tuple[int, ...], Bools, Bools]:
     """Speed [rad/s] of a cumulative counter: the mean over an interval, at its middle.
 
-    Half an interval before it can be known: at its end it would be delayed for the reference. An
-    interval over a jump of the clock, a gap or a reset of the counter gives no speed.
+    At the end of the interval it would be delayed for the reference. An interval over a step of the
+    clock, a gap or a reset of the counter gives no speed.
 
     Args:
         axis: the counter's samples (n,).
@@ -157,8 +157,8 @@ def quantum(values: Floats) -> float:
 def period_tick(speed: Floats, step: float) -> float:
     """The step of 1/speed, where a timer counts whole ticks from pulse to pulse; 0 elsewhere.
 
-    Judged over the faster half, where ticks are coarsest and speeds on a grid have no periods on
-    one: by the mean cosine of the periods' phases in it.
+    Judged over the faster half: there ticks are coarsest, and equal steps of the speed are no equal
+    steps of the period. The measure is the mean cosine of the phases that the periods have in it.
     """
     head = speed[:: max(1, len(speed) // 20000)]
     head = head[np.isfinite(head)]

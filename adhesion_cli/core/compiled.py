@@ -8,19 +8,21 @@ function of that module and call it through `function`:
     fast = compiled.function(march)    # nothing is compiled before the first call
     fast(x, h, n)
 
-A part that many loops share goes to them as an argument, from `by_address`.
+Loops receive a part that they share as an argument, from `by_address`.
 
-What is compiled must reach other functions by name (`from .physics import G`, not
-`physics.G`); they need no decorator. Arguments are floats, ints, numpy arrays and NamedTuples of
-importable modules, positional; each new combination of types compiles once. What comes back from a
-long call is a number or nothing, more goes into arrays: numba makes a tuple of names by calling
-Python, which crashes where a signal (Ctrl-C) came meanwhile. Division by zero gives inf or NaN, as
-in numpy. Arithmetic is strict: the compiled result is the plain one, bit for bit.
+A compiled function calls other functions by name (`from .physics import G`, not `physics.G`).
+These need no decorator. Arguments are positional: floats, ints, numpy arrays and NamedTuples of
+importable modules. Each new combination of types compiles once.
 
-Machine code is kept on disk, in the user's cache folder or a temporary one where that cannot be
-written. numba's own cache does not notice a changed helper in another module, so each folder is
-named by a hash over all sources of this package and of the folder the function is from: an edit
-anywhere compiles anew. Safe with several processes at once.
+A long call returns a number or nothing. More results go into arrays. numba would call Python to
+make a NamedTuple, and Python crashes there if a signal (Ctrl-C) came meanwhile. Division by zero
+gives inf or NaN, as in numpy. Arithmetic is strict: compiled and plain results are equal bit for
+bit.
+
+Machine code is kept on disk, in the user's cache folder, or in a temporary one if that cannot be
+written. numba's own cache does not notice a change in another module. So each folder is named by a
+hash over all sources of this package and of the function's folder: any edit compiles again. Several
+processes may run at once.
 """
 
 import math
@@ -44,16 +46,16 @@ from .estimator import Estimator, check_step
 from .model import Floats, Times, Wheelset
 
 
-def _nobody(text: str) -> None:
-    """Hears it."""
+def _silent(text: str) -> None:
+    """Reports nothing."""
 
 
-tell: Callable[[str], None] = _nobody  # of what takes seconds; for a program to set
+tell: Callable[[str], None] = _silent  # reports what takes seconds; a program sets it
 
 _OWN = Path(__file__).resolve().parents[1]
-_KEEP = 8  # cache folders of other versions that stay, the latest used
+_KEEP = 8  # cache folders that stay, those used last
 
-# Only compiled code calls it. Inlined, a tuple of arrays that goes in and out counts no references.
+# Only compiled code calls these functions. Inlined, tuples of arrays need no reference counts.
 _INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
 
 _WRAPPER = """
@@ -61,7 +63,7 @@ def call({arguments}):
     return target({arguments})
 """
 
-# Slices, as an index known to count from 0 costs no check for a negative one.
+# Slices, because an index that counts from 0 needs no check for a negative one.
 _BATCH = """
 def call(params, constants, t_all, K_all, y_all, starts, F_all):
     p = Params({params})
@@ -79,7 +81,7 @@ def call(params, constants, t_all, K_all, y_all, starts, F_all):
 """
 
 
-def batch(  # noqa: PLR0913
+def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
     est: Estimator,
     p: Any,
     w: Wheelset,
@@ -88,7 +90,7 @@ def batch(  # noqa: PLR0913
     y: Floats,
     starts: NDArray[np.int64],
 ) -> Floats:
-    """F̂ [N] over one axle, shape (n,); the same numbers as `estimator.online` on each segment.
+    """F̂ [N] over one axle, shape (n,): the numbers that `estimator.online` gives on each segment.
 
     Args:
         est: the estimator.
@@ -100,7 +102,7 @@ def batch(  # noqa: PLR0913
         starts: first index of each segment, rising from 0.
 
     Raises:
-        UserError: where an interval is too long for a forward Euler step that was asked for.
+        UserError: where an interval is too long for `euler = 1`.
     """
     t, starts = (np.ascontiguousarray(x, np.int64) for x in (t_ns, starts))
     K, y = (np.ascontiguousarray(x, np.float64) for x in (K, y))
@@ -118,7 +120,7 @@ def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callabl
 
     Args:
         target: the function.
-        stand_ins: plain functions by those they stand in for, wherever one is named.
+        stand_ins: plain functions, by those that they replace wherever one is named.
     """
     assert isinstance(target, FunctionType)
     stand_ins = stand_ins or {}
@@ -132,12 +134,12 @@ def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callabl
 
 
 def by_address(target: Any, *examples: Any) -> Any:
-    """`target` compiled by itself, to be handed to compiled functions that call it.
+    """`target` compiled alone, as an argument for compiled functions that call it.
 
-    They hold its address and not its code, so that it is compiled once for all of them.
+    They hold its address, not its code. So it is compiled once for all of them.
 
     Args:
-        target: as of `function`.
+        target: the function, as in `function`.
         examples: arguments of the types it is compiled for.
     """
     from numba import typeof
@@ -174,12 +176,11 @@ def _compiled(
     name: str, text: str, reached: tuple[tuple[str, Any], ...],
     stand_ins: tuple[tuple[Any, Any], ...] = (),
 ) -> Callable[..., Any]:  # fmt: skip
-    """`call` of the source `text`, which finds the things `reached` under their names.
+    """`call` of the source `text`, which finds the objects `reached` under their names.
 
-    Of each pair of `stand_ins` the second function is called wherever the first one is named.
-
-    The source is a file of its own because numba's disk cache recognises a function by its file;
-    a function passed in or closed over is never recognised.
+    Of each pair of `stand_ins` the second function is called wherever the first one is named. The
+    source is a separate file, because numba's disk cache recognises a function by its file. It does
+    not recognise a function that is an argument or a closure.
     """
     from numba import njit
 
@@ -207,9 +208,9 @@ def _compiled(
 
 @cache
 def _load() -> None:
-    """Loads numba's array functions without scipy.linalg, whose loading is a fifth of a short run.
+    """Loads numba's array functions without scipy.linalg, which takes a fifth of a short run.
 
-    numba looks for it there and then, and again where something that needs it is compiled.
+    numba looks for it here, and again when it compiles a function that needs it.
     """
     from numba.np import linalg
 
@@ -240,7 +241,7 @@ def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
 
 
 def _folder(files: set[Path]) -> Path:
-    """The cache folder for code from `files`; makes it, and drops those of older sources."""
+    """The cache folder for code from `files`; makes it, and deletes those of older sources."""
     others = {file.parent for file in files if not file.is_relative_to(_OWN)}
     name = sha256(_own_sources() + b"".join(map(_sources, sorted(others)))).hexdigest()[:16]
     for root in _roots():
@@ -260,7 +261,7 @@ def _folder(files: set[Path]) -> Path:
 
 
 def _ours(root: Path) -> bool:
-    """Whether nobody else can put code into `root`: what lies there is run."""
+    """Whether only this user can write to `root`: code in it is run."""
     if not hasattr(os, "getuid"):
         return True
     status = root.stat()
@@ -292,14 +293,14 @@ def _roots() -> list[Path]:
 
 
 def _prune(root: Path) -> None:
-    with suppress(OSError):  # another process may be at it
+    with suppress(OSError):  # another process may do the same
         folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
         for old in folders[_KEEP:]:
             shutil.rmtree(old, ignore_errors=True)
 
 
 def _write(path: Path, text: str) -> None:
-    """Write `path` whole, with one fixed time so that numba takes every writer's copy as equal."""
+    """Writes `path` whole, with one fixed time: numba then accepts the copy of every process."""
     part = path.with_suffix(f".{os.getpid()}")
     part.write_text(text, encoding="utf-8")
     os.utime(part, (0, 0))

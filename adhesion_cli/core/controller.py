@@ -1,11 +1,11 @@
 """What a controller of a brake cylinder's valves is, and which ones there are.
 
-A controller is a method (`methods` says what its file holds) in `controllers/`, one per axle. Its
-`State` ends with `judged`, the slip that it went by, and `valve`, the command, and it has
+A controller is a method in `wsp/controllers/`, one per axle. `methods` says what its file holds.
+Its `State` ends with `judged`, the slip that it decided on, and `valve`, the command. It has
 
 - `init(p, o) -> State`, at the first tick;
-- `step(p, s, h, o) -> State`, one tick later: `h` is the interval since the last [s], `o` what is
-  `Observed`.
+- `step(p, s, h, o) -> State`, one tick later. `h` is the interval since the last tick [s], `o` what
+  it has `Observed`.
 """
 
 from typing import NamedTuple, Protocol
@@ -17,29 +17,31 @@ APPLY, HOLD, VENT = 0, 1, 2  # both valves at rest; hold valve; hold and vent va
 
 
 class Observed(NamedTuple):
-    """What one axle's controller is told at one of its ticks."""
+    """What one axle's controller receives at one of its ticks."""
 
     rim_speed: float  # ωR, measured [m/s]
     slip: float  # s [-], over a floor of the speed
     slip_noise: float  # 1 sigma of it [-]
-    slip_doubt: float  # by which s may be another, as the train's speed may [-]
-    slip_rate: float  # ds/dt that estimated and braking force make, (1) in (2) [1/s]
+    slip_doubt: float  # by which s may be wrong, as the train speed may be [-]
+    slip_rate: float  # ds/dt by estimated and braking force [1/s]
     coefficient: float  # μ̂ = F̂/(m g) [-]
     slope: float  # k = dμ/ds [-], NaN where not observable
     confidence: float  # in the slope: 0 not observable, 1 certain
-    at_least: int  # valve that the unit asks for, to see its train's speed: `APPLY` for nothing
+    at_least: (
+        int  # valve that the WSP controller asks for, to measure the train speed; else `APPLY`
+    )
 
 
 class Drives(Protocol):
-    """The two magnet valves of one axle, as a unit or a rig switches them."""
+    """The two magnet valves of one axle, as a WSP controller or a test rig switches them."""
 
     def set(self, hold: bool, vent: bool) -> None:
-        """Energises them or not; both at rest is the brake's own pressure."""
+        """Energises the valves or not; with both at rest the brake sets the pressure."""
 
 
 KIND = Kind(
     "wsp/controllers", "a controller", About, ("judged", "valve"),
-    "the slip it went by and the command", "core.controller",
+    "the slip it decided on and the command", "core.controller",
 )  # fmt: skip
 
 

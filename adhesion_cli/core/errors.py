@@ -4,7 +4,7 @@ from difflib import get_close_matches
 
 
 class UserError(Exception):
-    """Something only the user can mend.
+    """An error that only the user can correct.
 
     Args:
         text: one line that names the file and the place.
@@ -33,7 +33,7 @@ def unknown(kind: str, name: str, known: list[str], listed_by: str = "") -> User
 
 
 def as_told(error: BaseException) -> UserError:
-    """What the user is told of any error: their own as it is, the system's, or a fault of ours."""
+    """An error as the user sees it: a `UserError` as it is, else the text of system or program."""
     if isinstance(error, UserError):
         return error
     if isinstance(error, OSError):

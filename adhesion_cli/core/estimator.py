@@ -1,24 +1,24 @@
 """What an online estimator is, and which ones there are.
 
-An estimator is a method (`methods` says what its file holds) in `estimators/`. Its `State` ends
-with `F`, the estimate [N], its `ABOUT` is the one here, and it has
+An estimator is a method in `estimators/`; `methods` says what its file holds. Its `State` ends with
+`F`, the estimate [N]. Its `ABOUT` is the `About` of this module. It has
 
 - `init(p, w, K, y) -> State`, the state at the first sample of a segment;
-- `step(p, w, s, h, K, y) -> State`, the state one sample later: `w` is `model.Wheelset`, `h` the
+- `step(p, w, s, h, K, y) -> State`, the state one sample later. `w` is `model.Wheelset`. `h` is the
   actual interval to this sample [s], `K` its clamping force [N], `y` its wheel speed [rad/s].
 
 The same `step` runs sample by sample (`online`) and compiled over whole logs (`compiled.batch`).
-Optional is `longest_step(p) -> float`, the longest interval [s] at which `step` is stable, for
-parameters with which that is not every interval.
+`longest_step(p) -> float` is optional. It is the longest interval [s] at which `step` is stable,
+for parameters that are not stable at every interval.
 
-Time and rate. At t_k both ends of the interval (t_{k-1}, t_k] are known, so an estimator takes K
-and y as straight lines across it: exact for ramps, and half an interval from a jump wherever in
-the interval it was; the answer then depends on the signals, not on how often they were logged.
-`euler = 1` is the printed alternative: both held at their value at t_{k-1}.
+Time and rate. At t_k both ends of the interval (t_{k-1}, t_k] are known. An estimator takes K and y
+as straight lines across it. That is exact for ramps, and half an interval from a step. The result
+depends on the signals, not on how often they were logged. `euler = 1` is the printed alternative:
+both keep their value at t_{k-1}.
 
-Start. ω̂ = y and F̂ = 0, as in the paper, also where a segment starts in mid-brake: the wheel may be
-sliding there, so no better force is known; `td`, which has no force but (5), starts at φK. Such a
-segment opens with the response time, which is not scored (`metrics.started`).
+Start. ω̂ = y and F̂ = 0, as in the paper, also where a segment starts while the brake is on. The
+wheel may slide there, so no better force is known. `td` has no force but the paper's (5): it starts
+at φK. The response time at the start of such a segment is not scored (`metrics.started`).
 """
 
 import math
@@ -34,7 +34,7 @@ from .model import Wheelset
 
 
 class Claim(NamedTuple):
-    """How well an estimator follows the true force on a named scenario; tests hold it to that."""
+    """How well an estimator follows the true force on a named scenario; tests check it."""
 
     rmse: float  # [N]
     lag: float  # [s]
@@ -62,7 +62,7 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
     """Every estimator by name, sorted: the package's own, then those of `extra_folders`.
 
     Raises:
-        UserError: for a folder that is none, a file that is no estimator, a name given twice.
+        UserError: for a folder that does not exist, a file without an estimator, a repeated name.
     """
     return {
         name: Estimator(
@@ -101,10 +101,10 @@ def online(
 
 
 def check_step(est: Estimator, p: Any, h: float) -> None:
-    """Refuse an interval `h` [s] at which `est` with parameters `p` is unstable.
+    """Refuses an interval `h` [s] at which `est` with parameters `p` is unstable.
 
     Raises:
-        UserError: naming the longest stable interval.
+        UserError: names the longest stable interval.
     """
     longest = est.longest_step(p)
     if h > longest:

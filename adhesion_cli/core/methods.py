@@ -2,14 +2,14 @@
 
 A method's name is its file's. The file holds
 
-- `Params` and `State`, NamedTuples; every field of `Params` has a default and is annotated
-  `Annotated[float, Quantity(unit, text, low, high)]`; the last field of `State` is the answer;
-- `init` and `step`, pure and plain Python on floats (`0.0`, never `0`: the type of a state field
-  does not change), which import the functions they share by name (`from ._han import fal_gain`);
-  a file whose name starts with `_` is such a helper, no method;
+- `Params` and `State`, NamedTuples. Every field of `Params` has a default and is annotated
+  `Annotated[float, Quantity(unit, text, low, high)]`. The last field of `State` is the answer.
+- `init` and `step`, pure and plain Python on floats. They write `0.0`, never `0`: the type of a
+  state field does not change. They import shared functions by name (`from ._han import fal_gain`).
 - `ABOUT`, with title and source.
 
-So the same `step` runs sample by sample and, by `compiled`, over whole logs.
+A file whose name starts with `_` holds shared functions, no method. The same `step` runs sample by
+sample and, compiled by `compiled`, over whole logs.
 """
 
 import importlib
@@ -60,7 +60,7 @@ class Kind(NamedTuple):
 
     @property
     def remedy(self) -> str:
-        """Where a file that is none of the kind is explained."""
+        """Where the contents of such a file are explained."""
         return f"see `adhesion_cli.{self.module}` on what the file of {self.called} holds"
 
 
@@ -68,7 +68,7 @@ def scan(kind: Kind, *extra_folders: Path) -> dict[str, tuple[Method, ModuleType
     """Every method of a kind by name, sorted: the package's own, then those of `extra_folders`.
 
     Raises:
-        UserError: for a folder that is none, a file that is no such method, a name given twice.
+        UserError: for a folder that does not exist, a file without such a method, a repeated name.
     """
     own = Path(__file__).parents[1] / kind.folder
     found: dict[str, tuple[Method, ModuleType]] = {}
@@ -117,12 +117,12 @@ def validated(of: Tunable, overrides: Mapping[str, float]) -> Any:
 
 
 def _module(kind: Kind, path: Path, packaged: bool) -> ModuleType:
-    """The module at `path`; one outside the package is loaded anew, under a name of its own."""
+    """The module at `path`; one outside the package is loaded anew, under a unique name."""
     try:
         if packaged:
             place = kind.folder.replace("/", ".")
             return importlib.import_module(f"adhesion_cli.{place}.{path.stem}")
-        # Named by what it holds, wherever it lies: machine code that is kept asks for the name.
+        # Named by its contents, wherever it is: cached machine code needs the same name again.
         sources = b"".join(p.read_bytes() for p in sorted(path.parent.glob("*.py")))
         folder = sha256(sources).hexdigest()[:8]
         spec = importlib.util.spec_from_file_location(
@@ -160,7 +160,7 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
 
 
 def bound(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
-    """A plain function with others in place of some that it names; `stand_ins` is by the latter."""
+    """A plain function that calls others in place of some: `stand_ins` maps them."""
     assert isinstance(f, FunctionType)
     names = {
         name: stand_ins.get(x, x) if isinstance(x, FunctionType) else x

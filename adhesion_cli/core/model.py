@@ -1,4 +1,4 @@
-"""What the program talks about: channels, logs, axle records, vehicles, findings, results.
+"""The data model: channels, logs, axle records, vehicles, results.
 
 Data only, SI only. Times are int64 nanoseconds as the log states them: since 1970 where the log
 has a calendar (`Log.absolute`), since an unknown start otherwise.
@@ -20,10 +20,10 @@ Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Regions = NDArray[np.int8]
 
-Z95 = 1.959963984540054  # half-width of a normal distribution's 95 % in sigma
+Z95 = 1.959963984540054  # coverage factor of 95 % for a normal distribution
 
-MADE = "made"  # what a result's provenance says of a train speed that nobody measured
-RECOVERED = "adhesion.recovered"  # metadata of what is made of a damaged file: how it was
+MADE = "made"  # in the provenance of a result: the train speed was not measured
+RECOVERED = "adhesion.recovered"  # metadata of a file made from a damaged one: what was damaged
 
 Meaning = Literal[
     "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
@@ -32,7 +32,7 @@ Meaning = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Unit, range and meaning of a number; stands in `Annotated` beside it."""
+    """Unit, range and meaning of a number, for `Annotated`."""
 
     unit: str
     text: str
@@ -49,7 +49,7 @@ class Quantity:
         return f"{self.low:g} to {self.high:g}{unit}"
 
     def check(self, name: str, value: float) -> float:
-        """The value, if it is one of those allowed.
+        """The value, if it is in the range.
 
         Raises:
             UserError: names it, its meaning and its range; also for NaN.
@@ -60,7 +60,7 @@ class Quantity:
 
 
 def quantities(of: type) -> dict[str, Quantity]:
-    """The `Quantity` beside each annotated field."""
+    """The `Quantity` of each annotated field."""
     hints = get_type_hints(of, include_extras=True)
     return {
         name: q
@@ -81,7 +81,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One scalar series of a log with what it means, in SI, and why we think so."""
+    """One scalar series of a log with its meaning, in SI, and the reason for that meaning."""
 
     name: str  # topic or column header, as in the log
     field: str  # place inside a message, "" in a CSV
@@ -91,7 +91,7 @@ class Channel:
     reason: str
     data: Column
     rows: int = 0  # samples in the log; `data` holds those that may be used
-    starts: tuple[int, ...] = (0,)  # first index of each piece; the clock jumps back between two
+    starts: tuple[int, ...] = (0,)  # first index of each piece; the clock was set back between two
     gap_ns: int = 0  # a longer interval between samples is a gap
     step: float = 0.0  # quantisation step, SI; 0 where none shows
     rate_hz: float | None = None
@@ -100,7 +100,7 @@ class Channel:
     backward: int = 0
     row_of: tuple[str, str] = ("", "")  # topic or signal, and device; one for channels of one row
     is_rate: bool = False  # `data` is the rate of what it means [SI/s]: a train's acceleration
-    label: str = ""  # a name the log itself gives an element of a list
+    label: str = ""  # a name that the log gives to an element of a list
     period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
 
     @property
@@ -110,7 +110,7 @@ class Channel:
 
     @property
     def title(self) -> str:
-        """Name and field, as people are told them."""
+        """Name and field, for people."""
         return f"{self.name} {self.field}".strip()
 
 
@@ -135,13 +135,11 @@ class Log:
     rows_read: int
     channels: tuple[Channel, ...]
     findings: tuple[Finding, ...]
-    rejects: Iterable[Reject] = ()  # read from the file again; of a text log, and where asked for
-    account: Mapping[str, str] = field(
-        default_factory=dict
-    )  # what the MCAP had lost, see RECOVERED
+    rejects: Iterable[Reject] = ()  # of a text log, if asked for; read from the file again
+    account: Mapping[str, str] = field(default_factory=dict)  # losses of the MCAP, see RECOVERED
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:
-        """An axle's own channel, else the one that is nobody's: a train may have one pressure."""
+        """The axle's channel, else the one without an axle: a train may have one pressure."""
         own = [c for c in self.channels if c.meaning == meaning and len(c.data.t)]
         return next((c for wanted in (axle, None) for c in own if c.axle == wanted), None)
 
@@ -168,7 +166,7 @@ class AxleRecord:
 
     axle: int
     t: Times
-    clamping_force: Floats  # K, last value held: what an online estimator may see
+    clamping_force: Floats  # K of the last sample: what an online estimator may see
     clamping_force_smooth: Floats  # K interpolated at t: for the offline reference only
     wheel_speed: Floats  # y
     segments: tuple[slice, ...]
@@ -179,14 +177,16 @@ class AxleRecord:
     true_slip: Floats | None = None  # NaN where not known
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
-    train_speed_sigma: Floats | None = None  # 1 sigma, of one that was integrated [m/s]
-    train_speed_late: Parameter | None = None  # taken out of its time stamps [s]; None: not known
-    train_speed_made: bool = False  # of the axles: where all creep or slide, so does it
-    pressure_late: Parameter = Parameter(0.0, 0.0)  # behind the wheel speed, kept as logged [s]
+    train_speed_sigma: Floats | None = None  # standard uncertainty, if it was integrated [m/s]
+    train_speed_late: Parameter | None = (
+        None  # its delay, removed from the stamps [s]; None: not known
+    )
+    train_speed_made: bool = False  # estimated from the axles: wrong where all creep or slide
+    pressure_late: Parameter = Parameter(0.0, 0.0)  # delay against the wheel speed, not removed [s]
     of_totals: bool = False  # the wheel speed was logged as a total of pulses or as an angle
     of_rim: bool = False  # the wheel speed was logged as ωR and divided by the vehicle's R
-    saturated: Bools | None = None  # the pressure stands at the end of its sensor's range
-    wheel_period_step: float = 0.0  # of 1/y, where y comes of the period of pulses [s/rad]
+    saturated: Bools | None = None  # the pressure is at the end of its sensor's range
+    wheel_period_step: float = 0.0  # of 1/y, where y is from the period of pulses [s/rad]
 
     def __len__(self) -> int:
         return len(self.t)
@@ -197,7 +197,7 @@ class AxleRecord:
         return np.maximum(self.wheel_speed_step, self.wheel_period_step * self.wheel_speed**2)
 
     def cut(self, s: slice) -> "AxleRecord":
-        """An uninterrupted part as a record of its own."""
+        """An uninterrupted part as a separate record."""
         changed: dict[str, Any] = {"segments": (slice(0, s.stop - s.start),)}
         for name in (f.name for f in fields(self)):
             if isinstance(column := getattr(self, name), np.ndarray):
@@ -218,10 +218,10 @@ class Wheelset(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The braked wheelset; defaults are the paper's vehicle, tolerances 1 sigma.
+    """The braked wheelset; defaults are the paper's vehicle, tolerances are standard uncertainties.
 
-    The tolerances are ours, the paper states none: brake friction 10 %, efficiency 3 %, inertia
-    and mass 5 %, return spring 10 %, radius 1 % (wear), dimensions 0.1 %.
+    The paper states no tolerances. The program's are: brake friction and return spring 10 %,
+    inertia and mass 5 %, efficiency 3 %, radius 1 % (wear), dimensions 0.1 %.
     """
 
     wheel_radius: Annotated[
@@ -279,12 +279,12 @@ class Reference:
     method: str
     source: str
     force: Floats
-    sigma: Floats  # 1 sigma of the noise part
-    tolerance: Floats  # 1 sigma by the vehicle's tolerances
-    open: Bools | None = None  # the true pressure and force are higher, nobody knows by how much
-    runout: float = 0.0  # largest run-out that was taken out of the wheel speed, share of it
-    pulses: float = math.inf  # of a counter, while a slide may change, if they are few
-    averaged: float = 0.0  # how likely the speed is the mean since the last sample, half of it late
+    sigma: Floats  # standard uncertainty by noise
+    tolerance: Floats  # standard uncertainty by the vehicle's tolerances
+    open: Bools | None = None  # the true pressure and force are higher by an unknown amount
+    runout: float = 0.0  # largest run-out that was removed, share of the wheel speed
+    pulses: float = math.inf  # pulses while a slide may change, if they are few
+    averaged: float = 0.0  # probability that the speed is the mean over its interval
 
     @property
     def half(self) -> Floats:
@@ -298,7 +298,7 @@ class Reference:
 
     @property
     def upper(self) -> Floats:
-        """Upper edge of the 95 % band [N], NaN where there is none: the pressure is saturated."""
+        """Upper edge of the 95 % band [N], NaN where the pressure is saturated."""
         upper = self.force + self.half
         return upper if self.open is None else np.where(self.open, np.nan, upper)
 
@@ -320,7 +320,7 @@ class Score:
 
 
 class Event(NamedTuple):
-    """Something that happened on an axle, no fault of the data."""
+    """An event on an axle, such as a slide; no fault of the data."""
 
     t: int  # [ns]
     code: str  # stable, kebab-case
@@ -338,17 +338,17 @@ class AxleResult:
     scores: tuple[Score, ...]
     applications: tuple[slice, ...]  # brake applications found in the record
     slip: Floats | None = None  # s, NaN below the speed limit
-    slip_noise: Floats | None = None  # 1 sigma of its noise, NaN below the speed limit
+    slip_noise: Floats | None = None  # standard uncertainty by noise, NaN below the speed limit
     slope: Floats | None = None  # dμ/ds, NaN where not observable
     slope_confidence: Floats | None = None  # 0 not observable, 1 certain
     region: Regions | None = None  # index into `slope.REGIONS`
     events: tuple[Event, ...] = ()  # slides and changes of region
 
     def error(self, algo: str, rows: slice | NDArray[np.int64] = slice(None)) -> Floats:
-        """Estimate minus what it is scored against, truth or reference [N], of these rows."""
+        """Estimate minus truth or reference, whichever it is scored against [N], of these rows."""
         against = {s.algo: s.against for s in self.scores}.get(algo, "reference")
         known = self.record.truth if against == "truth" else self.reference.force
-        assert known is not None  # nothing is scored against a truth that is not there
+        assert known is not None  # only a known truth is scored against
         difference: Floats = self.estimates[algo][rows] - known[rows]
         return difference
 
@@ -365,6 +365,6 @@ class Result:
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
 
     def brake_ns(self) -> int:
-        """When the first brake of any axle begins, else the log [ns]: a recording's time zero."""
+        """Start of the first brake application, else of the log [ns]: time zero of a recording."""
         begun = [int(a.record.t[a.applications[0].start]) for a in self.axles if a.applications]
         return min(begun, default=self.log.start_ns())

@@ -1,8 +1,8 @@
-"""The scalar equations both source documents share, each once.
+"""The scalar equations that both source documents share, each once.
 
 Numbers ``(n)`` are those of Wu, Peng, Li, "Online estimation algorithm of adhesive force for train
-wheel-track"; ``[Sn]`` the steps of the patent on slip and slope. Plain arithmetic: works on floats,
-on arrays and inside a compiled loop.
+wheel-track"; ``[Sn]`` the steps of the patent on slip and slope. Plain arithmetic, for floats,
+arrays and compiled loops.
 """
 
 import math
@@ -44,14 +44,14 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     """Equivalent clamping force K [N] from brake-cylinder pressure [Pa], shape (n,). Source: (15).
 
     The lever ratio i and the friction-radius ratio are not in the printed equation; both are 1 for
-    the paper's vehicle. The spring keeps the pads off below its force: never negative.
+    the paper's vehicle. Below the spring's force the pads do not touch: K is never negative.
     """
     force: Floats = clamping(force_line(vehicle), pressure)
     return force
 
 
 class ForceLine(NamedTuple):
-    """(15) as the straight line that it is above the spring's force."""
+    """(15) above the spring's force, where it is a straight line."""
 
     per_pascal: float  # dK/dp [N/Pa]
     at_zero: float  # what the spring takes from K [N]
@@ -87,15 +87,15 @@ def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float
 
 
 def braked(K: Any, w: Wheelset) -> Any:
-    """Deceleration [m/s²] that the clamping force makes of a wheel that rolls. Source: (1)."""
+    """Deceleration [m/s²] of a rolling wheel by its clamping force. Source: (1)."""
     return rolling_deceleration(w) * w.radius * K
 
 
 def reference_speed(before: float, fastest: float, braking: float, h: float) -> float:
-    """Train speed made of the axles, one step on, as slide protection makes it [m/s].
+    """Reference speed [m/s], one step later: the train speed as a WSP controller estimates it.
 
-    The fastest axle is the train, which slows no harder than all brakes together and a gradient can
-    make it: where every axle does, all slide, and the speed goes on at that limit.
+    The fastest axle is the train. It decelerates no harder than all brakes together on a gradient.
+    Where every axle does, all slide. The speed then continues at that limit.
 
     Args:
         before: the same at the step before [m/s].

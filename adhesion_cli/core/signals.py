@@ -7,7 +7,7 @@ import numpy as np
 from .model import AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RISE
 
-_GONE = 0.2  # share of the largest clamping force: from there down, a brake lets go
+_GONE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
@@ -24,7 +24,7 @@ def finite_median(x: Floats) -> Floats:
 def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
     """The samples of an application until its pressure is gone, and whether that is in the log.
 
-    An application ends where the wheel stands, as (1) says nothing of it; its pressure does not.
+    An application ends where the wheel stands, because (1) does not hold there. Its pressure lasts.
     """
     K, last = record.clamping_force, application.stop - 1
     past = next(s.stop for s in record.segments if s.start <= last < s.stop)
@@ -35,7 +35,7 @@ def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
 def standing(record: AxleRecord) -> Bools:
     """Where the wheel stands, and does not merely pass through zero; shape (n,).
 
-    (1) does not hold there: the brake's friction is anything up to φK.
+    (1) does not hold there: the brake's friction is unknown, from 0 to φK.
     """
     still = np.abs(record.wheel_speed) <= max(_CRAWL, record.wheel_speed_step / 2.0)
     found = np.zeros(len(record), dtype=bool)
@@ -57,10 +57,10 @@ def moving(record: AxleRecord) -> list[slice]:
 
 
 def driven(record: AxleRecord, radius: float) -> Bools:
-    """Where the wheel, of this radius [m], gains speed without brake as only a motor makes it.
+    """Where a motor accelerates the wheel, of this radius [m]; shape (n,).
 
-    Harder than on a gradient, longer than it recovers from a slide, and not behind the train; shape
-    (n,). The motor's torque is not in (1).
+    The wheel then accelerates without brake, harder than on a gradient, for longer than after a
+    slide, and not more slowly than the train. The motor's torque is not in (1).
     """
     found = np.zeros(len(record), dtype=bool)
     free = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
@@ -91,8 +91,8 @@ def true_runs(mask: Bools) -> list[tuple[int, int]]:
 def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
     """Variance of the white noise on smooth signals; 0 where too short.
 
-    Mean square departure from the straight line through both neighbours, in blocks of 50; the
-    median block, so that edges in less than half of them do not count.
+    Mean square deviation from the straight line through both neighbours, in blocks of 50 samples.
+    It is the median of the blocks: steps in fewer than half of them do not count.
 
     Args:
         runs: times, rising strictly, and values of each run, shape (n,).

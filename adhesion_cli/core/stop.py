@@ -1,4 +1,4 @@
-"""What a stop in closed loop leaves behind: data only."""
+"""The result of a stop in closed loop: data only."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .model import Floats, Times
 
-JUDGED_FROM = 1.0  # train speed from which a stop is judged; the law's slip counts on at least it
+JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at least this [m/s]
 SLIDE = 0.05  # slip from which a wheel slides [-]
 _STANDING = 0.1  # a rim slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
@@ -24,21 +24,21 @@ class Stop:
     t: Times  # [ns]
     train_speed: Floats
     distance: Floats  # run by the first axle
-    demand: Floats  # cylinder pressure there would be without controller
+    demand: Floats  # cylinder pressure without WSP controller
     rim_speed: Floats  # ωR
     pressure: Floats
     force: Floats  # true F
-    peak: Floats  # the most the rail can give at this speed
-    peak_slip: Floats  # and the slip at which it does
+    peak: Floats  # available adhesion force at this speed
+    peak_slip: Floats  # slip of that peak
     slip: Floats  # true slip, NaN below `JUDGED_FROM`
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
-    measured_train_speed: Floats  # what the unit had of its sensors, or made of its axles
+    measured_train_speed: Floats  # by its sensors, or estimated from the axles
     train_speed_doubt: Floats  # `trainspeed.Known.doubt`
     measured_wheel_speed: Floats  # [rad/s]
     measured_pressure: Floats
     measured_clamping_force: Floats  # K of that pressure
     measured_slip: Floats  # `unit.slip_of`
-    judged_slip: Floats  # that the controller went by: the patent's law judges it a time ahead
+    judged_slip: Floats  # that the controller decided on: the patent's law predicts it
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable
     confidence: Floats
@@ -53,14 +53,14 @@ class Stop:
 
 
 class Verdict(NamedTuple):
-    """One stop in the terms of EN 15595; None where nothing of the kind took place."""
+    """One stop in the terms of EN 15595; None where there was no such event."""
 
     stopping_distance_m: float  # from the brake demand
-    extension: float  # of it over that on dry rail, less 1
-    utilisation: float | None  # of the rail's peak, while the brake would ask for more than that
+    extension: float  # relative to the distance on dry rail, less 1
+    utilisation: float | None  # share of the peak, while the brake demands more than it
     max_slip: float | None  # None: never so fast
     locked_s: float  # axle-seconds of standing wheels
     air_nl: float
     mean_slip_error: float | None  # mean |s − slip of the peak|, over the times of `utilisation`
     slide_s: float  # axle-seconds of sliding
-    limited_s: float  # axle-seconds in which the brake would ask for more than the rail's peak
+    limited_s: float  # axle-seconds in which the brake demands more than the peak

@@ -1,4 +1,4 @@
-"""Names and texts from logs are hostile: made safe here before anyone sees them."""
+"""Names and texts from logs may be hostile. They are made safe here before anyone sees them."""
 
 import unicodedata
 from collections import Counter
@@ -8,7 +8,7 @@ _UNSAFE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
 
 def printable(text: str) -> str:
-    r"""The text on one line, with every character that could steer a terminal shown as its code.
+    r"""The text on one line, with a code for every character that could control a terminal.
 
     >>> printable("speed\x1b[2J\u202e")
     'speed\\x1b[2J\\u202e'
@@ -22,7 +22,7 @@ def printable(text: str) -> str:
 
 
 def utf8(text: str) -> str:
-    r"""The text with what UTF-8 does not hold, bytes of a file name that are none, as its code.
+    r"""The text with a code for what UTF-8 cannot hold, as some bytes of file names.
 
     >>> utf8("bad\udcff.csv")
     'bad\\udcff.csv'
@@ -36,12 +36,12 @@ def distinct(names: list[str]) -> list[str]:
     >>> distinct(["a", "b", "a"])
     ['a', 'b', 'a (2)']
     """
-    taken, repeats, told = set(names), Counter[str](), []
+    taken, repeats, numbered = set(names), Counter[str](), []
     for name in names:
         repeats[name] += 1
         free = name
         while repeats[name] > 1 and (free := f"{name} ({repeats[name]})") in taken:
             repeats[name] += 1
         taken.add(free)
-        told.append(free)
-    return told
+        numbered.append(free)
+    return numbered

@@ -173,8 +173,8 @@ def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
     """What is out of order in the times [ns] of n samples.
 
     Returns:
-        Where the clock starts anew; samples older than the newest so far of their piece, (n,);
-        samples whose stamp alone is ahead, by a gap, of the stamps before and behind it, (n,).
+        Where the clock starts anew. Samples older than the newest so far of their piece, (n,).
+        Samples whose single stamp is later, by a gap, than the stamps before and after it, (n,).
     """
     ahead = np.zeros(len(t), dtype=np.bool_)
     steps = np.diff(t)

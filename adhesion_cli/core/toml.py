@@ -11,7 +11,7 @@ def read(path: Path, hint: str) -> dict[str, Any]:
     """The tables of a file.
 
     Raises:
-        UserError: for a file that cannot be read or is no TOML; `hint` says what it should be.
+        UserError: for a file that cannot be read or is not TOML; `hint` says what it should be.
     """
     try:
         return tomllib.loads(path.read_text("utf-8"))

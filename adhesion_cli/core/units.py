@@ -1,4 +1,4 @@
-"""Units as logs write them, and the unit hidden in a channel's name."""
+"""Units as logs write them, and the unit in the name of a channel."""
 
 import math
 import re
@@ -84,7 +84,7 @@ UNITS: dict[str, Unit] = {
     for spelling in words.split()
 }
 
-# Apart: a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
+# Separate, because a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
 _APART = {
     "-": Unit("-", "ratio", 1.0),
     "%": Unit("%", "ratio", 0.01),
@@ -109,7 +109,7 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
     "clamping_force": ("N", "kN"),
 }
 
-# Written into names without brackets only where nothing else is written like that.
+# Units that names hold without brackets: words that mean nothing else.
 _IN_NAMES = {
     s for s, u in UNITS.items()
     if len(s) > 2 and s.isascii() and s not in {"bars", "count", "counts", "pulse", "pulses",
@@ -130,7 +130,7 @@ _OTHERS = re.compile(
 def unit(text: str) -> Unit | None:
     """The unit a text spells, None where it spells none; "kPa abs", "kPa(a)" count from vacuum."""
     key = re.sub(r"[\s\^·*]", "", text).lower()
-    if text.strip() == "mPa":  # a thousandth of a pascal is nobody's brake pressure
+    if text.strip() == "mPa":  # no brake pressure is in thousandths of a pascal
         return None
     if found := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
         return found
@@ -148,7 +148,7 @@ def of(text: str, meaning: Meaning) -> Unit | None:
 
 
 def is_acceleration(text: str) -> bool:
-    """Whether a text spells the unit of an acceleration, of which a train speed may be made."""
+    """Whether a text is the unit of an acceleration, which integrates to a train speed."""
     found = of(text, "train_speed")
     return found is not None and found.dimension == "acceleration"
 
@@ -177,17 +177,17 @@ def stated(text: str, meaning: Meaning, channel: str) -> Unit:
 
 
 def unknown_in(name: str) -> str:
-    """What a name has in its last brackets that is no unit we know, "" for nothing."""
+    """What a name has in its last brackets, if it is not a known unit, "" for nothing."""
     inside = [text.strip() for text in _BRACKETS.findall(name)]
     return inside[-1] if inside and not unit(inside[-1]) else ""
 
 
 def without_others(name: str) -> str:
-    """A name that states no unit we know, without the unit of another quantity: `Battery [V]`."""
+    """The name without the unit of another quantity, as in `Battery [V]`."""
     return _OTHERS.sub(" ", name)
 
 
-# between a name and its unit, the last of them nothing but space
+# between a name and its unit; the last one is only space
 _SEPARATORS = [
     re.compile(f"(?i){separator}(?=[^\\s]+$)")
     for separator in (r"\s+/\s*", r"\s*,\s*", r"\s+in\s+", r"\s+")
@@ -198,9 +198,9 @@ _TAILS = [
 ]
 
 
-@lru_cache(1 << 10)  # of one name many ask
+@lru_cache(1 << 10)  # many rules ask for the same name
 def in_name(name: str) -> tuple[str, str]:
-    """Splits a channel name into its base and the unit written in it, "" where there is none.
+    """Splits a channel name into its base and the unit written in it, "" for no unit.
 
     Takes ``BC pressure [kPa]``, ``制动缸压力(kPa)``, ``v_kmh``, ``Druck / bar``, ``speed, km/h``.
     """
@@ -213,7 +213,7 @@ def in_name(name: str) -> tuple[str, str]:
             separator is _SEPARATORS[-1] and found.name == "N" and tail[-1] != "N"
         ):  # fmt: skip
             return head.strip(), tail[-1].strip()
-    # behind an underscore, the axle's number perhaps behind it: v_kmh, speed_km_h, wheel_speed_rpm1
+    # after an underscore, perhaps with the axle's number: v_kmh, speed_km_h, wheel_speed_rpm1
     for tail_unit in _TAILS:
         end = tail_unit.search(name)
         if end and end[1].lower() in _IN_NAMES:
@@ -227,7 +227,7 @@ def in_name(name: str) -> tuple[str, str]:
 def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
     """A unit of this meaning that one of the names states instead of that of `text`, "" for none.
 
-    Counting from vacuum may be said by `text` alone.
+    Only `text` need say that a pressure counts from vacuum.
     """
     taken = of(text, meaning)
     for name in names:
