@@ -13,11 +13,13 @@ import numpy as np
 from .model import Floats, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
-HARDER = 1.2  # error of what brakes are said to do
-GRADIENT = 0.4  # a slope of 4 % gives or takes [m/s²]
-LOCKING = 30.0  # no brake stops a wheel harder, even without adhesion [m/s²]
-FREE = 60.0  # clamping force that brakes nothing [N]
+HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
+GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary lines [m/s²]
+LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
+CRAWL = 1.0  # below it a wheel may stand, and a slip is mostly an error of the speeds [m/s]
+FREE = 0.05  # share of the highest clamping force: less is no braking
+NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
 
 
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:

@@ -6,6 +6,7 @@ import numpy as np
 
 from .model import AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RISE
+from .stop import SLIDE
 
 _GONE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
@@ -74,7 +75,7 @@ def driven(record: AxleRecord, radius: float) -> Bools:
             gains = gained > GRADIENT * (after - before)
             gains &= (gained < RISE * (after - before)) & (after - before >= 1.0)
             if record.train_speed is not None:
-                gains &= ~(rolls < 0.95 * record.train_speed[s][first:past])
+                gains &= ~(rolls < (1.0 - SLIDE) * record.train_speed[s][first:past])
             for a, b in true_runs(gains):
                 if own[b - 1] - own[a] >= _DRIVEN:
                     near = (own >= own[a] - 1.0) & (own <= own[b - 1] + 1.0)

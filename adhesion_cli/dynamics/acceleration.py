@@ -26,11 +26,11 @@ import numpy as np
 
 from ..core import compiled
 from ..core.model import Bools, Channel, Floats, Times
+from ..core.physics import CRAWL
 from ..core.signals import finite_median, true_runs, white_noise
 from .train_grid import FREE, LEAST, Grid, far
 
 FINE = 0.1  # step of the grid [s]
-_CRAWL = 1.0  # slower, a wheel tells little [m/s]
 _STANDS = 0.05  # of a wheel that stands [m/s]
 _SETTLED = 0.5  # after a stop the body still swings, after a brake its wheel still slides [s]
 _CATCHES_UP = 1.0  # a wheel that gains more than any bias rolls not yet [m/s²]
@@ -259,7 +259,7 @@ def _samples(
     drift: Floats = _DRIFT**2 * h + (_PITCH * np.diff(mean, prepend=mean[0])) ** 2
 
     even = ~(np.abs(g.slope(g.rim) - mean) >= _CATCHES_UP)  # at both ends, nobody knows
-    rolls = wheels.free & np.array([far(row, g.half) for row in even]) & (g.rim > _CRAWL)
+    rolls = wheels.free & np.array([far(row, g.half) for row in even]) & (g.rim > CRAWL)
     rim = np.where(rolls, g.rim, np.nan)
     together = finite_median(rim)
     ratio = [np.median(x[on] / together[on]) if on.any() else 1.0

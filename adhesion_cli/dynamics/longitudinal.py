@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Parameter, Vehicle
-from ..core.physics import G, braked, force_line, wheelset
+from ..core.physics import CRAWL, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from .train_grid import LEAST, Axle, Explanation, Grid, Line, far, grid
 
@@ -58,7 +58,6 @@ _FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
 _AROUND = 6.0  # before and after a change [s]
 _PIECE = 12.0  # longest piece [s]
-_CRAWL = 1.0  # slower, a wheel may stand [m/s]
 _BENT = 20  # samples: with fewer, γ is not known from what happens between two
 _REACH = 5.0  # the largest delay that is looked for [s]
 _MOST = 0.9  # the largest offset looked for, of the highest K
@@ -222,7 +221,7 @@ def _pieces(
     near = ~far(change < _CHANGE, round(_AROUND / fine.step))
     rolls: Bools = np.all(coarse.rolling, axis=0)
     place = np.clip(np.rint(t / coarse.step).astype(int), 0, len(rolls) - 1)
-    used: Bools = near & rolls[place] & known & (v > _CRAWL)
+    used: Bools = near & rolls[place] & known & (v > CRAWL)
     pieces: list[NDArray[np.int64]] = []
     run: list[int] = []
     for begin, end in true_runs(used):

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Floats
+from ..core.physics import CRAWL
 from ..core.signals import finite_median, true_runs
 from . import longitudinal
 from .train_grid import FREE, LEAST, Axle, Grid, lasting
@@ -25,7 +26,6 @@ _SHARE = 0.2  # of the time: that often is a ratio the axle's own
 _OWN = 0.15  # another share of the others' pressure than 1 is worth a word
 _RATIOS = 0.3, 3.0  # no axle is braked by less, or more, of what the others are
 _SLIDES = 0.97  # of the train's speed
-_CRAWL = 1.0  # slower, no force is known either [m/s]
 _REACH = 5.0  # the largest offset of clocks that is looked for [s]
 _LATE = 0.25  # smaller ones may be the cylinder's [s]
 _INTERVALS = 0.75  # and the sampling's
@@ -87,7 +87,7 @@ def _departs(
 ) -> Odd | None:
     """Where axle i has another pressure than the others that have not slid; None where nowhere."""
     beside = finite_median(np.where(slid[rest], np.nan, x[rest]))
-    known = np.isfinite(x[i]) & np.isfinite(beside) & (g.fastest > _CRAWL)
+    known = np.isfinite(x[i]) & np.isfinite(beside) & (g.fastest > CRAWL)
     if known.sum() < LEAST:
         return None
     level = np.where(known, beside, np.nan)

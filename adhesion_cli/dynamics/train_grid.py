@@ -19,15 +19,15 @@ from ..core.model import (
     Vehicle,
     Wheelset,
 )
+from ..core.physics import CRAWL as CRAWL
+from ..core.physics import FREE as FREE
 from ..core.physics import GRADIENT, rolling_deceleration, wheelset
 from ..core.signals import true_runs
 
 LEAST = 8  # samples on it that show anything
-CRAWL = 1.0  # slower, speeds say little about each other, and a wheel may stand [m/s]
 _STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
-FREE = 0.05  # of the highest K: less is no braking
 _FIRMLY = 0.3  # of the highest K: a brake that no motor works against
 _GAINS = 0.1  # no train that coasts on the level gains more [m/s²]
 _DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]

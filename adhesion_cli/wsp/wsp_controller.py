@@ -22,7 +22,7 @@ from ..core.estimator import Estimator
 from ..core.estimator import registry as estimators
 from ..core.methods import Method, bound, validated
 from ..core.model import Floats, Vehicle, Wheelset
-from ..core.physics import FREE, G, on_radius, slip_over
+from ..core.physics import NO_FORCE, G, on_radius, slip_over
 from ..core.stop import JUDGED_FROM
 from ..estimators.kalman import init as estimate_init
 from ..estimators.kalman import step as estimate_step
@@ -122,7 +122,7 @@ def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Whe
     Arguments as of `observed`, and the interval h since the tick before [s].
     """
     R, error = before.radius, train.v - y * before.radius
-    near = K <= FREE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
+    near = K <= NO_FORCE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
     free = before.free + h if near else 0.0
     if free < _ROLLING or train.v < JUDGED_FROM:
         return Wheel(R, before.weight, free)

@@ -358,7 +358,7 @@ def test_column_with_a_unit_and_no_numbers_is_told(log):
     assert list(columns) == ["v [km/h]"]
     (told,) = source.findings
     assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p [bar]", 9)
-    with pytest.raises(UserError, match="bar.*0.5D"):
+    with pytest.raises(UserError, match=r"bar.*0.5D"):
         open_csv(log, ReadOptions(strict=True))
 
 
@@ -621,7 +621,7 @@ def test_the_end_of_a_file_as_dos_marked_it_is_none_of_its_rows(log, end):
 def test_strict_refuses_what_would_be_a_finding(log):
     log.write_text("t [s];p\n0;1\n1;x\n2;3\n")
     source = open_csv(log, ReadOptions(strict=True))
-    with pytest.raises(UserError, match="p: .*no number"):
+    with pytest.raises(UserError, match=r"p: .*no number"):
         source.columns(source.fields)
 
 
