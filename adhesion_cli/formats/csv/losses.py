@@ -108,14 +108,16 @@ class Losses:
             self._early |= part.gone.keys()
             return
         first = t[0] if before is None else before
-        edges = np.concatenate(([first], t, [t[-1] if len(t) else first]))
-        rows = part.numbers(np.flatnonzero(keep)) if part.gone else t[:0]
-        for kind, numbers in part.gone.items():
-            at = np.unique(np.searchsorted(rows, numbers))
-            self._spans.setdefault(kind, []).extend(_longest(edges[at], edges[at + 1]))
         for kind in self._early:
             self._spans.setdefault(kind, []).append((int(first), int(first)))
         self._early = set()
+        if not part.gone:
+            return
+        edges = np.concatenate(([first], t, [t[-1] if len(t) else first]))
+        rows = part.numbers(np.flatnonzero(keep))
+        for kind, numbers in part.gone.items():
+            at = np.unique(np.searchsorted(rows, numbers))
+            self._spans.setdefault(kind, []).extend(_longest(edges[at], edges[at + 1]))
 
     def cut_off(self, line: int, text: str, last: int) -> None:
         """Counts the row in which the data end; `last` is the time of the row before [ns]."""

@@ -19,9 +19,8 @@ from ...core.model import Bools, Floats, Times
 from .cells import floats
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
-from .lines import Block
+from .lines import Block, count
 
-_PIECE = 1 << 16  # bytes that are counted together: a copy of them stays in the cache
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
@@ -119,8 +118,7 @@ class Parser:
         """
         text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
         width = self.dialect.width
-        pieces = (text[i : i + _PIECE] for i in range(0, len(text), _PIECE))
-        marks = sum(np.count_nonzero(piece == mark) for piece in pieces)
+        marks = 0 if block.quotes else count(block.data, block.size, mark)
         if block.quotes or marks == block.lines * (width - 1):
             return block, {}, None
         feeds = np.flatnonzero(text == 10)

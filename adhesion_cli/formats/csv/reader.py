@@ -22,11 +22,12 @@ from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
 from .clock import Clock, backwards
-from .dialect import Dialect, is_null, number_grammar, sniff
+from .dialect import Dialect, is_null, number_grammar
 from .lines import read_head, read_tail
 from .long_table import Key, Series, find_keys, interleaved
 from .losses import quoted
 from .rows import Reading, Table
+from .sniff import sniff
 from .time_column import find_clock, listed, toml
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words

@@ -1,0 +1,164 @@
+"""The first bytes of a text log: their format, encoding and lines."""
+
+import codecs
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from ...core.errors import UserError
+from .dialect import HEAD_BYTES, is_comment
+
+_HEAD_LINES = 600
+_OPEN_QUOTE = re.compile(r'(?:^|[;,\t|] ?)"[^"]*(?:""[^"]*)*$')
+_CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
+_MAGIC = (
+    (b"\x89MCAP0\r\n", "an MCAP file", "give it the suffix .mcap"),
+    (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive", "export it as CSV"),
+    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "export the sheet as CSV"),
+    (b"\x89HDF", "an HDF5 or MATLAB v7.3 file", "export the signals as CSV"),
+    (b"MATLAB 5.0", "a MATLAB file", "export the signals as CSV"),
+    (b"MDF     ", "an ASAM MDF recording", "export the signals as CSV"),
+    (b"%PDF-", "a PDF document", "export the log as CSV"),
+    (b"PAR1", "a Parquet file", "export it as CSV"),
+    (b"SQLite format 3", "an SQLite database", "export the table as CSV"),
+    (b"\x28\xb5\x2f\xfd", "zstd-compressed", "decompress it first"),
+    (b"BZh", "bzip2-compressed", "decompress it first"),
+    (b"\xfd7zXZ", "xz-compressed", "decompress it first"),
+    (b"\xff\xd8\xff", "a JPEG image", "give a log"),
+    (b"\x89PNG", "a PNG image", "give a log"),
+    (b"version https://git-lfs", "a Git LFS pointer", "fetch the file it stands for: git lfs pull"),
+)  # fmt: skip
+
+
+class Line(NamedTuple):
+    """A row of the file as it stands there."""
+
+    number: int  # of its first line, from 1
+    text: str
+    more: int  # further lines, inside quotes
+
+
+def refuse_other_formats(head: bytes, path: Path) -> None:
+    """Refuses files of a known format that is not text."""
+    for magic, what, remedy in _MAGIC:
+        if head.startswith(magic):
+            raise UserError(f"{path}: is {what}, not CSV", remedy)
+
+
+def encoding_of(head: bytes, stated: str | None, path: Path) -> tuple[str, int, str]:
+    """Codec, bytes of byte order mark, and why.
+
+    Raises:
+        UserError: where the file is binary, or the stated encoding unknown.
+    """
+    for mark, codec in (
+        (codecs.BOM_UTF8, "utf-8"),
+        (codecs.BOM_UTF16_LE, "utf-16-le"),
+        (codecs.BOM_UTF16_BE, "utf-16-be"),
+    ):
+        if head.startswith(mark):
+            return codec, len(mark), f"{codec} (byte order mark)"
+    codec, why = _stated(head, stated, path) if stated else _guessed(head, path)
+    return codec, 0, f"{codec} ({why})"
+
+
+def _stated(head: bytes, stated: str, path: Path) -> tuple[str, str]:
+    try:
+        codec = codecs.lookup(stated).name
+        b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
+    except (LookupError, UnicodeError):
+        raise UserError(
+            f"{path}: unknown encoding {stated!r}", "state utf-8, utf-16, gb18030 or cp1252"
+        ) from None
+    if codec == "utf-16":  # without a mark: whichever half holds the NULs of ASCII
+        codec = "utf-16-be" if head[0:4000:2].count(0) > head[1:4000:2].count(0) else "utf-16-le"
+    return codec, "stated"
+
+
+def _guessed(head: bytes, path: Path) -> tuple[str, str]:
+    even, odd = head[0::2].count(0), head[1::2].count(0)
+    for few, many, codec in ((even, odd, "utf-16-le"), (odd, even, "utf-16-be")):
+        if many > len(head) // 5 and few <= many // 50:
+            return codec, "every second byte is NUL"
+    controls = len(head) - len(head.translate(None, _CONTROLS))
+    if controls > max(4, len(head) // 200):
+        raise UserError(f"{path}: is a binary file, not CSV", "give a CSV or MCAP log")
+    if head.isascii():
+        return "utf-8", "only ASCII in the head"
+    if _decodes(head, "utf-8"):
+        return "utf-8", "the head decodes"
+    high = len(re.findall(rb"[\x80-\xff]", head))
+    # Chinese text is pairs of high bytes; a Latin-1 umlaut, degree or micro sign stands alone
+    pairs = 2 * len(re.findall(rb"[\xa1-\xf7][\xa1-\xfe]", head))
+    if pairs > 0.5 * high and (_decodes(head, "gb18030") or (pairs > 0.9 * high and high > 50)):
+        return "gb18030", "not UTF-8; high bytes come in pairs"
+    return "cp1252", "not UTF-8; high bytes stand alone"
+
+
+def _decodes(head: bytes, codec: str) -> bool:
+    try:
+        codecs.getincrementaldecoder(codec)("strict").decode(head)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def logical_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[Line]:
+    """The first lines; one where a quoted cell holds line ends.
+
+    Raises:
+        UserError: where the text is empty, HTML, XML or JSON, or a line is too long.
+    """
+    text = codecs.getincrementaldecoder(encoding)("replace").decode(head, complete)
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    _refuse_other_texts(text, path)
+    lines = text.split("\n", 4 * _HEAD_LINES)
+    if not complete and len(lines) == 1:
+        raise UserError(
+            f"{path}: no line end in the first {len(text) >> 10} KiB",
+            "give a text log with one row per line",
+        )
+    if not complete or len(lines) > 4 * _HEAD_LINES or not lines[-1]:
+        lines.pop()
+    out: list[Line] = []
+    i = 0
+    while i < len(lines) and len(out) < _HEAD_LINES:
+        line, more = lines[i], 0
+        if opens_quote(line) and not is_comment(line):
+            for k in range(1, min(100, len(lines) - i)):
+                if lines[i + k].count('"') % 2:
+                    line, more = "\n".join(lines[i : i + k + 1]), k
+                    break
+        if len(line) > HEAD_BYTES // 2:
+            raise too_long(i + 1, path)
+        out.append(Line(i + 1, line, more))
+        i += 1 + more
+    return out
+
+
+def _refuse_other_texts(text: str, path: Path) -> None:
+    start = text[:2000].lstrip().casefold()
+    if re.match(r"<(!--|!doctype|html|head|body|table|\?xml)", start):
+        raise UserError(f"{path}: is HTML or XML, not CSV", "download the log itself, not the page")
+    if re.match(r"[{\[]\s*[\[{\"]", start) and "}" in start:
+        raise UserError(f"{path}: is JSON, not CSV", "export the log as CSV or MCAP")
+    if not text.strip("\n\t "):
+        raise UserError(f"{path}: is empty", "give a log with a header and data rows")
+    if not text.strip("\0\n\t "):
+        raise UserError(
+            f"{path}: holds nothing but NUL bytes: space that was reserved and never written",
+            "fetch the log from the recorder again",
+        )
+
+
+def opens_quote(line: str) -> bool:
+    """Whether a quote that opens a cell of the line does not close in it."""
+    return _OPEN_QUOTE.search(line) is not None
+
+
+def too_long(line: int, path: Path) -> UserError:
+    """The refusal of a line of more than half of the head."""
+    return UserError(
+        f"{path}: line {line} is longer than {HEAD_BYTES >> 11} KiB",
+        "give a text log with one row per line",
+    )

@@ -1,0 +1,275 @@
+"""Decides from its head how a text log is written, with the reason for each decision."""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+from ...core.errors import UserError
+from ..source import ReadOptions
+from .dialect import (
+    COMMENT,
+    Dialect,
+    bare,
+    fit,
+    is_comment,
+    is_null,
+    is_number,
+    is_stamp,
+    number_grammar,
+    split,
+)
+from .head import Line, encoding_of, logical_lines, refuse_other_formats, too_long
+from .header import (
+    DELIMITERS,
+    FirstRows,
+    Header,
+    column_names,
+    find_header,
+    labelled_units,
+    lines_before,
+    metadata,
+    refuse_width,
+    rows_above,
+    take_labelled,
+)
+
+_MAX_COLUMNS = 10_000
+_TABS = 0.8  # of what tabs split must be worth a cell, to be no blanks that align columns
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[., '’\u00a0\u202f]\d{3})+(?:[.,]\d+)?")
+
+
+def sniff(head: bytes, complete: bool, options: ReadOptions, path: Path) -> Dialect:
+    """Decides how to read a file from its head.
+
+    Args:
+        head: first bytes of the (decompressed) file, `HEAD_BYTES` at most.
+        complete: whether that is the whole file.
+        options: what the user stated; it has priority over what the head suggests.
+        path: for messages.
+
+    Raises:
+        UserError: where this is no table of numbers, or cannot be read only one way.
+    """
+    refuse_other_formats(head, path)
+    why: dict[str, str] = {}
+    encoding, bom, why["encoding"] = encoding_of(head, options.encoding, path)
+    lines = logical_lines(head[bom:], encoding, complete, path)
+    body, block = _body(lines, complete, path)
+    stated, directive = _stated_delimiter(body[0].text, options)
+    body = body[bool(directive) :]
+    delimiter, width, why["delimiter"] = _delimiter([x.text for x in body], stated, path)
+    if directive and options.delimiter is None:
+        why["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
+    table = FirstRows(
+        lines, [(x.number, split(x.text, delimiter)) for x in body], delimiter, width, ".", path
+    )
+    labelled = take_labelled(table)
+    labelled += [(x.number, split(x.text, delimiter)) for x in block]
+    table.decimal, why["decimal"] = _decimal(table.of_width(), width, options, path)
+    header = find_header(table, options.header)
+    data = table.of_width(header.start)
+    used = width - _has_trailing(header.names, data, width)
+    refuse_width(table, header, data, used)
+    names, duplicates = column_names(header.names, used)
+    _refuse_grouped(data, names, table.decimal, options, path)
+    above = rows_above(table, header.top)
+    before, first = lines_before(table, header, above)
+    why["header"] = _why_header(table, header, options)
+    units: list[str] = []
+    if header.units is not None:
+        n, units = table.rows[header.units]
+        why["units row"] = f"line {n} (every cell is a unit)"
+    elif found := labelled_units(labelled):
+        n, (label, *units) = found
+        why["units row"] = f"line {n} (its first cell is {label!r})"
+        units.insert(0, "")
+    if comment := next((m[1] for x in lines if (m := COMMENT.match(x.text))), ""):
+        why["comments"] = f"lines starting with {comment!r} (seen in the head)"
+    if preamble := before.get("preamble"):
+        why["preamble"] = f"{preamble} lines (before the header)"
+    return Dialect(
+        encoding, bom, delimiter, table.decimal, width, names,
+        tuple(tuple(fit(h, used)) for h in header.names), tuple(map(bare, fit(units, used))),
+        duplicates, bool(header.names), table.rows[header.start][0], before, first,
+        metadata(table.rows[: header.top]), [row[:used] for row in data], why, above,
+    )  # fmt: skip
+
+
+def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
+    """Lines that may be header or rows, and those of LabVIEW's header before them.
+
+    Raises:
+        UserError: where there are too few for a table, or most are no text.
+    """
+    holes = [x.number for x in lines if "\0" in x.text]
+    if len(holes) > len(lines) / 2:
+        raise UserError(
+            f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
+            "give a text log",
+        )
+    body = [x for x in lines if x.text.strip() and not is_comment(x.text) and "\0" not in x.text]
+    marks = [k for k, x in enumerate(body, 1) if x.text.startswith("***End_of_Header***")]
+    end = marks[-1] if marks else 0
+    block, body = body[: max(end - 1, 0)], body[end:]  # LabVIEW's header has rows of numbers
+    if not body:
+        raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
+    if len(body) == 1 and complete:
+        raise UserError(
+            f"{path}: one line ({body[0].text[:40]!r}) and no data rows",
+            "give a log with a header and data rows",
+        )
+    if len(body) == 1:
+        raise too_long(lines[-1].number + 1 + lines[-1].more, path)
+    return body, block
+
+
+def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str]:
+    """The delimiter that the user or the first line, "sep=;", states; and that line, else ""."""
+    stated = options.delimiter
+    directive = re.fullmatch(r"sep=(.)", first.strip())
+    if directive and stated is None:
+        stated = directive[1]
+    stated = {"\\t": "\t", "tab": "\t", "space": " ", "whitespace": " "}.get(stated or "", stated)
+    if stated is not None and (
+        not re.fullmatch(r"[\t -~]", stated) or re.match(r'[\w".+-]', stated)
+    ):
+        raise UserError(
+            f"delimiter {stated!r} is not one character between cells",
+            'state ";", ",", "|", "tab" or "space"', 2,
+        )  # fmt: skip
+    return stated, directive[0] if directive else ""
+
+
+def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, int, str]:
+    """Delimiter, number of columns, and why."""
+    sample = lines[len(lines) // 3 :][:300]
+    best: tuple[float, int, str] | None = None
+    found = 0.0
+    for delimiter in [stated] if stated else DELIMITERS:
+        rows = [split(s, delimiter) for s in sample]
+        weight: Counter[int] = Counter()
+        for cells in rows:
+            weight[len(cells)] += sum(is_number(c) or is_stamp(c) for c in cells)
+        width = max(weight, key=lambda w: (weight[w], w), default=0)
+        if width < 2:
+            continue
+        if width > _MAX_COLUMNS:
+            raise UserError(
+                f"{path}: {width} columns, more than {_MAX_COLUMNS}",
+                "export the channels that are needed",
+            )
+        fits = [cells for cells in rows if len(cells) == width]
+        worth = sum(_worth(c, delimiter) for cells in fits for c in cells)
+        share = len(fits) / len(rows)
+        score = worth / sum(map(len, fits)) * share
+        if delimiter == " " and best and best[2] == "\t" and best[0] > _TABS:
+            continue  # blanks stand inside the cells, as between date and time
+        if best is None or (round(score, 2), width) > (round(best[0], 2), best[1]):
+            best, found = (score, width, delimiter), share
+    if best is None:
+        raise UserError(
+            f"{path}: no delimiter splits the rows into columns",
+            'a log needs a time column and one more; state delimiter = ";" under [csv] if it has',
+        )
+    _, width, delimiter = best
+    shown = "whitespace" if delimiter == " " else repr(delimiter)
+    reason = "stated" if stated else f"{width} columns in {found:.0%} of the head's rows"
+    return delimiter, width, f"{shown} ({reason})"
+
+
+def _worth(cell: str, delimiter: str) -> float:
+    if is_null(cell) or is_number(cell) or is_stamp(cell) or _GROUPED.fullmatch(cell):
+        return 1.0
+    return 0.0 if any(d in cell for d in ";\t|," if d != delimiter) else 0.5
+
+
+def _decimal(
+    rows: list[list[str]], width: int, options: ReadOptions, path: Path
+) -> tuple[str, str]:
+    """Decimal mark and why; refuses a comma that could group digits."""
+    if options.decimal:
+        if options.decimal not in (".", ","):
+            raise UserError(f"decimal {options.decimal!r} is neither '.' nor ','", code=2)
+        return options.decimal, f"{options.decimal!r} (stated)"
+    commas = 0  # columns with decimal commas, less those with decimal points
+    example = ""
+    for i in range(width):
+        comma, dot = ([c for row in rows if m in (c := row[i]) and number_grammar(m).fullmatch(c)]
+                      for m in ",.")  # fmt: skip
+        if comma or dot:
+            commas += 1 if len(comma) > len(dot) else -1
+        example = example or (comma[0] if comma else "")
+    if commas <= 0:
+        return ".", "'.' (no decimal comma in most columns)"
+    if not _proves_decimal(rows, width, ","):
+        raise UserError(
+            f"{path}: {example!r} may be a decimal comma or grouped thousands",
+            'state decimal = "," (or ".") under [csv]',
+        )
+    return ",", f"',' (as in {example!r})"
+
+
+def _refuse_grouped(
+    rows: list[list[str]], names: tuple[str, ...], decimal: str, options: ReadOptions, path: Path
+) -> None:
+    """Refuses numbers with thousands separators, and points that could be some.
+
+    One program writes a file: a point that is a decimal mark in one column groups digits in none.
+    """
+    number = number_grammar(decimal)
+    sure = decimal != "." or bool(options.decimal) or _proves_decimal(rows, len(names), ".")
+    for i, name in enumerate(names):
+        cells = [row[i] for row in rows if not is_null(row[i])]
+        numbers = [c for c in cells if number.fullmatch(c)]
+        grouped = [c for c in cells if _GROUPED.fullmatch(c) and not number.fullmatch(c)]
+        if grouped and len(numbers + grouped) > len(cells) / 2 and not is_stamp(grouped[0]):
+            mark = re.sub("[+0-9-]", "", grouped[0])[0]
+            either = mark in ",." and all(c.count(mark) == 1 for c in grouped)
+            without = grouped[0].replace(mark, "")
+            raise UserError(
+                f"{path}: column {name!r} groups digits, as in {grouped[0]!r}",
+                f"export it without thousands separators, as {without!r}"
+                + (f"; if {mark!r} is its decimal mark, with {decimal!r} as the others"
+                   if either and mark != decimal else ""),
+            )  # fmt: skip
+        dotted = [c for c in numbers if "." in c]
+        whole = [c for c in cells if c.isascii() and c.isdigit()]
+        if (
+            not sure
+            and len(dotted) > 1
+            and whole
+            and all(re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", c) for c in dotted)
+            and all(len(c) <= 3 for c in whole)
+        ):
+            raise UserError(
+                f"{path}: column {name!r}: {dotted[0]!r} and {whole[0]!r} may be grouped "
+                "thousands or a decimal point",
+                'state decimal = "." under [csv] if it is a decimal point',
+            )
+
+
+def _proves_decimal(rows: list[list[str]], width: int, mark: str) -> bool:
+    """Whether some number cannot be grouped digits."""
+    number = number_grammar(mark)
+    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}")
+    return any(
+        mark in c and number.fullmatch(c) and not grouped.fullmatch(c)
+        for row in rows
+        for c in row[:width]
+    )
+
+
+def _has_trailing(heads: list[list[str]], data: list[list[str]], width: int) -> bool:
+    """Whether a delimiter at the end of each row makes an empty column."""
+    unnamed = not heads or len(heads[-1]) < width or not heads[-1][-1]
+    return width > 2 and unnamed and all(not row[-1] for row in data)
+
+
+def _why_header(table: FirstRows, header: Header, options: ReadOptions) -> str:
+    """Why these lines are the header."""
+    if not header.names:
+        return f"none ({'stated' if options.header is False else 'the rows start with numbers'})"
+    if named := header.named(table):
+        lines = " + ".join(f"line {n}" for n, _ in named)
+        return f"{lines} ({'stated' if options.header else 'text above numbers'})"
+    return "a comment line above the data (it names as many columns)"
