@@ -55,10 +55,9 @@ class BlockReader:
         hints = self._hints(block, size)
         if hints is not None and (records := self._search(data, size, block.at).indexed(hints)):
             return records
-        search = self._search(data, size, block.at)
-        records, end = search.walked()
+        records, end = self._search(data, size, block.at).walked()
         if end < size:
-            what = f"chunk, at its inflated byte {end}: {search.why(end)}"
+            what = f"chunk, at its inflated byte {end}: no whole record that may stand there"
             raise DamageError(block.at, what)
         return records
 
@@ -73,10 +72,9 @@ class BlockReader:
             DamageError: where the first record may not stand there.
         """
         size = max(min(_RUN, self._file.size - at), HEADER.size + length)
-        search = self._search(self._padded(at, at + size), size, at)
-        records, end = search.walked()
+        records, end = self._search(self._padded(at, at + size), size, at).walked()
         if not end:
-            raise DamageError(at, search.why(0))
+            raise DamageError(at, "no whole message, schema or channel")
         return Block(at, at + end, False), records
 
     def next_chunk(self, at: int) -> Block | None:
@@ -125,9 +123,10 @@ class BlockReader:
     def _inflate(self, block: Block) -> tuple[Bytes, int]:
         """The bytes in a chunk with PADDING more, and how many they are."""
         content = self._file.content(block.at, block.end - block.at - HEADER.size)
-        content.raw(16)  # the time range, which nothing here relies on
-        size, crc, compression = content.number(8), content.number(4), content.text()
-        packed = content.raw(content.number(8))
+        content.read(16)  # the time range, which nothing here relies on
+        size, crc = content.read8(), content.read4()
+        compression = content.read_prefixed_string()
+        packed = content.read(content.read8())
         self._bound(block.at, size)
         data = np.empty(size + PADDING, np.uint8)
         data[size:] = 0

@@ -60,22 +60,16 @@ class Definitions:
         key, hashed = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
         if self._hashes.get(key) == hashed and (key in fresh or key in self._of):
             return
-        content = Content(raw, at)
-        number = content.number(2)
-        one: Schema | Channel
-        if kind == "schema":
-            name, encoding = content.text(), content.text()
-            one = Schema(number, content.raw(content.number(4)), encoding, name)
-            if number == 0:
-                raise DamageError(at, "a schema with the reserved id 0")
-        else:
-            schema, name, encoding = content.number(2), content.text(), content.text()
-            one = Channel(number, name, encoding, content.pairs(), schema)
+        of = Schema if kind == "schema" else Channel
+        one: Schema | Channel = of.read(Content(raw, at))
+        name = one.name if isinstance(one, Schema) else one.topic
+        if isinstance(one, Schema) and one.id == 0:
+            raise DamageError(at, "a schema with the reserved id 0")
         if len(name) > _LONGEST:
             raise DamageError(at, f"a name of {len(name)} characters, limit {_LONGEST}")
         if self._of.get(key, one) != one or fresh.setdefault(key, one) != one:
             self._doubted.add(key)
-            raise DamageError(at, f"{kind} {number} is defined a second time, differently")
+            raise DamageError(at, f"{kind} {one.id} is defined a second time, differently")
         self._hashes[key] = hashed
 
     def keep(self, fresh: dict[Key, Schema | Channel]) -> None:

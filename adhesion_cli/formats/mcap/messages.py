@@ -128,7 +128,7 @@ class Search:
         """Walks records one by one; returns where it ends.
 
         That is `stop`, or the first record that is not whole, or that may not stand among
-        messages. `why` says which.
+        messages.
 
         Raises:
             DamageError: where there are more records than there may be.
@@ -158,17 +158,6 @@ class Search:
                 hint = RAISE_LIMIT.format("max_inflated", (self._before + stop) * PER_RECORD)
                 raise DamageError(self._at, "more records than a file of this size holds", hint)
         return p
-
-    def why(self, p: int) -> str:
-        """Why a walk ended at an offset."""
-        if p > self._size - HEADER.size:
-            return "ends in the middle of a record"
-        opcode, length = HEADER.unpack_from(self._data.data, p)
-        if length > self._size - p - HEADER.size:
-            return f"a record says it has {length} bytes, more than are left"
-        if opcode == Opcode.MESSAGE:
-            return f"a message record of {length} bytes"
-        return f"a record of kind {opcode} where none may be"
 
     def _records(self, start: Offsets) -> Records:
         data: Any = self._data

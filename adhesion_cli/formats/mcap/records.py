@@ -7,8 +7,10 @@ Specification: https://mcap.dev/spec
 import os
 import struct
 import zlib
+from io import BytesIO
 from pathlib import Path
 
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from ...core.errors import UserError
@@ -35,8 +37,8 @@ class DamageError(Exception):
         self.at, self.what, self.hint = at, what, hint
 
 
-class Content:
-    """The fields of one record, read front to back.
+class Content(ReadDataStream):
+    """The fields of one record, for the mcap package's record classes; none may be cut short.
 
     Args:
         data: the record without its header.
@@ -44,42 +46,22 @@ class Content:
     """
 
     def __init__(self, data: bytes, at: int) -> None:
-        self._data, self._at = data, at
-        self.read = 0  # bytes so far
+        super().__init__(BytesIO(data))
+        self._left, self._at = len(data), at
 
-    def raw(self, size: int) -> bytes:
+    def read(self, length: int) -> bytes:
         """The next bytes."""
-        if size > len(self._data) - self.read:
-            raise DamageError(self._at, f"a field of {size} bytes does not fit into its record")
-        self.read += size
-        return self._data[self.read - size : self.read]
+        if length > self._left:
+            raise DamageError(self._at, f"a field of {length} bytes does not fit into its record")
+        self._left -= length
+        return super().read(length)
 
-    def number(self, size: int) -> int:
-        """An unsigned integer of `size` bytes."""
-        return int.from_bytes(self.raw(size), "little")
-
-    def text(self) -> str:
-        """A string with its length."""
+    def read_prefixed_string(self) -> str:
+        """A text with its length."""
         try:
-            return self.raw(self.number(4)).decode()
+            return super().read_prefixed_string()
         except UnicodeDecodeError:
             raise DamageError(self._at, "text is not UTF-8") from None
-
-    def pairs(self) -> dict[str, str]:
-        """A map of strings."""
-        inner, found = Content(self.raw(self.number(4)), self._at), {}
-        while inner.read < len(inner._data):
-            key = inner.text()
-            found[key] = inner.text()
-        return found
-
-    def counts(self) -> dict[int, int]:
-        """A map of channel ids to numbers."""
-        inner, found = Content(self.raw(self.number(4)), self._at), {}
-        while inner.read < len(inner._data):
-            channel = inner.number(2)
-            found[channel] = inner.number(8)
-        return found
 
 
 class LogFile:

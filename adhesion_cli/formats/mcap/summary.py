@@ -2,58 +2,37 @@
 
 import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 from mcap.opcode import Opcode
+from mcap.records import Footer, Statistics
 
 from .records import HEADER, MAGIC, DamageError, LogFile
 
 _FOOTER = struct.Struct("<BQQQI8s")  # and the magic bytes after it
 
 
-@dataclass(frozen=True, slots=True)
-class Statistics:
-    """What a file says of itself."""
+def differences(
+    said: Statistics, at: int, kinds: Mapping[int, int], messages: Mapping[int, int]
+) -> Iterator[DamageError]:
+    """Where a file differs from its statistics; schemas and channels hide no data.
 
-    at: int
-    records: dict[str, int]  # how many there are, by what they are
-    messages: dict[int, int]  # by channel
-
-    @classmethod
-    def read(cls, file: LogFile, at: int, length: int) -> "Statistics":
-        """Reads the record at an offset."""
-        content = file.content(at, length)
-        records = {"messages": content.number(8)}
-        content.raw(6)  # schemas and channels: records that hide no data
-        for name in ("attachments", "metadata records", "chunks"):
-            records[name] = content.number(4)
-        content.raw(16)
-        return cls(at, records, content.counts())
-
-    def differences(
-        self, kinds: Mapping[int, int], messages: Mapping[int, int]
-    ) -> Iterator[DamageError]:
-        """Where a file differs from them.
-
-        Args:
-            kinds: records found, by opcode.
-            messages: messages found, by channel.
-        """
-        found = {
-            "messages": sum(messages.values()),
-            "chunks": kinds.get(Opcode.CHUNK, 0),
-            "attachments": kinds.get(Opcode.ATTACHMENT, 0),
-            "metadata records": kinds.get(Opcode.METADATA, 0),
-        }
-        for name, here in found.items():
-            if self.records[name] != here:
-                yield DamageError(
-                    self.at, f"statistics say {self.records[name]} {name}, found {here}"
-                )
-        for channel, count in self.messages.items():
-            if (here := messages.get(channel, 0)) != count:
-                what = f"statistics say {count} messages of channel {channel}, found {here}"
-                yield DamageError(self.at, what)
+    Args:
+        said: the statistics.
+        at: their offset.
+        kinds: records found, by opcode.
+        messages: messages found, by channel.
+    """
+    found = {
+        "messages": (said.message_count, sum(messages.values())),
+        "chunks": (said.chunk_count, kinds.get(Opcode.CHUNK, 0)),
+        "attachments": (said.attachment_count, kinds.get(Opcode.ATTACHMENT, 0)),
+        "metadata records": (said.metadata_count, kinds.get(Opcode.METADATA, 0)),
+    }
+    for channel, count in said.channel_message_counts.items():
+        found[f"messages of channel {channel}"] = count, messages.get(channel, 0)
+    for name, (count, here) in found.items():
+        if count != here:
+            yield DamageError(at, f"statistics say {count} {name}, found {here}")
 
 
 def summary_start(file: LogFile) -> int:
@@ -75,11 +54,10 @@ def footer_damage(file: LogFile, at: int, data_end: int) -> Iterator[DamageError
         at: offset of its footer.
         data_end: where the data section ended, 0 where it did not.
     """
-    content = file.content(at, 20)
-    summary, _, crc = content.number(8), content.number(8), content.number(4)
+    said = Footer.read(file.content(at, 20))
     if not data_end:
         yield DamageError(at, "no end of the data section before the footer")
-    start = data_end or summary
+    start, crc = data_end or said.summary_start, said.summary_crc
     if crc and file.crc(start, at + HEADER.size + 16) != crc:
         yield DamageError(start, "summary has another CRC than it says")
     after = at + HEADER.size + 20

@@ -4,12 +4,20 @@ Every CRC and every inflated size is compared. Indexes only speed up what walkin
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, MetadataIndex, Schema
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
 from ...core.errors import UserError
 from ...core.model import RECOVERED, Times
@@ -19,12 +27,18 @@ from .blocks import Block, BlockReader
 from .definitions import Definitions, FirstMessages, Key
 from .messages import Offsets, Records, u64
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
-from .summary import Statistics, footer_damage, summary_start
+from .summary import differences, footer_damage, summary_start
 
 _INDEXED: dict[int, Opcode] = {
     Opcode.CHUNK_INDEX: Opcode.CHUNK,
     Opcode.ATTACHMENT_INDEX: Opcode.ATTACHMENT,
     Opcode.METADATA_INDEX: Opcode.METADATA,
+}
+_IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
+    Opcode.CHUNK: "_chunk",
+    Opcode.ATTACHMENT: "_attachment",
+    Opcode.METADATA: "_metadata",
+    Opcode.DATA_END: "_end_of_data",
 }
 _AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
@@ -63,30 +77,14 @@ class Walk:
         self._all_checked = False  # by the CRC of the data section
         self._sought = len(MAGIC)  # how far chunks after damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
-        self._statistics: Statistics | None = None
-        in_data: dict[int, Callable[[int, int], None]] = {
-            Opcode.CHUNK: self._chunk,
-            Opcode.ATTACHMENT: self._attachment,
-            Opcode.METADATA: self._metadata,
-            Opcode.DATA_END: self._end_of_data,
-        }
-        anywhere: dict[int, Callable[[int, int], None]] = {
-            Opcode.HEADER: self._header,
-            Opcode.SCHEMA: self._schema,
-            Opcode.CHANNEL: self._channel,
-            Opcode.STATISTICS: self._read_statistics,
-            Opcode.FOOTER: self._footer,
-        }
-        self._readers = {
-            True: anywhere | in_data,
-            False: anywhere,
-        }  # by whether in the data section
+        self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._opened() as self._file:
             self._reader = BlockReader(self._file, options, first=True)
             self._check_magic()
             self._walk()
             if self._statistics and not self.damage:
-                for damage in self._statistics.differences(self._kinds, self.counts):
+                at, said = self._statistics
+                for damage in differences(said, at, self._kinds, self.counts):
                     self._note(damage)
         self.compressions = self._reader.compressions
         self.heads = self._first.of  # by channel: log time of the first, first messages
@@ -105,14 +103,13 @@ class Walk:
     def losses(self) -> Account:
         """What the file has lost, and which of its messages may have changed."""
         end = max((block.end for block in self.blocks), default=0)
-        said = self._statistics
         return Account(
             damage=self.damage,
             rows=self.rows,
             stray=sum(self.counts.values()) - self.rows,
             unguarded=0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked),
             changed=self._data_changed or any(one.at < end for one in self.damage),
-            counted=said.records["messages"] if said else None,
+            counted=self._statistics[1].message_count if self._statistics else None,
             past=self.metadata.get(RECOVERED, {}),
         )
 
@@ -239,12 +236,24 @@ class Walk:
         self._kinds[opcode] += 1
         if in_data and opcode in _INDEXED.values():
             self._met[at] = opcode, HEADER.size + length
-        if read := self._readers[in_data].get(opcode):
-            read(at, length)
+        if in_data and opcode in _IN_DATA:
+            getattr(self, _IN_DATA[opcode])(at, length)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            fresh: dict[Key, Schema | Channel] = {}
+            self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at, fresh)
+            self._definitions.keep(fresh)
+        elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
+            header = Header.read(self._file.content(at, length))
+            self.profile, self.library = header.profile, header.library
+        elif opcode == Opcode.STATISTICS:
+            self._statistics = at, Statistics.read(self._file.content(at, length))
         elif opcode in _INDEXED:
             content = self._file.content(at, length)
-            content.raw(16 if opcode == Opcode.CHUNK_INDEX else 0)
-            self._index(_INDEXED[opcode], content.number(8), content.number(8), at)
+            content.read(16 if opcode == Opcode.CHUNK_INDEX else 0)
+            self._index(_INDEXED[opcode], content.read8(), content.read8(), at)
+        elif opcode == Opcode.FOOTER:
+            for damage in footer_damage(self._file, at, self._data_end):
+                self._note(damage)
         elif opcode in _MISPLACED:
             raise DamageError(at, f"a record of kind {opcode} where none may be")
         elif opcode not in set(Opcode):
@@ -260,21 +269,7 @@ class Walk:
             what = f"an index of a {kind.name.lower()} at byte {place} that is not there"
             raise DamageError(at, what)
 
-    # ------------------------------------------------------------------ single records
-
-    def _header(self, at: int, length: int) -> None:
-        if self._kinds[Opcode.HEADER] > 1:
-            raise DamageError(at, f"a record of kind {int(Opcode.HEADER)} where none may be")
-        content = self._file.content(at, length)
-        self.profile, self.library = content.text(), content.text()
-
-    def _schema(self, at: int, length: int, opcode: int = Opcode.SCHEMA) -> None:
-        fresh: dict[Key, Schema | Channel] = {}
-        self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at, fresh)
-        self._definitions.keep(fresh)
-
-    def _channel(self, at: int, length: int) -> None:
-        self._schema(at, length, Opcode.CHANNEL)
+    # ------------------------------------------------------------------ records between messages
 
     def _chunk(self, at: int, length: int) -> None:
         block = Block(at, at + HEADER.size + length, True)
@@ -290,7 +285,7 @@ class Walk:
 
     def _end_of_data(self, at: int, length: int) -> None:
         self._data_end = at + HEADER.size + length
-        crc = self._file.content(at, length).number(4)
+        crc = self._file.content(at, length).read4()
         if crc and self._file.crc(0, at) != crc:
             self._data_changed = True
             raise DamageError(at, "data section has another CRC than it says")
@@ -298,17 +293,19 @@ class Walk:
 
     def _metadata(self, at: int, length: int) -> None:
         content = self._file.content(at, min(length, self._options.max_part))
-        name = content.text()
+        name = content.read_prefixed_string()
         if length <= self._options.max_part:  # larger ones are not ours; a copy keeps them
-            self.metadata.setdefault(name, {}).update(content.pairs())
+            whole = Metadata.read(self._file.content(at, length))
+            self.metadata.setdefault(name, {}).update(whole.metadata)
         self.metadata_records.append(MetadataIndex(at, HEADER.size + length, name))
 
     def _attachment(self, at: int, length: int) -> None:
         place, end = at + HEADER.size, at + HEADER.size + length
         content = self._file.content(at, min(length, PIECE))
-        log_time, create_time = content.number(8), content.number(8)
-        name, kind, size = content.text(), content.text(), content.number(8)
-        after = place + content.read + size
+        log_time, create_time = content.read8(), content.read8()
+        name, kind = content.read_prefixed_string(), content.read_prefixed_string()
+        size = content.read8()
+        after = place + content.count + size
         if after + 4 > end:
             raise DamageError(at, "an attachment's data does not fit into its record")
         crc = int.from_bytes(self._file.read(after, 4), "little")
@@ -317,13 +314,6 @@ class Walk:
         self.attachments.append(
             AttachmentIndex(at, end - at, log_time, create_time, size, name, kind)
         )
-
-    def _read_statistics(self, at: int, length: int) -> None:
-        self._statistics = Statistics.read(self._file, at, length)
-
-    def _footer(self, at: int, length: int) -> None:
-        for damage in footer_damage(self._file, at, self._data_end):
-            self._note(damage)
 
     # ------------------------------------------------------------------ blocks
 

@@ -493,7 +493,7 @@ def test_what_json_messages_lack_at_first(tmp_path: Path) -> None:
     rows = [*((i, {"a": "text"}) for i in range(150)), (150, {"a": "text", "x": 1})]
     (told,) = opened(tmp_path, json_log(rows)).findings
     assert told.code == "mcap-not-offered"
-    assert "100 without a number" in told.names["fields"]
+    assert "100 messages without a number" in told.names["fields"]
 
 
 def test_a_message_in_itself_is_told_where_it_is_not_read(tmp_path: Path) -> None:

@@ -1,0 +1,209 @@
+"""What each topic of a log carries: its channels, its decoder, and the numbers in its messages."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice, pairwise
+from typing import Any
+
+from mcap.records import Schema
+
+from ...core.finding import Finding, Severity
+from ..source import ReadOptions
+from .columns import Decoder
+from .fields import (
+    MOST_LEAVES,
+    Leaf,
+    Tree,
+    UndecodableError,
+    at,
+    empty,
+    leaves,
+    number_texts,
+    states_unit,
+    typical,
+)
+from .stamps import Stamp, stamp
+from .walk import Walk
+
+YEAR_1990 = 631_152_000 * 10**9  # earlier stamps count from a start of their own
+_FEW = 4  # first messages that are enough where a schema says what messages hold
+
+
+@dataclass(slots=True)
+class Series:
+    """What one topic carries: channels of one schema and the same units."""
+
+    topic: str
+    encoding: str
+    schema: Schema | None
+    metadata: dict[str, str]
+    lacking: int = 0  # id of a schema that the file does not define
+    ids: list[int] = field(default_factory=list)  # of the channels
+    rows: int = 0
+    group: str = ""
+    heads: list[bytes] = field(default_factory=list)  # first messages
+    head_time: int = 0  # log time of the first
+    decoder: Decoder | None = None
+    tree: Tree = None  # what the first messages hold
+    leaves: dict[str, Leaf] = field(default_factory=dict)  # by path
+    stamp: Stamp | None = None
+    stamp_time: int = 0  # of the first message, 0 where it has none
+    stamps_repeat: bool = False  # among the first messages, as those of a date or of whole seconds
+
+    @property
+    def name(self) -> str:
+        """The schema's name."""
+        return self.schema.name if self.schema else ""
+
+    def finding(
+        self, code: str, severity: Severity, count: int = 0,
+        values: Mapping[str, float] | None = None, **names: str,
+    ) -> Finding:  # fmt: skip
+        """A finding about this topic; without a count all its messages."""
+        found = Finding(code, severity, channel=self.topic, count=count or self.rows)
+        return replace(found, values=values or {}, names=names)
+
+
+def grouped(walk: Walk) -> list[Series]:
+    """The channels of a log, as series; the first messages go from the walk to them."""
+    found: dict[tuple[Any, ...], Series] = {}
+    for channel in walk.channels.values():
+        schema = walk.schemas.get(channel.schema_id)
+        key = (
+            channel.topic, channel.message_encoding,
+            (schema.name, schema.encoding, schema.data) if schema else channel.schema_id,
+            tuple(sorted(pair for pair in channel.metadata.items() if states_unit(pair[0]))),
+        )  # fmt: skip
+        one = found.setdefault(
+            key, Series(channel.topic, channel.message_encoding, schema, channel.metadata)
+        )
+        one.lacking = 0 if schema else channel.schema_id
+        one.ids.append(channel.id)
+        one.rows += walk.counts[channel.id]
+        time, heads = walk.heads.pop(channel.id, (0, []))
+        if not one.heads:
+            one.head_time, one.heads = time, heads
+        elif one.encoding == "json":
+            one.heads = one.heads + heads
+    topics = Counter(one.topic for one in found.values())
+    for one in found.values():
+        if topics[one.topic] > 1:
+            one.group = f"channel {one.ids[0]}"
+    return list(found.values())
+
+
+class Discovery:
+    """Finds the numbers in the first messages of series."""
+
+    def __init__(self, options: ReadOptions) -> None:
+        self._options = options
+        self._decoders: dict[int, Decoder] = {}  # by schema id
+
+    def every(self, series: list[Series]) -> Iterator[Finding]:
+        """Looks into all series, as far as the limit of offered numbers allows."""
+        total, more = 0, list[Series]()
+        for s in (one for one in series if one.rows):
+            if total >= self._options.max_series:
+                more.append(s)
+                continue
+            yield from self._look(s)
+            s.heads = []
+            total += len(s.leaves)
+        if more:
+            values = {"series": total, "needed": total + len(more)}
+            yield more[0].finding("mcap-series-limit", "warning", len(more), values)
+
+    def _look(self, s: Series) -> Iterator[Finding]:
+        if len(s.ids) > 1:
+            yield s.finding("mcap-shared-topic", "info", 1, {"channels": len(s.ids)})
+        if s.lacking:
+            yield s.finding("mcap-unknown-schema", "error", values={"schema": s.lacking})
+        try:
+            s.decoder = self._decoder(s)
+            if s.decoder is None:
+                if not s.lacking:
+                    kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
+                    yield s.finding("mcap-encoding", "info", encoding=kind)
+                return
+            trees = _trees(s, s.decoder)
+        except UndecodableError as e:
+            yield s.finding("mcap-topic-unreadable", "error", reason=str(e))
+            return
+        s.tree = typical(trees)
+        yield from _offer(s, s.decoder)
+        _find_stamp(s, trees)
+
+    def _decoder(self, s: Series) -> Decoder | None:
+        schema = s.schema
+        if s.encoding == "json":
+            from .json_messages import JsonDecoder
+
+            text = schema.data if schema and schema.encoding == "jsonschema" else b""
+            return JsonDecoder(text, self._options.max_part)
+        kind = s.encoding, schema.encoding if schema else ""
+        if schema is None or kind not in (("protobuf", "protobuf"), ("cdr", "ros2msg")):
+            return None
+        if schema.id not in self._decoders:
+            if s.encoding == "protobuf":
+                from .protobuf import ProtobufDecoder
+
+                self._decoders[schema.id] = ProtobufDecoder(schema.name, schema.data)
+            else:
+                from .ros2 import Ros2Decoder
+
+                self._decoders[schema.id] = Ros2Decoder(schema.name, schema.data)
+        return self._decoders[schema.id]
+
+
+def _trees(s: Series, decoder: Decoder) -> list[Tree]:
+    """First messages that decode.
+
+    Raises:
+        UndecodableError: where none of them decodes.
+    """
+    trees, why, sizes, lacks = list[Tree](), "", set[int](), True
+    for head in s.heads:
+        if s.encoding != "json" and len(trees) >= _FEW and (not lacks or len(head) in sizes):
+            continue  # an array that was empty and is not would make the message longer
+        sizes.add(len(head))
+        try:
+            trees.append(decoder.tree(head))
+            lacks = lacks and any(empty(trees[-1]))
+        except UndecodableError as e:
+            why = why or str(e)
+    if not trees:
+        raise UndecodableError(f"first messages: {why or 'the first one is too large'}")
+    return trees
+
+
+def _offer(s: Series, decoder: Decoder) -> Iterator[Finding]:
+    """Offers the numbers of the first messages."""
+    json, seen = s.encoding == "json", len(s.heads)
+    found, left_out = leaves(s.tree, decoder.unit, s.metadata)
+    for leaf in found:
+        if s.leaves.setdefault(leaf.path, leaf) is not leaf:
+            left_out.append(f"a second {leaf.path}")
+    if not found and s.rows > seen and (json or any(empty(s.tree))):
+        left_out.append(f"what follows {seen} messages without a number")
+    if left_out:
+        some = ", ".join(p[:80] for p in left_out[:3])
+        yield s.finding("mcap-not-offered", "info", len(left_out), fields=some)
+    # A schema that says text means text.
+    if json and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
+        severity: Severity = "info" if s.leaves else "warning"
+        some = ", ".join(texts[:3])[:200]
+        yield s.finding("mcap-number-text", severity, len(texts), fields=some)
+
+
+def _find_stamp(s: Series, trees: list[Tree]) -> None:
+    of = stamp(s.tree, texts=s.encoding == "json")
+    if of is None:
+        return
+    has = any(at(trees[0], steps) is not None for steps in of.places)
+    s.stamp_time = of.first(trees[0] if has else s.tree)
+    stamps = [of.first(tree) for tree in trees]
+    # Protobuf shows what is absent: there a 0 is where some count starts.
+    s.stamp = replace(of, zero=s.encoding == "protobuf" and max(stamps) < YEAR_1990)
+    repeats = sum(a == b for a, b in pairwise(stamps))
+    s.stamps_repeat = 2 * repeats > len(stamps) - 1
