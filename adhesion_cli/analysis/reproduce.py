@@ -23,8 +23,8 @@ from ..core.physics import wheelset
 from ..estimators import PAPER
 from ..evaluation import metrics
 from ..evaluation.response import harmonic
+from ..results.charts import BLACK, COLOURS, GREY, Line, Panel
 from ..results.log_writer import writer
-from ..results.svg import BLACK, COLOURS, GREY, Line, Panel
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
 from .analyze import analyze

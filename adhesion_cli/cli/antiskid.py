@@ -157,7 +157,7 @@ def _on_rails(
     title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
     for picture in pictures(shared):
         with atomic_files.outputs([picture], shared.force, inputs=read) as (place,):
-            draw(place, title, of_sweep(rows))
+            draw(shared, place, title, of_sweep(rows))
     document["outputs"] = results.named(pictures(shared))
     text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
     print(dumps(document) if shared.json else text)
@@ -302,7 +302,7 @@ def _write(  # noqa: PLR0913
         verdict = "\n".join([text, *(terminal.folded(f, "  ", terminal.NARROW) for f in found)])
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)
         for place in places[len(stops) :]:
-            draw(place, title, of_stops(all_stops, weight, drawn))
+            draw(shared, place, title, of_stops(all_stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
     whole = {**document, "outputs": outputs}

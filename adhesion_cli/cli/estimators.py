@@ -80,7 +80,7 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
     from ..analysis.document import dumps, finite, tagged
     from ..core.physics import wheelset
     from ..evaluation.response import FREQUENCIES, panels, responses
-    from ..results import atomic_files, svg
+    from ..results import atomic_files, charts
     from . import terminal
 
     picture = (shared.out or Path()) / "response.svg"
@@ -88,7 +88,7 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
     w = wheelset(settings.vehicle, min(shared.axle, default=1))
     found = [r for e in known for r in responses(e, settings.params(e), w)]
     with atomic_files.outputs([picture], shared.force) as (temporary,):
-        svg.write(temporary, "Frequency response of the estimators", panels(found), columns=3)
+        charts.write(temporary, "Frequency response of the estimators", panels(found))
     if shared.json:
         listed = [
             {

@@ -15,7 +15,7 @@ import typer
 
 if TYPE_CHECKING:
     from ..core.model import Log
-    from ..results.svg import Panel
+    from ..results.charts import Panel
 
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
@@ -72,7 +72,8 @@ class Shared:
     strict: bool = _option(False, "--strict", None, "Damaged data is an error, not a finding.")
     rejects: Path | None = _option(
         None, "--rejects", "FILE.csv", "Write each row and cell left out of CSV logs here.")
-    figure: Path | None = _option(None, "--figure", "FILE.svg", "Draw it as a picture, too.")
+    figure: Path | None = _option(
+        None, "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")
     quiet: bool = _option(False, "-q --quiet", None, "No messages but errors.")
     debug: bool = _option(False, "--debug", None, "Show the traceback of an error.")
     view: bool = _option(False, "--view", None, "Open the result in the Rerun viewer.")
@@ -163,10 +164,10 @@ def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
     Raises:
         UserError: for a picture of a name that says something else.
     """
-    if shared.figure and shared.figure.suffix.lower() != ".svg":
-        from ..core.errors import UserError
+    if shared.figure:
+        from ..results.charts import kind
 
-        raise UserError(f"{shared.figure}: the picture is SVG", "--figure FILE.svg", code=2)
+        kind(shared.figure)
     return [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
 
 
@@ -209,12 +210,13 @@ def pictures(shared: Shared) -> list[Path]:
     return [shared.figure] if shared.figure else []
 
 
-def draw(place: Path, title: str, panels: "Sequence[Panel]") -> None:
-    """Writes the picture of `--figure`."""
+def draw(shared: Shared, place: Path, title: str, panels: "Sequence[Panel]") -> None:
+    """Writes the picture of `--figure` to a place of another name."""
     from ..core.text import printable
-    from ..results import svg
+    from ..results import charts
 
-    svg.write(place, printable(title), panels, columns=3)
+    assert shared.figure is not None
+    charts.write(place, printable(title), panels, suffix=charts.kind(shared.figure))
 
 
 def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:

@@ -18,7 +18,7 @@ def command(shared: Shared) -> int:
     from ..analysis.document import dumps
     from ..analysis.reproduce import panels, reproduce
     from ..core.estimator import registry
-    from ..results import atomic_files, mcap, svg
+    from ..results import atomic_files, charts, mcap
     from .terminal import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
@@ -30,7 +30,7 @@ def command(shared: Shared) -> int:
     with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
         rrd.write_comparison(recording, made.results, list(registry()))
-        svg.write(figure, "The paper, reproduced", panels(made), columns=3)
+        charts.write(figure, "The paper, reproduced", panels(made))
     if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}
         print(dumps({**made.document, "outputs": outputs}))

@@ -48,7 +48,7 @@ def command(logs: Logs, shared: Shared) -> int:
     bands = Bands(**first.settings["bands"])
     results.write(
         shared, analysed, pairs, slips,
-        lambda place: draw(place, title, of_slip(first, summaries[0], bands)),
+        lambda place: draw(shared, place, title, of_slip(first, summaries[0], bands)),
     )  # fmt: skip
     if shared.json:
         outputs = [results.named([*pair, *pictures(shared)]) for pair in pairs]

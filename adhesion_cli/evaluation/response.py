@@ -16,7 +16,7 @@ import numpy as np
 from ..core import compiled
 from ..core.estimator import Estimator
 from ..core.model import Floats, Wheelset
-from ..results.svg import COLOURS, Line, Panel
+from ..results.charts import COLOURS, Line, Panel
 
 FREQUENCIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [Hz]
 AMPLITUDES = (100.0, 1000.0, 5000.0)  # A [N]

@@ -12,14 +12,14 @@ from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS, Bands
-from .svg import BLACK, COLOURS, GREY, Band, Line, Panel
+from .charts import BLACK, COLOURS, GREY, Band, Line, Panel
 
 if TYPE_CHECKING:
     from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
 
 _BLUE, _ORANGE, _RED, _GREEN = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[4]
 _OF_REGION = dict(zip(REGIONS, (GREY, _BLUE, _GREEN, _RED), strict=True))
-_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("vent", VENT, _RED))
+_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("dump", VENT, _RED))
 _SLIP, _TIME = "slip [%]", "time [s]"
 _MU = "adhesion coefficient µ [-]"
 _SLOPES = -0.3, 0.5  # drawn: those of a wheel that rolls are far larger
@@ -56,13 +56,13 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
         curves = list(_fitted(summary.rail, speeds, vehicle, most))
         if peak := summary.rail.peak_slip:
             spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, _ORANGE)]
-    told = Line("slope dµ/ds", t, slope, BLACK)
+    told, whole = Line("slope dµ/ds", t, slope, BLACK), (0.0, float(t[-1]))
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
-        Panel(f"{name}: slope", _TIME, "dµ/ds [-]", [told], y_range=_SLOPES,
+        Panel(f"{name}: slope", _TIME, "slope dµ/ds [-]", [told], x_range=whole, y_range=_SLOPES,
               bands=_slope_band(bands)),
-        Panel(f"{name}: confidence", _TIME, "confidence [-]", [Line("", t, sure, BLACK)],
-              y_range=(0.0, 1.0)),
+        Panel(f"{name}: confidence", _TIME, "confidence of the slope [-]",
+              [Line("", t, sure, BLACK)], x_range=whole, y_range=(0.0, 1.0)),
     ]  # fmt: skip
 
 
@@ -76,7 +76,9 @@ def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Ite
 
 
 def _slope_band(bands: Bands) -> list[Band]:
-    return [Band("slope band of [S4]", bands.slope_low, bands.slope_high, _GREEN, of_x=False)]
+    return [
+        Band("slope band of the AND-test", bands.slope_low, bands.slope_high, _GREEN, of_x=False)
+    ]
 
 
 def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -> list[Panel]:
@@ -97,7 +99,7 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
             Line("train", t, stop.train_speed * 3.6, GREY),
             Line("wheel", t, stop.rim_speed[:, 0] * 3.6, _BLUE),
         ]
-        rows[0].append(Panel(f"{who}: speed, axle 1", _TIME, "km/h", speeds, x_range=time))
+        rows[0].append(Panel(f"{who}: speed, axle 1", _TIME, "speed [km/h]", speeds, x_range=time))
         pressures = [
             Line("demand", t, stop.demand * 1e-5, GREY, dashed=True),
             *(
@@ -106,7 +108,7 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
             ),
         ]
         rows[1].append(
-            Panel(f"{who}: cylinder, by valve", _TIME, "bar", pressures, x_range=time,
+            Panel(f"{who}: cylinder, by valve", _TIME, "pressure [bar]", pressures, x_range=time,
                   y_range=(0.0, most))
         )  # fmt: skip
         points = [

@@ -14,7 +14,6 @@ from adhesion_cli.core import estimator
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
 from adhesion_cli.evaluation import response
-from adhesion_cli.results import svg
 
 W = wheelset(Vehicle(), 1)
 REGISTRY = estimator.registry()
@@ -79,33 +78,3 @@ def test_command_shows_and_draws_the_settings_stated(tmp_path: Path) -> None:
     refused = run("-a", "leso")
     assert refused.returncode == 1
     assert "--force" in refused.stderr
-
-
-def curve(path: Path) -> list[tuple[float, float]]:
-    paths = [e.get("d", "") for e in ET.parse(path).iter() if e.get("stroke") == "#123456"]
-    points = paths[0].replace("M", "L").split("L")[1:]
-    return [(float(x), float(y)) for x, y in (p.split() for p in points)]
-
-
-def test_svg_places_points_and_keeps_peaks(tmp_path: Path) -> None:
-    path = tmp_path / "a.svg"
-    x, y = np.arange(100_000.0), np.zeros(100_000)
-    y[77_777], y[50_000:50_010] = 1.0, np.nan
-    line = svg.Line("a & <b>", x, y, "#123456")
-    svg.write(path, "title", [svg.Panel("p", "x", "y", [line], y_range=(0.0, 1.0))])
-    points = curve(path)
-    assert len(points) < 2000
-    tops = [px for px, py in points if py == 0.0]
-    frame = points[-1][0] - points[0][0]
-    assert len(tops) == 1
-    assert (tops[0] - points[0][0]) / frame == pytest.approx(0.77777, abs=1.0 / 300)  # a pixel
-    assert "a & <b>" in {e.text for e in ET.parse(path).iter()}
-
-
-def test_svg_logarithmic_axis_leaves_out_what_it_cannot_show(tmp_path: Path) -> None:
-    path = tmp_path / "a.svg"
-    y = np.array([0.1, 0.0, 10.0, 1000.0])
-    line = svg.Line("", np.arange(4.0), y, "#123456")
-    svg.write(path, "", [svg.Panel("", "", "", [line], log_y=True)])
-    (_, a), (_, b), (_, c) = curve(path)
-    assert a - b == pytest.approx(b - c, abs=0.2)

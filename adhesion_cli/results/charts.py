@@ -1,0 +1,160 @@
+"""Line charts as SVG, PNG or PDF, drawn by matplotlib."""
+
+import io
+import logging
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..core.errors import UserError
+from ..core.model import Floats
+from .verified import verified
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#2f6fb3", "#d9822b", "#c23b3b", "#7d57b5", "#238a80", "#a08a00", "#c75b86", "#7a5636")
+BLACK, GREY = "#222222", "#999999"
+
+_NO_DATE: dict[str, dict[str, Any]] = {
+    ".svg": {"Date": None},
+    ".png": {},
+    ".pdf": {"CreationDate": None},
+}
+_PANEL = (4.4, 3.3)  # width and height [inch]
+_MANY = 300  # more points become one image: each is an element of its own in SVG
+_STYLE: dict[str, Any] = {
+    "svg.hashsalt": "adhesion",  # names inside the file are the same at each run
+    "svg.fonttype": "none",  # text stays text
+    "text.parse_math": False,  # a "$" in the name of a log is a "$"
+    "path.simplify_threshold": 0.5,  # points of a curve that is as good without them [pixel]
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e6",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "figure.dpi": 120,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One curve; NaN, and what a logarithmic axis cannot show, leave a hole."""
+
+    name: str  # in the legend; "" for none
+    x: Floats
+    y: Floats
+    colour: str
+    dashed: bool = False
+    dots: float = 0.0  # diameter of its points, which are then not joined
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A shaded range of x, or of y."""
+
+    name: str  # in the legend
+    low: float
+    high: float
+    colour: str
+    of_x: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One chart."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: Sequence[Line]
+    log_x: bool = False
+    log_y: bool = False
+    y_range: tuple[float, float] | None = None  # None: all data
+    x_range: tuple[float, float] | None = None
+    bands: Sequence[Band] = ()
+    x_names: Sequence[str] = ()  # of x 0, 1, 2 … instead of numbers
+
+
+def kind(path: Path) -> str:
+    """The format that a file's name states: its suffix.
+
+    Raises:
+        UserError: for another suffix.
+    """
+    found = path.suffix.lower()
+    if found not in _NO_DATE:
+        hint = "--figure FILE.svg, FILE.png or FILE.pdf"
+        raise UserError(f"{path}: a picture is SVG, PNG or PDF", hint, code=2)
+    return found
+
+
+def write(
+    path: Path, title: str, panels: Sequence[Panel], columns: int = 3, suffix: str = ".svg"
+) -> None:
+    """Write the panels row by row under a title; the same panels give the same bytes.
+
+    Args:
+        path: file to write; its old content is lost.
+        title: above all panels.
+        panels: the charts.
+        columns: charts in a row.
+        suffix: the format, from `kind`.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps fonts is no result
+    from matplotlib import style
+    from matplotlib.figure import Figure
+
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    drawn = io.BytesIO()
+    with style.context(["default", _STYLE]), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a letter that the font lacks is shown as a box
+        figure = Figure((columns * _PANEL[0], rows * _PANEL[1]), layout="constrained")
+        figure.suptitle(title, fontweight="bold")
+        for i, panel in enumerate(panels, 1):
+            _draw(figure.add_subplot(rows, columns, i), panel)
+        figure.savefig(drawn, format=suffix[1:], metadata=_NO_DATE[suffix])
+    with verified(path) as file:
+        file.write(drawn.getbuffer())
+
+
+def _draw(axes: "Axes", panel: Panel) -> None:
+    for band in panel.bands:
+        span = axes.axvspan if band.of_x else axes.axhspan
+        span(band.low, band.high, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
+    for line in panel.lines:
+        name = line.name or "_"  # matplotlib leaves such names out of the legend
+        if line.dots:
+            axes.plot(
+                line.x, line.y, "o", color=line.colour, label=name, markersize=line.dots,
+                markeredgewidth=0, rasterized=len(line.x) > _MANY,
+            )  # fmt: skip
+        else:
+            style = "--" if line.dashed else "-"
+            axes.plot(line.x, line.y, style, color=line.colour, label=name, linewidth=1.1)
+    axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+    if panel.log_x:
+        axes.set_xscale("log", nonpositive="mask")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("")
+    if panel.log_y:
+        axes.set_yscale("log", nonpositive="mask")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+    axes.set_xlim(panel.x_range)
+    axes.set_ylim(panel.y_range)
+    if panel.x_names:
+        axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, markerscale=1.6)
