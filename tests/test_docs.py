@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from adhesion_cli.core.finding import catalogue
+
 ROOT = Path(__file__).resolve().parents[1]
 
 _spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
@@ -56,6 +58,19 @@ def headings(page: Path) -> set[str]:
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
     titles = re.findall(r"^#+ (.*)$", text, re.M)
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def test_codes_of_findings_that_pages_name_exist() -> None:
+    folders = [ROOT / "docs" / name for name in ("howto", "explanation")]
+    named = {
+        (page.name, code)
+        for page in (*(p for folder in folders for p in folder.glob("*.md")), ROOT / "README.md")
+        for code in re.findall(r"`([a-z]+(?:-[a-z]+)+)`", page.read_text(encoding="utf-8"))
+    }
+    scenarios = {path.stem for path in (ROOT / "adhesion_cli/wsp/scenarios").iterdir()}
+    known = {*catalogue(), *scenarios}
+    assert len(named) > 20
+    assert sorted((page, code) for page, code in named if code not in known) == []
 
 
 def test_every_figure_is_made_by_a_command_of_its_page() -> None:
