@@ -75,14 +75,6 @@ _QUANTITY: dict[str, tuple[str, ...]] = {  # dimension of a stated unit: what it
     "pulse rate": ("speed", "turns"), "count": ("speed", "turns"), "angle": ("speed", "turns"),
 }  # fmt: skip
 
-# Units that a message type fixes by its definition, not by its name.
-_CONVENTIONS: tuple[tuple[str, str, str], ...] = (
-    (r"sensor_msgs(/msg)?/JointState|sensor_msgs\.JointState", r"^velocity", "rad/s"),
-    (r"sensor_msgs(/msg)?/FluidPressure", r"^fluid_pressure$", "Pa"),
-    (r"sensor_msgs(/msg)?/Imu|sensor_msgs\.Imu", r"^linear_acceleration", "m/s2"),
-    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"linear\.", "m/s"),
-    (r"(geometry|nav)_msgs(/msg)?/(Twist|Odometry)", r"angular\.", "rad/s"),
-)
 # What results of this program hold, by message type and field. Their topics begin with the name of
 # a log, which may say anything.
 _OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
@@ -97,19 +89,14 @@ _OURS: dict[tuple[str, str], tuple[Meaning, str]] = {
 _CHINESE_NUMBERS = {c: i for i, c in enumerate("一二三四五六七八", start=1)}
 
 
-def _vocabulary() -> tuple[tuple[str, ...], frozenset[str], dict[str, dict[str, None]]]:
-    """Stems, generic words, and the words of each kind, in the order of the file."""
-    text = Path(__file__).with_name("vocabulary.toml").read_text("utf-8")
-    entries = tomllib.loads(text)
-    stems, generic = entries.pop("stems").split(), entries.pop("generic").split()
-    kinds = {
-        kind: dict.fromkeys(" ".join(of_language.values()).split())
-        for kind, of_language in entries.items()
-    }
-    return tuple(stems), frozenset(generic), kinds
-
-
-_STEMS, GENERIC, _WORDS = _vocabulary()
+_VOCABULARY = tomllib.loads(Path(__file__).with_name("vocabulary.toml").read_text("utf-8"))
+_STEMS: list[str] = _VOCABULARY["stems"].split()
+GENERIC: list[str] = _VOCABULARY["generic"].split()
+_CONVENTIONS: list[tuple[str, str, str]] = _VOCABULARY["conventions"]
+_WORDS: dict[str, list[str]] = {  # of each kind, in the order of the file
+    kind: " ".join(of_language.values()).split()
+    for kind, of_language in _VOCABULARY["kinds"].items()
+}
 
 
 @lru_cache(1 << 10)  # many rules ask for the same field

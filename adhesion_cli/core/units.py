@@ -2,8 +2,10 @@
 
 import math
 import re
+import tomllib
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from .errors import UserError
@@ -26,63 +28,24 @@ class Unit(NamedTuple):
 
 
 ATMOSPHERE = 101325.0  # standard [Pa]
-_RPM = 2.0 * math.pi / 60.0
-_DEGREE = math.pi / 180.0
 
-# Spellings in lower case without blanks, carets and middle dots; the first one names the unit.
-_SPELLINGS: dict[tuple[Dimension, float, float], str] = {
-    ("pressure", 1.0, 0.0): "Pa pascal pascals 帕",
-    ("pressure", 1e2, 0.0): "mbar millibar millibars hpa 毫巴",
-    ("pressure", 1e3, 0.0): "kPa kilopascal kilopascals 千帕",
-    ("pressure", 1e5, 0.0): "bar bars barg bar(g) bar_g 巴",
-    ("pressure", 1e5, -ATMOSPHERE): "bara",
-    ("pressure", 1e6, 0.0): "MPa megapascal megapascals n/mm2 n/mm² 兆帕",
-    ("pressure", 6894.757293168361, 0.0): "psi psig lbf/in2 lb/in2",
-    ("pressure", 98066.5, 0.0): "kgf/cm2 kg/cm2 kgf/cm² kg/cm² at",
-    ("speed", 1.0, 0.0): "m/s mps ms-1 m/sec m_s m_per_s meter_per_second meters_per_second 米/秒",
-    (
-        "speed",
-        1.0 / 3.6,
-        0.0,
-    ): "km/h kmh kmph kph km/hr km_h km_per_h kmh-1 km/std km/u 公里/小时 千米/小时",
-    ("speed", 0.44704, 0.0): "mph mi/h mile/h miles/h",
-    ("speed", 0.3048, 0.0): "ft/s fps",
-    ("angular speed", 1.0, 0.0): "rad/s rads rads-1 rad/sec rad_s rad_per_s radps 弧度/秒",
-    (
-        "angular speed",
-        _RPM,
-        0.0,
-    ): "rpm r/min rev/min 1/min u/min tr/min tours/min giri/min omw/min min-1 min^-1 rev_min "
-    "转/分 转/分钟",
-    ("angular speed", 2.0 * math.pi, 0.0): "rps rev/s r/s u/s 转/秒",
-    ("angular speed", _DEGREE, 0.0): "deg/s °/s deg_s degps degrees/s",
-    ("pulse rate", 1.0, 0.0): "Hz hertz 1/s s-1 pulses/s imp/s pulse/s 赫兹",
-    ("pulse rate", 1e3, 0.0): "kHz",
-    ("count", 1.0, 0.0): "count counts pulses pulse imp impulse impulses ticks tick 脉冲",
-    ("angle", 1.0, 0.0): "rad radian radians 弧度",
-    ("angle", _DEGREE, 0.0): "deg ° degree degrees grad 度",
-    ("angle", 2.0 * math.pi, 0.0): "rev revs revolution revolutions turns",
-    ("force", 1.0, 0.0): "N newton newtons 牛 牛顿",
-    ("force", 10.0, 0.0): "daN",
-    ("force", 1e3, 0.0): "kN kilonewton kilonewtons 千牛",
-    ("force", 4.4482216152605, 0.0): "lbf",
-    ("force", 9.80665, 0.0): "kgf kp",
-    ("acceleration", 1.0, 0.0): "m/s2 m/s² m/s/s mps2 ms-2 m/sec2 m/sec² m_s2 m_per_s2 "
-    "meter_per_second_squared meters_per_second_squared 米/秒² 米/秒2",
-    ("acceleration", 1e-2, 0.0): "cm/s2 cm/s²",
-    ("time", 1.0, 0.0): "s sec secs second seconds sek sekunden 秒",
-    ("time", 1e-3, 0.0): "ms msec millisecond milliseconds millis 毫秒",
-    ("time", 1e-6, 0.0): "us µs μs usec microsecond microseconds micros 微秒",
-    ("time", 1e-9, 0.0): "ns nsec nanosecond nanoseconds nanos 纳秒",
-    ("time", 60.0, 0.0): "min minute minutes 分钟",
-    ("time", 3600.0, 0.0): "h hour hours std stunden 小时",
-}
 
-UNITS: dict[str, Unit] = {
-    spelling.lower(): Unit(words.split()[0], dimension, factor, offset)
-    for (dimension, factor, offset), words in _SPELLINGS.items()
-    for spelling in words.split()
-}
+def _spellings() -> tuple[dict[str, Unit], set[str]]:
+    """The unit of each spelling, and the spellings that a name may hold without brackets."""
+    text = Path(__file__).with_name("units.toml").read_text("utf-8")
+    entries = tomllib.loads(text)
+    found = {
+        spelling.lower(): Unit(words.split()[0], dimension, factor, *offset)
+        for dimension, rows in entries["units"].items()
+        for factor, words, *offset in rows
+        for spelling in words.split()
+    }
+    long = {spelling for spelling in found if len(spelling) > 2 and spelling.isascii()}
+    unmistakable = long - set(entries["not_in_names"].split()) | set(entries["in_names"].split())
+    return found, unmistakable
+
+
+UNITS, _IN_NAMES = _spellings()
 
 # Separate, because a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
 _APART = {
@@ -108,14 +71,6 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
     "train_speed": ("m/s", "km/h", "mph"),
     "clamping_force": ("N", "kN"),
 }
-
-# Units that names hold without brackets: words that mean nothing else.
-_IN_NAMES = {
-    s for s, u in UNITS.items()
-    if len(s) > 2 and s.isascii() and s not in {"bars", "count", "counts", "pulse", "pulses",
-       "impulse", "impulses", "tick", "ticks", "rad", "rev", "revs", "second", "minute",
-       "min", "sec", "secs", "hour", "hours", "std", "turns", "millis", "deg", "grad", "degree"}
-} | {"pa", "n", "kn", "hz", "mps", "deg_s", "rad_s", "m_s", "km_h"}  # fmt: skip
 
 _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
 
