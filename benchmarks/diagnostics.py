@@ -417,6 +417,17 @@ def _wheel_diameter(test: Test, rng: np.random.Generator) -> None:
     test.wheel[i] = np.round(rng.choice([0.95, 1.05]) * test.wheel[i], 6)
 
 
+def _wheel_drift(test: Test, rng: np.random.Generator) -> None:
+    i = int(rng.integers(len(test.wheel)))
+    gain = 1.0 + rng.choice([-0.15, 0.15]) * test.t / test.t[-1]
+    test.wheel[i] = np.round(gain * test.wheel[i], 6)
+
+
+def _wheel_saturated(test: Test, rng: np.random.Generator) -> None:
+    i = int(rng.integers(len(test.wheel)))
+    test.wheel[i] = np.minimum(test.wheel[i], np.round(0.7 * test.wheel[i].max(), 2))
+
+
 def _unit(name: str, factor: float) -> Callable[..., None]:
     def fault(test: Test, rng: np.random.Generator) -> None:
         setattr(test, name, np.round(factor * getattr(test, name), 6))
@@ -463,11 +474,11 @@ class Fault(NamedTuple):
     make: Callable[..., None]
     axles: int = 0  # that the log must have; 0 any
     train: bool | None = None
-    seen: str = "pressure unit vehicle brake axles"  # beginnings of codes that find it
+    seen: str = "pressure unit vehicle brake axle force deceleration"  # codes' beginnings
 
 
-_OF_SPEED = "speed wheel unit train axles vehicle pressure"
-_OF_TRAIN = "train speed unit wheel vehicle"
+_OF_SPEED = "speed wheel unit train axle vehicle pressure deceleration force"
+_OF_TRAIN = "train speed unit wheel vehicle deceleration"
 FAULTS: dict[str, Fault] = {
     "pressure x0.5": Fault(_pressure_all(lambda p: 0.5 * p)),
     "pressure x0.8": Fault(_pressure_all(lambda p: 0.8 * p)),
@@ -490,6 +501,8 @@ FAULTS: dict[str, Fault] = {
     "wheel speed stuck": Fault(_wheel_stuck, seen=_OF_SPEED),
     "wheel speed lost": Fault(_wheel_zero, seen=_OF_SPEED),
     "wheel speed outliers": Fault(_wheel_spikes, seen=_OF_SPEED),
+    "wheel speed drifts": Fault(_wheel_drift, 4, seen=_OF_SPEED),
+    "wheel speed saturated": Fault(_wheel_saturated, seen=_OF_SPEED),
     "wheel diameter 5 %": Fault(_wheel_diameter, 4, seen=_OF_SPEED),
     "wheel diameter 5 %, train speed": Fault(_wheel_diameter, 1, True, _OF_SPEED),
     "wheel speeds swapped": Fault(_wheel_swapped, 4, seen=_OF_SPEED),
@@ -538,7 +551,7 @@ def reported(test: Test, folder: Path) -> list[Finding]:
 
 def drawn(kind: str, seed: int) -> Test:
     """The test of this seed, with a fault of this kind."""
-    rng = np.random.default_rng([seed, list(FAULTS).index(kind) + 1 if kind else 0])
+    rng = np.random.default_rng([seed, *kind.encode()])  # adding a kind changes no other
     if not kind:
         return simulated(rng)
     fault = FAULTS[kind]

@@ -3,49 +3,30 @@
 Nothing is changed here: every finding names what to state so that the log is understood.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ..core.finding import Finding
 from ..core.model import AxleRecord, Log, Vehicle
 from ..dynamics.train_grid import Scene
 from ..records import axle_records
-from . import brake_response, deceleration, pressures, wheels
-
-Check = Callable[[Scene], Iterator[Finding]]
-
-# Of each group none after the first that warns: what comes after would only repeat it.
-CHECKS: tuple[tuple[Check, ...], ...] = (
-    (
-        deceleration.impossible,
-        deceleration.too_hard,
-        pressures.released,
-        brake_response.unlike,
-        deceleration.explained,
-        deceleration.unbraked,
-        deceleration.another_factor,
-        brake_response.unstated,
-        deceleration.unexplained,
-    ),
-    (deceleration.late_pressure,),
-    (pressures.odd,),
-    (wheels.speeds, wheels.apart),
-    (wheels.swapped,),
-)
+from .registry import registry
 
 
-def findings(scene: Scene) -> list[Finding]:
+def findings(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Finding]:
     """Everything that cannot be true, or hardly.
 
     Args:
         scene: all axles of the log that have a record, on one time axis.
+        params: of checks by name; the default's where there are none.
     """
     found: list[Finding] = []
-    for group in CHECKS:
-        for check in group:
-            told = list(check(scene))
-            found += told
-            if any(f.severity != "info" for f in told):
-                break
+    warned: set[str] = set()
+    for check in registry().values():
+        if check.about.group not in warned:
+            own = list(check.check((params or {}).get(check.name, check.Params()), scene))
+            found += own
+            warned |= {check.about.group for f in own if f.severity != "info"}
     return found
 
 
@@ -54,6 +35,7 @@ def records(
     vehicle: Vehicle,
     axles: Sequence[int] = (),
     window: axle_records.Window = (None, None),
+    params: Mapping[str, Any] | None = None,
 ) -> tuple[list[AxleRecord], list[Finding]]:
     """One record per axle, and everything that was found on the way.
 
@@ -62,6 +44,7 @@ def records(
         vehicle: for (15).
         axles: only these, all if empty.
         window: only the samples between these seconds after the log's start.
+        params: of checks by name; the default's where there are none.
 
     Raises:
         UserError: as `axle_records.prepare`.
@@ -69,5 +52,5 @@ def records(
     made = axle_records.prepare(log, vehicle, axles, window)
     if made.scene is None:
         return made.records, made.findings
-    odd = [f for f in findings(made.scene) if f.channel in made.channels]
+    odd = [f for f in findings(made.scene, params) if f.channel in made.channels]
     return made.records, made.findings + odd

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from ..core.model import Bools, Floats, Parameter, Vehicle
 from ..core.physics import CRAWL, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
-from .train_grid import LEAST, Axle, Explanation, Grid, Line, far, grid
+from .train_grid import FREE, LEAST, Axle, Explanation, Grid, Line, Piece, far, grid
 
 UNITS = {
     "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",
@@ -215,10 +215,10 @@ def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tu
 def _pieces(
     on: Floats, v: Floats, known: Bools, coarse: Grid, fine: Grid
 ) -> tuple[list[NDArray[np.int64]], list[int]]:
-    """Samples around build-ups and releases where all wheels roll, and each piece's run."""
+    """Samples of brakes, and beside them, where all wheels roll; and each piece's run."""
     t: Floats = fine.step * np.arange(len(on), dtype=np.float64)
     change = np.abs(np.interp(t + 0.5, t, on) - np.interp(t - 0.5, t, on))
-    near = ~far(change < _CHANGE, round(_AROUND / fine.step))
+    near = ~far((change < _CHANGE) & (on < FREE), round(_AROUND / fine.step))
     rolls: Bools = np.all(coarse.rolling, axis=0)
     place = np.clip(np.rint(t / coarse.step).astype(int), 0, len(rolls) - 1)
     used: Bools = near & rolls[place] & known & (v > CRAWL)
@@ -503,12 +503,14 @@ def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> E
     if coarse is None or fine is None:
         return AS_STATED
     rims = design(axles, vehicle, coarse, fine)
-    e = _explained(rims, vehicle, True) if rims else AS_STATED
+    if rims is None:
+        return AS_STATED
+    e = _explained(rims, vehicle, True)
     # A wheel on its way into a slide slows harder than it should; the train does not.
     if e.line and fine.train is not None:
         train = design(axles, vehicle, coarse, fine, True)
         if train is None or _explained(train, vehicle, False).line is None:
-            return AS_STATED if e.either else e._replace(line=None)
+            e = e._replace(line=None, late=AS_STATED.late if e.either else e.late, either=False)
     return e
 
 
@@ -524,11 +526,12 @@ def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
     free = {**known, **any_delay, **any_line}
     start = np.array([known[i].value for i in range(_SHARED)])
     first = fit([d], [d.size], known, [start])
+    pieces = _gradients(d, first)
     near = fit([d], [d.size], free, [first.mean])
     rest = _sums(d, left(d, first.mean, first.mean[_SHARED:]) ** 2) / d.size
     noise = _NOISY * math.hypot(d.noise, d.floor)
     if first.cost - near.cost < clearly and (rest < noise**2).all():
-        return AS_STATED
+        return AS_STATED._replace(pieces=pieces)
     whole = fit([d], [d.size], free, _starts(d, free))
     telling = [independent(d, whole.mean)]
     fits = {
@@ -537,7 +540,17 @@ def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
         "line": fit([d], telling, {**known, **any_line}, _starts(d, {**known, **any_line})),
         "both": fit([d], telling, free, [*_starts(d, free), whole.mean]),
     }
-    return _judged(d, telling, fits, vehicle, clearly)
+    return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces)
+
+
+def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
+    """What each piece needs as a gradient, by the vehicle as stated."""
+    found = []
+    for i, (first, many) in enumerate(zip(d.first, d.size.astype(int), strict=True)):
+        begin, end = (float(d.t[d.at[k]]) for k in (first, first + many - 1))
+        slope = Parameter(float(p.mean[_SHARED + i]), p.sigma(_SHARED + i))
+        found.append(Piece(begin, end, slope))
+    return tuple(found)
 
 
 def _judged(
@@ -562,10 +575,11 @@ def _judged(
         late = line = both
     spring, tolerances = force_line(vehicle).at_zero / d.top, vehicle.spring_force
     uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
+    allowed = math.log1p(math.hypot(SIGMAS * tolerance(vehicle), uncertain))
     tau, o, s = late.delay, float(line.mean[OFFSET]), line.scale
     is_late = abs(tau.value) > max(_LEAST_DELAY, _SHARE * d.interval, _SURE * tau.tolerance)
     other = abs(o) > max(_SLIGHT, uncertain)
-    other |= abs(math.log(s)) > math.log1p(SIGMAS * tolerance(vehicle))
+    other |= max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3)))) > allowed
     if not two:  # what is as likely and nothing to report leaves the other one in doubt
         if abs(late.cost - line.cost) < AS_GOOD:
             is_late = other = is_late and other
@@ -580,7 +594,7 @@ def _judged(
         return AS_STATED
     return Explanation(
         tau if is_late else AS_STATED.late,
-        Line(s, o * d.top) if other else None,
+        Line(s, o * d.top, s * (1.0 - o)) if other else None,
         is_late and other and not two,
     )
 

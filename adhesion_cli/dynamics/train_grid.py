@@ -1,13 +1,13 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, Severity
+from ..core.finding import Finding, Severity, merged
 from ..core.model import (
     Z95,
     AxleRecord,
@@ -148,6 +148,15 @@ class Line(NamedTuple):
 
     scale: float  # s
     offset: float  # o [N]
+    factor: float  # on the highest K
+
+
+class Piece(NamedTuple):
+    """A stretch of rolling, and the gradient that would explain what the pressure does not."""
+
+    begin: float  # seconds after the first time of the grid
+    end: float
+    gradient: Parameter  # above 0 where it drives the train [m/s²]
 
 
 class Explanation(NamedTuple):
@@ -156,6 +165,7 @@ class Explanation(NamedTuple):
     late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
     line: Line | None  # None where it is as stated
     either: bool = False  # it is one of both, and nothing says which
+    pieces: tuple[Piece, ...] = ()  # by the vehicle as stated
 
 
 class Scene(NamedTuple):
@@ -186,26 +196,20 @@ class Scene(NamedTuple):
         K = self.grid.mean(np.mean(self.grid.clamping, axis=0))
         return np.where(self.grid.rolling.all(axis=0), self.by_rolling * K, np.nan)
 
-    @property
-    def unless_sliding(self) -> str:
-        """What to add where only one wheel says how the train slows."""
-        if self.grid.train is not None or len(self.axles) > 1:
-            return ""
-        return ", unless this axle slides, which a train speed or another axle would show"
-
-    def seconds(self, i: int) -> float:
-        """Time of a sample on the grid, after the log's start [s]."""
-        return (self.grid.first - self.start_ns) / 1e9 + i * self.grid.step
-
-    def told(
-        self, code: str, severity: Severity, text: str, channel: Channel,
-        where: Bools | None = None, axle: int = 0,
+    def found(  # noqa: PLR0913 (the fields of a finding)
+        self, code: str, severity: Severity, channel: Channel, where: Bools | None = None,
+        axle: int = 0, values: Mapping[str, float] | None = None,
+        names: Mapping[str, str] | None = None,
     ) -> Finding:  # fmt: skip
         """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
         t = self.axles[axle].record.t
         on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.at(t, where)
-        first = (int(t[np.argmax(on)]) - self.start_ns) / 1e9
-        return Finding(code, severity, text, channel.title, int(on.sum()), first)
+        since = (t - self.start_ns) / 1e9
+        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
+        return Finding(
+            code, severity, "", channel.title, max(int(on.sum()), 1), None, spans,
+            values or {}, names or {},
+        )  # fmt: skip
 
 
 def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid | None:
@@ -286,9 +290,9 @@ def largest(x: Floats) -> Floats:
 
 def far(mask: Bools, j: int) -> Bools:
     """True more than j samples from every False, shape (n,)."""
-    wide = np.pad(mask, j, mode="edge")
-    far = np.lib.stride_tricks.sliding_window_view(wide, 2 * j + 1).all(axis=-1)
-    return np.asarray(far)
+    before = np.append(0, np.cumsum(np.pad(~mask, j, mode="edge")))  # how many are False
+    far: Bools = before[2 * j + 1 :] == before[: -2 * j - 1]
+    return far
 
 
 def lasting(mask: Bools, seconds: float, g: Grid) -> Bools:

@@ -79,7 +79,8 @@ def axle(
 
 
 def told(one: Axle) -> Explanation:
-    return longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
+    e = longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
+    return e._replace(pieces=())
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])

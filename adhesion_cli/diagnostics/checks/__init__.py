@@ -1,0 +1,1 @@
+"""One check per file; `diagnostics.registry` says what a file holds."""

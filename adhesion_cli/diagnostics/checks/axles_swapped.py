@@ -1,0 +1,81 @@
+"""Axles that follow another axle's pressure while they slide, not their own.
+
+A wheel that slides is free: by the wheelset equation its acceleration follows the clamping force at
+once, while adhesion changes slowly. Where all pressures are late by the same, that of an axle that
+slides later may seem to be another's: a clock that makes an axle follow its own as well as any
+other is no swap.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Floats, Quantity
+from ...core.signals import true_runs
+from ...dynamics.train_grid import Grid, Scene
+from ..registry import About
+
+ABOUT = About("Swapped axles", "swapped", 10)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    share: Annotated[
+        float, Quantity("-", "of the train's speed: a slower wheel slides", 0.0, 1.0)
+    ] = 0.97
+    slides: Annotated[
+        float, Quantity("-", "of an axle: in one alone another's valve may open by chance", 1.0)
+    ] = 3.0
+    samples: Annotated[float, Quantity("-", "of slides that show whose pressure it is", 3.0)] = 12.0
+    reach: Annotated[float, Quantity("s", "by which all pressures may be delayed", 0.0)] = 1.0
+    follows: Annotated[
+        float, Quantity("-", "correlation with the other axle's pressure", 0.0, 1.0)
+    ] = 0.7
+    own: Annotated[
+        float, Quantity("-", "a higher correlation with its own is no swap", 0.0, 1.0)
+    ] = 0.3
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """One finding per axle that follows another."""
+    axles, g = s.axles, s.grid
+    every, reach = range(len(axles)), min(round(p.reach / g.step), g.rim.shape[1] // 4)
+    slides = [len(true_runs(g.share[i] < p.share)) >= p.slides for i in every]
+    if not any(slides):
+        return
+    shifts = sorted(range(-reach, reach + 1), key=abs)
+    own = np.array([[_follows(p, g, i, i, k) for i in every] for k in shifts])
+    late = own[np.argmax(own.mean(axis=1))]
+    for i in (i for i in every if slides[i]):
+        follows = [_follows(p, g, i, j) for j in every]
+        j = int(np.argmax(follows))
+        if follows[j] > max(p.follows, late[i] / 0.9) and follows[i] < p.own:
+            values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
+            where = g.share[i] < p.share
+            yield s.found("axles-swapped", "warning", axles[i].speed, where, i, values)
+
+
+def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:
+    """How well changes of axle i's ω̇ while it slides go with the pressure of j, so much later.
+
+    0 where nothing tells; the shift is in steps of the grid.
+    """
+    change, release = _kink(_kink(g.rim[i])), np.full(g.rim.shape, np.nan)
+    kinks = -_kink(g.clamping)
+    n = len(change)
+    release[:, max(-shift, 0) : n - max(shift, 0)] = kinks[:, max(shift, 0) : n - max(-shift, 0)]
+    used = (g.share[i] < p.share) & np.isfinite(change) & np.isfinite(release).all(axis=0)
+    x, y = change[used], release[j][used]
+    if len(x) < p.samples or not np.ptp(x) or np.ptp(y) <= 0.2 * float(np.nanmax(g.clamping)):
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1])
+
+
+def _kink(x: Floats) -> Floats:
+    """Change from the sample before to the one behind, shape (..., n)."""
+    change = np.full(x.shape, np.nan)
+    change[..., 1:-1] = x[..., 2:] - x[..., :-2]
+    return change

@@ -1,0 +1,40 @@
+"""A train that for a while slows more, or less, than its pressure explains.
+
+The joint fit gives every piece of the log the gradient that would explain what the pressure of the
+stated vehicle does not. A gradient that no railway has is another brake or a wrong pressure.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Quantity
+from ...core.physics import G
+from ...dynamics.train_grid import Scene
+from ..registry import About
+
+ABOUT = About("Deceleration by the pressure", "force", 60)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    gradient: Annotated[float, Quantity("m/s²", "that no gradient has for long: 3.5 %", 0.0)] = 0.35
+    sigmas: Annotated[float, Quantity("-", "from that, so that it is no noise", 0.0)] = 1.0
+    lasts: Annotated[float, Quantity("s", "a turn of slide protection is shorter", 0.0)] = 3.0
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """Pieces with an impossible gradient; slower than explained is positive."""
+    g = s.grid
+    where, most = np.zeros(g.rim.shape[-1], dtype=np.bool_), 0.0
+    for begin, end, gradient in s.explanation.pieces:
+        sure = abs(gradient.value) - p.sigmas * gradient.tolerance > p.gradient
+        if sure and end - begin > p.lasts:
+            where[round(begin / g.step) : round(end / g.step) + 1] = True
+            most = max(most, -gradient.value, key=abs)
+    if where.any():
+        values = {"difference_mps2": most, "gradient_share": abs(most) / G}
+        yield s.found("deceleration-unexplained", "warning", s.axles[0].brake, where, 0, values)

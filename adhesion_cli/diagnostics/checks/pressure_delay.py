@@ -1,0 +1,28 @@
+"""A pressure that is delayed against the wheel speed, as the joint fit of the train finds it."""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+from ...core.finding import Finding, Severity
+from ...core.model import Z95, Quantity
+from ...dynamics.train_grid import Scene
+from ..registry import About
+
+ABOUT = About("Delay of the pressure", "delay", 10)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    warns: Annotated[
+        float, Quantity("s", "the force is wrong in every build-up; less is a valve's", 0.0)
+    ] = 0.25
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """The delay, if the fit is sure of one."""
+    delay = s.explanation.late
+    if delay.value:
+        values = {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
+        severity: Severity = "warning" if abs(delay.value) > p.warns else "info"
+        yield s.found("pressure-delay", severity, s.axles[0].brake, values=values)

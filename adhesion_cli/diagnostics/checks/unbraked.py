@@ -1,0 +1,53 @@
+"""A train that brakes while no cylinder has the pressure for it."""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Quantity
+from ...core.units import others
+from ...dynamics.train_grid import LEAST, Scene, largest, lasting
+from ..registry import About
+from .impossible_values import named
+
+ABOUT = About("Braking without pressure", "force", 50)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    least: Annotated[float, Quantity("m/s²", "no gradient slows a train as hard for long", 0.0)] = (
+        0.5
+    )
+    most: Annotated[float, Quantity("m/s²", "harder, the wheel slides", 0.0)] = 3.0
+    lasts: Annotated[float, Quantity("s", "no slide protection dumps a brake longer", 0.0)] = 3.0
+    alike: Annotated[
+        float, Quantity("-", "correlation of pressure and deceleration: a wrong unit", 0.0, 1.0)
+    ] = 0.9
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """Where the wheels slow without pressure."""
+    g, brake = s.grid, s.axles[0].brake
+    top = float(np.nanmax(g.pressure, initial=0.0))
+    alone = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
+    alone &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
+    long = lasting(alone, p.lasts, g)
+    if not long.any():
+        return
+    values = {"deceleration_mps2": float(np.median(g.braking[long]))}
+    likely = others(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
+    code = "brake-unknown"
+    if likely and _correlation(np.mean(g.pressure, axis=0), g.braking) > p.alike:
+        code, values = "pressure-unit-suspect", {**values, "peak_bar": top / 1e5}
+    yield s.found(code, "warning", brake, long, 0, values, {"units": named(likely)})
+
+
+def _correlation(x: np.ndarray, y: np.ndarray) -> float:
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[known], y[known]
+    if len(x) < LEAST or not np.ptp(x) or not np.ptp(y):
+        return 0.0
+    return float(np.corrcoef(x, y)[0, 1])

@@ -1,0 +1,77 @@
+"""Wheels that turn faster than the train, or slower though no brake holds them.
+
+A brake makes a wheel slower, only a motor makes it faster. Without a train speed, that of most
+wheels is one where none is braked. A wheel without brake is always as fast as the train, or
+differs by the same share all along, whatever its diameter.
+"""
+
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Bools, Floats, Quantity
+from ...dynamics.train_grid import CRAWL, Scene, far, lasting
+from ..registry import About
+
+ABOUT = About("Wheels that leave the train's speed", "wheels", 20)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    apart: Annotated[
+        float, Quantity("-", "of the train's speed: wear and creep are less", 0.0, 1.0)
+    ] = 0.05
+    apart_floor: Annotated[float, Quantity("m/s", "and at low speed this much", 0.0)] = 0.3
+    drift: Annotated[
+        float, Quantity("-", "of the train's speed, against the usual ratio of the wheel", 0.0, 1.0)
+    ] = 0.02
+    drift_floor: Annotated[float, Quantity("m/s", "and at low speed this much", 0.0)] = 0.15
+    lasts: Annotated[float, Quantity("s", "a wheel catches up faster after a slide", 0.0)] = 2.0
+    driven: Annotated[
+        float, Quantity("m/s²", "a train that gains more may be driven: wheels spin", 0.0)
+    ] = 0.1
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """One finding per axle that leaves the train's speed for a while."""
+    g = s.grid
+    reference, of_train = g.train, "the train"
+    if reference is None:
+        if len(s.axles) < 3:
+            return
+        free = np.all([far(K <= 0.0, g.half) for K in g.clamping], axis=0)
+        reference, of_train = np.where(free, np.median(g.rim, axis=0), np.nan), "the other axles"
+    for i, a in enumerate(s.axles):
+        released = far(g.clamping[i] <= 0.0, 2 * g.half)  # a wheel that slid has caught up
+        between = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
+        between += g.train_error  # of one that was integrated
+        off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
+        allowed = p.apart * reference + p.apart_floor + between
+        braked = np.isfinite(g.braking)  # not driven
+        where = lasting((off > allowed) & braked | (off < -allowed) & released, p.lasts, g)
+        if where.any():
+            share = float(np.median(off[where] / reference[where]))
+            code = "wheel-faster" if share > 0.0 else "wheel-slower-unbraked"
+            values, names = {"share": abs(share)}, {"reference": of_train}
+            yield s.found(code, "warning", a.speed, where, i, values, names)
+        elif g.train is not None:
+            yield from _drifts(p, s, i, released & braked, between)
+
+
+def _drifts(p: Params, s: Scene, i: int, free: Bools, between: Floats) -> Iterator[Finding]:
+    """A wheel that no brake holds and that has another ratio to the train than at other times."""
+    g = s.grid
+    assert g.train is not None
+    free = free & (g.train > CRAWL) & (g.slope(g.train) < p.driven)
+    if not free.any():
+        return
+    usual = float(np.median(g.rim[i][free] / g.train[free]))
+    off = g.rim[i] - usual * g.train
+    allowed = p.drift * g.train + p.drift_floor + between
+    where = lasting(free & (np.abs(off) > allowed), p.lasts, g)
+    if where.any():
+        values = {"share": float(np.median((off / g.train)[where]))}
+        yield s.found("wheel-speed-drift", "warning", s.axles[i].speed, where, i, values)

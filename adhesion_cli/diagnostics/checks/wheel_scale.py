@@ -1,0 +1,141 @@
+"""Wheel speeds that are always the same share of the train's: units and wheel diameters."""
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ...core.finding import Finding
+from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
+from ...core.units import UNITS, others
+from ...dynamics.train_grid import CRAWL, LEAST, Grid, Scene, far
+from ..registry import About
+from .impossible_values import named
+
+ABOUT = About("Units and diameters of the wheels", "wheels", 10)
+
+
+class Params(NamedTuple):
+    """Thresholds."""
+
+    sigmas: Annotated[
+        float, Quantity("-", "of the stated wheel radius: wear of 1 sound wheel of 400", 1.0)
+    ] = 3.0
+    floor: Annotated[float, Quantity("m/s", "by which two speeds that agree may differ", 0.0)] = (
+        0.05
+    )
+    unit: Annotated[
+        float, Quantity("-", "no wheel is as worn: another factor is a unit's", 1.0)
+    ] = 1.25
+
+
+def check(p: Params, s: Scene) -> Iterator[Finding]:
+    """Against the train's speed, else against the other axles'."""
+    axles, g = s.axles, s.grid
+    floor = p.floor + max(_rounding(a.speed, g.step, s.vehicle) for a in axles)
+    if axles[0].train is not None:
+        floor += axles[0].train.step / 3.0
+    for i in range(len(axles)):
+        reference = _reference(g, i)
+        if reference is None:
+            continue
+        scale = 1.0 / _kept_share(g, i)
+        if not 1.0 / p.unit < scale < p.unit:
+            yield _unit(s, i, scale)
+        elif (scale := _scale(p, s, i, reference, floor)) != 1.0:
+            yield _unit(s, i, scale) if not 0.8 < scale < 1.25 else _diameter(s, i, scale)
+
+
+def _reference(g: Grid, i: int) -> Floats | None:
+    """What axle i is compared with (n,) [m/s]; None where there is nothing."""
+    if g.train is not None:
+        return g.train
+    if len(g.rim) > 2:
+        return np.asarray(np.median(g.rim, axis=0))
+    return g.rim[1] if len(g.rim) == 2 and i == 0 else None
+
+
+def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> float:
+    """The reference over this axle's speed, 1 where they agree or nothing is clear."""
+    g = s.grid
+    fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), CRAWL)
+    used = fast & np.isfinite(g.rim[i]) & (g.rim[i] > CRAWL)
+    if used.sum() < LEAST:
+        return 1.0
+    scale = float(np.median(reference[used] / g.rim[i][used]))
+    left = float(np.median(np.abs(reference[used] - scale * g.rim[i][used])))
+    R = s.vehicle.radius(s.axles[i].record.axle)
+    worn = 0.0 if g.train is not None else 1.0 / (len(g.rim) - 1)  # the others are, too
+    allowed = max(p.sigmas * R.tolerance / R.value * math.sqrt(1.0 + worn), 0.005)
+    differs = abs(scale - 1.0)
+    if left > floor or differs < allowed:
+        return 1.0
+    free = _free(g, i) & (reference > CRAWL) & (g.rim[i] > CRAWL)
+    if free.any():  # an unbraked wheel does not slide
+        differs = min(differs, 2.0 * abs(float(np.median(reference[free] / g.rim[i][free])) - 1.0))
+    elif g.train is None and g.step > 0.5:  # a steady slide looks the same
+        return 1.0
+    clear = differs >= allowed and differs * float(np.nanmedian(reference)) >= 2.0 * floor
+    return scale if clear else 1.0
+
+
+def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
+    """What is left of a wheel speed's quantisation in the mean over a step of the grid [m/s]."""
+    interval = 1.0 / speed.rate_hz if speed.rate_hz else 0.0
+    rim = max(r.value for r in vehicle.wheel_radius) * speed.coarsest
+    return rim * min(1.0, interval / step) / 2.0
+
+
+def _free(g: Grid, i: int) -> Bools:
+    """Where a wheel is not braked, nor was within half a second, shape (n,)."""
+    return far(g.clamping[i] <= 0.0, g.half)
+
+
+def _kept_share(g: Grid, i: int) -> float:
+    """The share of the train's speed that a wheel keeps to, 1 where it keeps to none.
+
+    A wheel without brake rolls. A braked one does where it keeps to one share again and again, the
+    highest such share: one that slides all the time wanders and keeps to none.
+    """
+    if g.train is None:
+        return 1.0
+    fast = g.train > max(0.3 * float(np.nanmax(g.train, initial=0.0)), CRAWL)
+    fast &= g.rim[i] > CRAWL / 10.0
+    share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
+    second = max(3, round(1.0 / g.step))
+    free = share[fast & _free(g, i)]
+    if len(free) >= second:
+        return float(np.median(free))
+    some = np.sort(share[np.isfinite(share)])
+    near = np.searchsorted(some, 1.03 * some) - np.searchsorted(some, 0.97 * some)
+    kept = some[near >= max(second, LEAST, len(some) // 5)]
+    return float(kept[-1]) if len(kept) else 1.0
+
+
+def _against(s: Scene) -> dict[str, str]:
+    return {"reference": "the other axles" if s.grid.train is None else "the train speed"}
+
+
+def _unit(s: Scene, i: int, scale: float) -> Finding:
+    """A wheel speed of another unit than stated, or a train speed."""
+    a = s.axles[i]
+    units = others(a.speed, s.vehicle, lambda x: 0.87 < x / scale < 1.15)
+    found = [f"speed in {u}" for u in units]
+    if s.grid.train is not None and a.train:
+        units = others(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
+        found += [f"train_speed in {u}" for u in units]
+    names = {**_against(s), "units": named(found)}
+    return s.found(
+        "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
+    )
+
+
+def _diameter(s: Scene, i: int, scale: float) -> Finding:
+    """A wheel of another diameter than stated, or than the logger takes it for."""
+    a, values = s.axles[i], {"factor": 1.0 / scale}
+    unit, code = UNITS.get(a.speed.unit.strip().lower()), "wheel-diameter-in-logger"
+    if unit is None or unit.dimension != "speed":
+        code = "wheel-diameter"
+        values["diameter_m"] = 2.0 * scale * s.vehicle.radius(a.record.axle).value
+    return s.found(code, "warning", a.speed, None, i, values, _against(s))

@@ -1,0 +1,53 @@
+"""What a check is, and which ones there are.
+
+A check is a file in `diagnostics/checks/`; its name is the file's. The file holds
+
+- `ABOUT`, of the type here;
+- `Params`, a NamedTuple of every threshold; each field has a default and is annotated
+  `Annotated[float, Quantity(unit, text, low, high)]`, and the text says why;
+- `check(p, scene) -> Iterator[Finding]`, which changes nothing.
+
+A file whose name starts with `_` is a helper of checks.
+"""
+
+import importlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..core.finding import Finding
+from ..dynamics.train_grid import Scene
+
+
+class About(NamedTuple):
+    """What a check looks for, and which checks it comes after.
+
+    Of each group, the checks after the first one that warns are not run: they would report the
+    same error again by what follows from it.
+    """
+
+    title: str
+    group: str
+    rank: int  # place within the group
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """One check, as found in its file."""
+
+    name: str
+    about: About
+    Params: type[Any]
+    check: Callable[[Any, Scene], Iterator[Finding]]
+
+
+@cache
+def registry() -> Mapping[str, Check]:
+    """Every check by name, in the order in which they run."""
+    found = []
+    for path in Path(__file__).with_name("checks").glob("[!_]*.py"):
+        module = importlib.import_module(f"{__package__}.checks.{path.stem}")
+        found.append(Check(path.stem, module.ABOUT, module.Params, module.check))
+    return {c.name: c for c in sorted(found, key=lambda c: (c.about.group, c.about.rank))}
