@@ -18,6 +18,7 @@ from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import controller, estimator, methods, units
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
+from adhesion_cli.diagnostics.registry import registry
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
 from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
@@ -108,6 +109,10 @@ def settings_page() -> str:
             for name, m in (*estimator.registry().items(), *controller.registry().items())
             if m.Params._fields
         ),
+        *(
+            f"## [{c.name}]\n\n{c.about.title}.\n\n{_table(_of_method(c))}"
+            for c in registry().values()
+        ),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"
 
@@ -186,7 +191,7 @@ def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:
         yield f"`{name}`", f"{value:g}" if isinstance(value, float) else str(value), q
 
 
-def _of_method(m: methods.Method) -> Iterator[tuple[str, str, Quantity]]:
+def _of_method(m: methods.Tunable) -> Iterator[tuple[str, str, Quantity]]:
     for name, q, default in methods.parameters(m):
         yield f"`{name}`", f"{default:g}", q
 

@@ -91,7 +91,7 @@ def analyze(  # noqa: PLR0913
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
-    records, findings = plausible.records(log, vehicle, axles, window)
+    records, findings = plausible.records(log, vehicle, axles, window, settings.checks)
     if train_speed and all(r.train_speed is None for r in records):
         every = plausible.records(log, vehicle, (), window)[0] if axles else records
         records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())

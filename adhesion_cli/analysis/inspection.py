@@ -86,7 +86,8 @@ def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
         severity = "warning"  # where all of what is needed is lost
         full = without_empty(replace(log, channels=meant))
         severity = "info"
-        return [*findings, *full.findings, *plausible.records(full, settings.vehicle)[1]]
+        checked = plausible.records(full, settings.vehicle, params=settings.checks)
+        return [*findings, *full.findings, *checked[1]]
     except UserError as error:
         remedy = [part for part in error.hint.split("; ") if "`adhesion inspect" not in part]
         return [Finding("not-analysable", severity, "; ".join([error.text, *remedy]))]

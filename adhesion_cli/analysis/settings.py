@@ -21,6 +21,7 @@ from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.methods import Method
 from ..core.model import Parameter, Quantity, Vehicle, quantities
+from ..diagnostics.registry import registry
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, checked
 
@@ -64,6 +65,7 @@ class Settings:
     Attributes:
         overrides: parameters as stated, by name of estimator, of controller, and of "slope": in
             the loop, the slope has other defaults.
+        checks: thresholds of every check of the diagnostics, by its name.
     """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -73,6 +75,9 @@ class Settings:
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
+    checks: dict[str, Any] = field(
+        default_factory=lambda: {name: c.Params() for name, c in registry().items()}
+    )
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
@@ -143,6 +148,7 @@ def tree(
         plain[f.name] = of if len(of) > 1 else of[0]
     out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
     out |= {"slope": settings.slope._asdict(), "bands": settings.bands._asdict()}
+    out["diagnostics"] = {name: p._asdict() for name, p in settings.checks.items()}
     for est in algos:
         out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
     return out | _of_log(settings, axles, window)
@@ -242,16 +248,17 @@ def _halved(value: Any) -> Any:
 
 
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
-    registry: dict[str, Method] = {**estimator.registry(), **controller.registry()}
-    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", *registry]
+    registered: dict[str, Method] = {**estimator.registry(), **controller.registry()}
+    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", "diagnostics"]
+    sections += registered
     overrides: dict[str, dict[str, float]] = {}
     for key, value in tree.items():
         if key not in sections:
             raise unknown("setting", key, [*sections, *_vehicle_keys()])
         _table_of(key, value)
-        if key in registry:
+        if key in registered:
             overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
-            methods.validated(registry[key], overrides[key])
+            methods.validated(registered[key], overrides[key])
     if slope := _checked("slope", tree, Params, _floats(Params)):
         overrides["slope"] = slope
     vehicle = tree.get("vehicle", {})
@@ -271,7 +278,20 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         Params(**slope),
         checked(Bands(**_checked("bands", tree, Bands, _floats(Bands))), "bands"),
         overrides,
+        _thresholds(tree.get("diagnostics", {})),
     )
+
+
+def _thresholds(stated: dict[str, Any]) -> dict[str, Any]:
+    """The thresholds of every check: its defaults and what `[diagnostics.CHECK]` states."""
+    known = registry()
+    given: dict[str, dict[str, float]] = {}
+    for name, value in stated.items():
+        if name not in known:
+            raise unknown("check", f"diagnostics.{name}", [f"diagnostics.{k}" for k in known])
+        table = _table_of(f"diagnostics.{name}", value)
+        given[name] = {k: _number(f"diagnostics.{name}.{k}", v) for k, v in table.items()}
+    return {name: methods.validated(c, given.get(name, {})) for name, c in known.items()}
 
 
 def _checked(

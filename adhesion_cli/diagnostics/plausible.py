@@ -22,9 +22,9 @@ def findings(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Find
     """
     found: list[Finding] = []
     warned: set[str] = set()
-    for check in registry().values():
+    for name, check in registry().items():
         if check.about.group not in warned:
-            own = list(check.check((params or {}).get(check.name, check.Params()), scene))
+            own = list(check.check((params or {}).get(name, check.Params()), scene))
             found += own
             warned |= {check.about.group for f in own if f.severity != "info"}
     return found

@@ -37,7 +37,7 @@ class About(NamedTuple):
 class Check:
     """One check, as found in its file."""
 
-    name: str
+    name: str  # as settings have it: "diagnostics.vehicle"
     about: About
     Params: type[Any]
     check: Callable[[Any, Scene], Iterator[Finding]]
@@ -49,5 +49,7 @@ def registry() -> Mapping[str, Check]:
     found = []
     for path in Path(__file__).with_name("checks").glob("[!_]*.py"):
         module = importlib.import_module(f"{__package__}.checks.{path.stem}")
-        found.append(Check(path.stem, module.ABOUT, module.Params, module.check))
-    return {c.name: c for c in sorted(found, key=lambda c: (c.about.group, c.about.rank))}
+        name = f"diagnostics.{path.stem}"
+        found.append(Check(name, module.ABOUT, module.Params, module.check))
+    found.sort(key=lambda c: (c.about.group, c.about.rank))
+    return {c.name.partition(".")[2]: c for c in found}

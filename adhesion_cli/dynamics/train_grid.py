@@ -152,11 +152,11 @@ class Line(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A stretch of rolling, and the gradient that would explain what the pressure does not."""
+    """What a stretch of the log says of one number."""
 
     begin: float  # seconds after the first time of the grid
     end: float
-    gradient: Parameter  # above 0 where it drives the train [m/s²]
+    value: Parameter
 
 
 class Explanation(NamedTuple):
@@ -165,7 +165,10 @@ class Explanation(NamedTuple):
     late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
     line: Line | None  # None where it is as stated
     either: bool = False  # it is one of both, and nothing says which
-    pieces: tuple[Piece, ...] = ()  # by the vehicle as stated
+    # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
+    # where it drives the train [m/s²]; and the train's response to each change of the pressure [-].
+    pieces: tuple[Piece, ...] = ()
+    responses: tuple[Piece, ...] = ()
 
 
 class Scene(NamedTuple):

@@ -128,3 +128,17 @@ def test_one_channel_for_all_axles_gives_way_to_one_per_axle() -> None:
     Path("c.toml").write_text('[channels]\nspeed."axle 2" = {channel = "w", unit = "rad/s"}\n')
     (m,) = settings.load(Path("c.toml")).mappings
     assert (m.axle, m.channel, m.unit) == (2, "w", "rad/s")
+
+
+def test_thresholds_of_checks_are_settings() -> None:
+    s = settings.load(assignments=["diagnostics.vehicle.sigmas=5"])
+    assert s.checks["vehicle"].sigmas == 5.0
+    assert s.checks["pressure_zero"] == settings.load().checks["pressure_zero"]
+    again = settings.load(base=settings.tree(s, []))
+    assert again.checks == s.checks
+    with pytest.raises(UserError, match=r"diagnostics\.vehicel"):
+        settings.load(assignments=["diagnostics.vehicel.sigmas=5"])
+    with pytest.raises(UserError, match="sigmas"):
+        settings.load(assignments=["diagnostics.vehicle.sigmas=0.1"])
+    with pytest.raises(UserError, match="sigma"):
+        settings.load(assignments=["diagnostics.vehicle.sigma=5"])

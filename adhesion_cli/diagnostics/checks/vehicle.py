@@ -60,7 +60,7 @@ class _Line(NamedTuple):
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Another factor, unit or offset, and whether a delay would explain the same."""
-    late, line, either, _ = s.explanation
+    late, line, either, *_ = s.explanation
     if line is None:
         if not late.value:
             yield from _by_level(p, s)
