@@ -19,7 +19,7 @@ class Field:
     path: str = ""  # place inside the message, "" in a CSV: "value", "pose.x", "position[1]"
     label: str = ""  # a name the log itself gives the element, as JointState's `name` does
     # long layouts: the device or axle this series was split off by, in the log's words; MCAP: the
-    # reader's own name for one of several channels on one topic, which says nothing else
+    # reader's own name for one of several channels on one topic
     group: str = ""
     unit: str = ""  # as the log states it in a units row, a `unit` field or metadata; "" if silent
     unit_from: str = ""  # where that stood
@@ -36,11 +36,13 @@ class ReadOptions:
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
-    time_unit: str | None = None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, told
-    time_source: TimeSource | None = None  # MCAP; None: decided, told
-    group_channel: str | None = None  # CSV column that tells devices or axles apart (long layout)
+    time_unit: str | None = (
+        None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, in a finding
+    )
+    time_source: TimeSource | None = None  # MCAP; None: decided, in a finding
+    group_channel: str | None = None  # CSV column that separates devices or axles
     group_equals: str | None = None  # keep only these rows of it
-    header: bool | None = None  # CSV: whether there is a header row; None: decided, told
+    header: bool | None = None  # CSV: whether there is a header row; None: decided
     delimiter: str | None = None
     decimal: str | None = None
     encoding: str | None = None

@@ -1,6 +1,6 @@
 """Text cells of a block as numbers, exact decimals and time stamps, all rows at once.
 
-Every function takes an Arrow array of shape (n,) that is null where a cell says nothing.
+Every function takes an Arrow array of shape (n,) that is null where a cell has no value.
 """
 
 import re
@@ -28,10 +28,10 @@ def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np
     Args:
         array: float64 or text.
         decimal: decimal mark of the text.
-        unit: may stand behind each number of the text.
+        unit: may follow each number of the text.
 
     Returns:
-        float64 values, NaN where there is none, and the state of each cell; both of shape (n,).
+        float64 values, NaN where the cell is no number, and states; both of shape (n,).
     """
     if pa.types.is_floating(array.type):
         value = array.to_numpy(zero_copy_only=False)
@@ -53,7 +53,7 @@ def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np
 
 
 def is_missing(array: Any) -> Bools:
-    """Which cells say nothing, shape (n,)."""
+    """Which cells have no value, shape (n,)."""
     if pa.types.is_string(array.type):
         return _says_nothing(pc.utf8_trim_whitespace(array))
     if pa.types.is_floating(array.type):

@@ -48,7 +48,7 @@ class Clock:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).
 
         Args:
-            arrays: the clock's columns, of one of `types`, nulls where a cell says nothing.
+            arrays: the clock's columns, of one of `types`, nulls where a cell has no value.
         """
         array = arrays[0]
         if pa.types.is_timestamp(array.type):

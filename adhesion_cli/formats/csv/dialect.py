@@ -41,7 +41,7 @@ class Dialect:
     width: int  # cells of each data row, one more than `names` where rows end in a delimiter
     names: tuple[str, ...]  # one per column, distinct: the header text, else "column N"
     parts: tuple[tuple[str, ...], ...]  # cells of each header row, for headers of several rows
-    units: tuple[str, ...]  # units row, "" where it says nothing
+    units: tuple[str, ...]  # units row, "" where a cell is empty
     duplicates: tuple[str, ...]  # header texts that stand above several columns
     headed: bool
     first_line: int  # line of the first data row, from 1

@@ -19,7 +19,7 @@ from .dialect import (
     uncommented,
 )
 from .head import Line, opens_quote
-from .header_words import is_signal_name, is_units_name, is_units_row, time_name
+from .header_words import SIGNAL, UNITS, is_named, is_units_row, time_name
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
@@ -67,7 +67,7 @@ class Header:
 
 
 def find_header(table: FirstRows, stated: bool | None) -> Header:
-    """The header; `stated` says whether there is one, None where nobody did.
+    """The header; `stated` says whether there is one, None where it is not stated.
 
     Raises:
         UserError: where there are no data rows.
@@ -200,7 +200,7 @@ def take_labelled(table: FirstRows) -> list[Row]:
     if any(cells[0] for cells in table.later()):
         return []
     rows = table.rows
-    head = next((i for i, (_, cells) in enumerate(rows) if is_signal_name(cells[0])), len(rows))
+    head = next((i for i, (_, cells) in enumerate(rows) if is_named(cells[0], SIGNAL)), len(rows))
     labelled = [(n, cells) for n, cells in rows[head + 1 :] if cells[0]]
     table.rows = [row for row in rows if row not in labelled]
     return labelled
@@ -210,7 +210,7 @@ def labelled_units(labelled: list[Row]) -> Row | None:
     """The row of units among rows that their first cell labels."""
     if any(cells[:2] == ["X_Columns", "Multi"] for _, cells in labelled):
         return None  # LabVIEW's with a time for each channel: the units have other places
-    return next(((n, cells) for n, cells in labelled if is_units_name(cells[0])), None)
+    return next(((n, cells) for n, cells in labelled if is_named(cells[0], UNITS)), None)
 
 
 def rows_above(table: FirstRows, top: int) -> tuple[tuple[int, int, str], ...]:

@@ -1,11 +1,9 @@
-"""Words by which a table's time column, group column and units row are known.
-
-Chinese, Dutch, English, French, German, Italian, Spanish. What the other columns mean is decided in
-`meaning`.
-"""
+"""How a table's time column, group column and units row are known by their words."""
 
 import re
+import tomllib
 import unicodedata
+from pathlib import Path
 
 NS_PER_UNIT = {
     "ns": 1,
@@ -16,61 +14,13 @@ NS_PER_UNIT = {
     "h": 3_600_000_000_000,
 }
 
-_UNIT_WORDS = {
-    "ns": "ns nsec nanos nanosecond nanoseconds nanosekunden 纳秒",
-    "us": "us µs μs usec micros microsecond microseconds mikrosekunden 微秒",
-    "ms": "ms msec millis millisecond milliseconds millisekunden 毫秒",
-    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes secondi seconden 秒",
-    "min": "min mins minute minutes minuten 分 分钟",
-    "h": "h hr hrs hour hours stunde stunden 小时",
-}
-_UNIT = {_word: unit for unit, words in _UNIT_WORDS.items() for _word in words.split()}
-
-# Names in the order in which they are preferred; compared without case, spaces, "_", "-", ".".
-_TIME = (
-    "time timestamp zeit zeitstempel 时间 时间戳 datetime dateandtime datetimestamp datumzeit "
-    "datumuhrzeit datumundzeit 日期时间 elapsed elapsedtime reltime relativetime timerel "
-    "timeelapsed timesincestart logtime logtimestamp recordtime recordingtime systemtime systime "
-    "sampletime samplingtime timeutc utctime utc utctimestamp timestamputc localtime timelocal "
-    "unixtime unixtimestamp epoch epochtime posixtime ts tstamp stamp clock uptime "
-    "messzeit messzeitpunkt aufzeichnungszeit relativzeit laufzeit uhrzeit zeitpunkt systemzeit "
-    "temps tempo tijd tijdstempel tijdstip tiempo horodatage "
-    "采样时间 测量时间 记录时间 采集时间 相对时间 系统时间 运行时间 时刻 gpstime utcgpstime gpsutc "
-    "gpstimestamp timeaxis zeitachse millis micros milliseconds microseconds seconds sekunden "
-    "timestamps xvalue t excel exceltime exceldate matlabtime datenum serialdate"
-).split()
-_DATE = (
-    "date datum fecha 日期 day tag recorddate logdate messdatum localdate utcdate 测量日期".split()
-)
-_CLOCK = (
-    "time uhrzeit zeit heure ora hora tijd tijdstip 时间 timeofday clock localtime utctime utc 时刻"
-).split()
-_GROUP = (
-    "axle axleid axleno axlenr axlenumber axleindex axlenum wheelset wheelsetid wheelsetno wheel "
-    "wheelid device deviceid deviceno unit unitid vehicle vehicleid car carid carno bogie bogieid "
-    "train trainid sensor sensorid node nodeid source id "
-    "achse achsnr achsnummer achsid radsatz radsatznr rad gerät gerätenr geräteid fahrzeug "
-    "fahrzeugid fahrzeugnr wagen wagennr drehgestell "
-    "essieu asse eje wielstel "
-    "轴 轴号 轴位 车轴 车轴号 轮对 轮对号 设备 设备号 设备id 车号 车厢 车厢号 转向架"
-).split()
-_SIGNAL = (
-    "signal signalname signalid channel channelname channelid variable variablename parameter "
-    "parametername param tag tagname quantity measurement measurand name topic "
-    "kanal kanalname messgröße messgroesse größe messkanal variablenname bezeichnung messstelle "
-    "信号 信号名 信号名称 通道 通道名 通道名称 变量 变量名 参数 名称 测点"
-).split()
-_UNITS_NAME = (
-    "unit units einheit einheiten unité unités unità eenheid unidad yunitlabel unitstring 单位"
-).split()
-_COUNTER = "index idx i n no nr number row rownumber sample samples samplenumber count counter seq sequence record frame line id zeile lfdnr nummer 序号 编号 行号".split()  # noqa: E501
-
-_UNITS_ROW = frozenset(
-    "s sec ms msec us μs ns min h d bar mbar kpa mpa pa hpa psi km/h kmh kph m/s mph rpm 1/min "
-    "tr/min giri/min omw/min km/u "
-    "u/min min-1 min^-1 rad/s 1/s hz khz kn n nm v mv a ma w kw % ‰ ° deg rad °c c degc k m mm cm "
-    "km g kg t l m/s2 m/s² m/s^2 1 - -- bool enum text string utc iso counts imp pulses "
-    "秒 毫秒 千帕 兆帕 帕 巴 公里/小时 千米/小时 米/秒 转/分 牛 千牛 无".split()
+_WORDS = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("utf-8"))
+_UNIT = {word: unit for unit, words in _WORDS["time_units"].items() for word in words.split()}
+_TIME: list[str] = _WORDS["time"].split()
+_UNITS_ROW = frozenset(_WORDS["units_row"].split())
+DATE, CLOCK, GROUP, SIGNAL, UNITS, COUNTER = (
+    frozenset(_WORDS[kind].split())
+    for kind in ("date", "clock", "group", "signal", "units", "counter")
 )
 
 
@@ -119,34 +69,9 @@ def speaks_of_time(header: str) -> bool:
     return any(word in _TIME for word in words)
 
 
-def is_date_name(header: str) -> bool:
-    """Whether a header names the date half of a date and time pair."""
-    return normal(header) in _DATE
-
-
-def is_clock_name(header: str) -> bool:
-    """Whether a header names the time-of-day half of a date and time pair."""
-    return normal(header) in _CLOCK
-
-
-def is_group_name(header: str) -> bool:
-    """Whether a header names a device or an axle, as long tables have."""
-    return normal(header) in _GROUP
-
-
-def is_signal_name(header: str) -> bool:
-    """Whether a header says that the cells below name what another column holds."""
-    return normal(header) in _SIGNAL
-
-
-def is_units_name(header: str) -> bool:
-    """Whether a header says that the cells below are units."""
-    return normal(header) in _UNITS_NAME
-
-
-def is_counter_name(header: str) -> bool:
-    """Whether a header names a row counter, which rises like a time and is none."""
-    return normal(header) in _COUNTER
+def is_named(header: str, words: frozenset[str]) -> bool:
+    """Whether a header is one of the words."""
+    return normal(header) in words
 
 
 def is_units_row(cells: list[str]) -> bool:

@@ -1,7 +1,7 @@
-"""The bytes of a text log: its head, and the whole of it in blocks that end where a row ends.
+"""The bytes of a text log: its head, its last rows, and all of it in blocks of whole rows.
 
-Blocks are UTF-8 with line feeds whatever the file is (UTF-16, GBK, carriage returns, gzip), so
-that the parser sees one form and lines can be counted.
+Blocks are UTF-8 with line feeds, also where the file is UTF-16 or GBK, is compressed or has
+carriage returns. So the parser sees one form, and lines can be counted.
 """
 
 import codecs
@@ -28,9 +28,10 @@ _TAIL_ROWS = 300
 _MAX_LINE = 16 << 20
 _MAX_QUOTED = 1 << 20  # bytes and lines of one quoted cell; beyond, the quote is taken to be stray
 _MAX_QUOTED_LINES = 100
+_DAMAGE = (EOFError, gzip.BadGzipFile, zlib.error)
 _LAST = 2_000  # bytes before the last row, by which it is known to be whole
 _FEW = 5  # of them, at least
-_MAX_TEXT = 2_000  # bytes of a row that are told
+_MAX_TEXT = 2_000  # bytes of a row in the list of rejects
 
 
 @dataclass(slots=True)
@@ -120,7 +121,7 @@ class Lines:
                 if delimiter == " ":
                     data = _single_blanks(data[:cut])
                     cut = len(data)
-                elif quotes:  # the parser knows a quote only right behind the delimiter
+                elif quotes:  # the parser knows a quote only right after the delimiter
                     data = data[:cut].replace(delimiter.encode() + b' "', delimiter.encode() + b'"')
                     cut = len(data)
                 self._last = data[max(0, cut - _LAST) : cut]
@@ -207,7 +208,7 @@ class Lines:
                 raise UserError(
                     f"{self.path}: the quote opened in line "
                     f"{line + data.count(10, 0, m.start())} does not close",
-                    "mend the quotes in that line",
+                    "correct the quotes in that line",
                 )
             if not closed:
                 last = m.start()
@@ -244,28 +245,29 @@ class Lines:
                     yield chunk
             self._source = None
             return
-        total = 0
-        parts: list[bytes] = []
+        total, parts, size = 0, [], 0
+        for more in chain(self._unpacked(), [b""]):
+            total, size = total + len(more), size + len(more)
+            if total > self.max_inflated:
+                limit = self.max_inflated
+                shown = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
+                raise UserError(
+                    f"{self.path}: inflates to more than {shown}",
+                    f"if the log is trusted, raise the limit: --set csv.max_unpacked={8 * limit}",
+                )
+            parts.append(more)
+            if not more or size >= _BLOCK:
+                yield b"".join(parts)
+                parts, size = [], 0
+
+    def _unpacked(self) -> Iterator[bytes]:
+        """What a gzip file holds before its end, or before damage."""
         with gzip.open(self.path) as file:
-            more = b"-"
-            while more:
-                try:
-                    more = file.read1(_BLOCK)
-                except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-                    self.damage, more = str(error), b""
-                total += len(more)
-                if total > self.max_inflated:
-                    limit = self.max_inflated
-                    shown = f"{limit >> 20} MiB" if limit >= 1 << 20 else f"{limit} bytes"
-                    raise UserError(
-                        f"{self.path}: inflates to more than {shown}",
-                        "if the log is trusted, raise the limit: --set csv.max_unpacked="
-                        f"{8 * limit}",
-                    )
-                parts.append(more)
-                if not more or sum(map(len, parts)) >= _BLOCK:
-                    yield b"".join(parts)
-                    parts.clear()
+            try:
+                while more := file.read1(_BLOCK):
+                    yield more
+            except _DAMAGE as error:
+                self.damage = str(error)
 
 
 def count(data: bytes, size: int, byte: int) -> int:
@@ -276,9 +278,9 @@ def count(data: bytes, size: int, byte: int) -> int:
 
 
 def _without_holes(rows: bytes) -> bytes:
-    """The rows with a lone NUL, too few cells for any table, in place of each row that has one.
+    """The rows, each row with NUL bytes replaced by a lone NUL.
 
-    What is left of such a row on both sides of the hole need not belong together.
+    A lone NUL has too few cells for any table. The two ends of such a row may be of two rows.
     """
     kept = []
     at = 0
@@ -328,7 +330,7 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
         else:
             with path.open("rb") as file:
                 head = file.read(HEAD_BYTES + 1)
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+    except _DAMAGE as error:
         raise UserError(f"{path}: gzip data are damaged: {error}", "fetch the file again") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
@@ -354,14 +356,10 @@ def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
 
 def _read_until_damage(file: Any) -> bytes:
     head = b""
-    while len(head) <= HEAD_BYTES:
-        try:
-            more = file.read1(HEAD_BYTES + 1 - len(head))
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            if not head:
-                raise
-            break
-        if not more:
-            break
-        head += more
+    try:
+        while len(head) <= HEAD_BYTES and (more := file.read1(HEAD_BYTES + 1 - len(head))):
+            head += more
+    except _DAMAGE:
+        if not head:
+            raise
     return head

@@ -1,4 +1,4 @@
-"""Long tables: rows of several devices, axles or signals by turns, told apart by key columns."""
+"""Long tables: interleaved rows of several devices, axles or signals, separated by key columns."""
 
 import re
 from collections import Counter
@@ -16,7 +16,7 @@ from ...core.finding import Finding
 from ...core.model import Floats, Times
 from ..source import ReadOptions
 from .dialect import Dialect, is_null
-from .header_words import is_group_name, is_signal_name, is_units_name, is_units_row
+from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
 from .time_column import column_index, listed, toml
 
 Key = tuple[str, ...]  # cells of the key columns
@@ -36,17 +36,14 @@ class Series:
 
     @property
     def title(self) -> str:
-        """As people are told it."""
-        return (
-            f"{self.signal} ({self.group})"
-            if self.signal and self.group
-            else (self.signal or self.group)
-        )
+        """As messages name it."""
+        both = self.signal and self.group
+        return f"{self.signal} ({self.group})" if both else self.signal or self.group
 
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """The columns that tell the series of a long table apart; none in a wide one."""
+    """The columns that separate the series of a long table; none in a wide one."""
 
     columns: tuple[int, ...] = ()
     series: dict[Key, Series] = field(default_factory=dict)  # those that are read
@@ -56,12 +53,12 @@ class Keys:
 def find_keys(
     dialect: Dialect, taken: Sequence[int], options: ReadOptions, survey: Survey, path: Path
 ) -> Keys:
-    """Finds the columns that tell series apart: stated, or known by their name and contents.
+    """Finds the columns that separate series: stated, or known by their name and contents.
 
     Args:
         dialect: with the head's rows.
         taken: columns that are the time.
-        options: `group_channel` and `group_equals` beat what the names suggest.
+        options: `group_channel` and `group_equals` have priority over names.
         survey: reads columns of the whole file: times, the number of each row's key, the keys.
         path: for messages.
 
@@ -83,7 +80,7 @@ def find_keys(
 def _stated(
     dialect: Dialect, named: list[int], options: ReadOptions, survey: Survey, path: Path
 ) -> Keys:
-    """The stated column's series; those of its one value may be told apart by further columns."""
+    """The series of the stated column. Further columns may separate those of its one value."""
     i = column_index(dialect, options.group_channel or "", path)
     name, equals = dialect.names[i], options.group_equals
     t, codes, keys = survey((i,))
@@ -116,27 +113,28 @@ def _stated(
 
 
 def _is_key(dialect: Dialect, i: int) -> bool:
-    """Whether a column may tell series apart, by its name and its cells in the head."""
+    """Whether a column may separate series, by its name and its cells in the head."""
     name, cells = dialect.names[i], dialect.column(i)
-    known = is_group_name(name) or is_signal_name(name) or _holds_units(dialect, i)
-    few = len(set(cells)) <= (_MAX_GROUPS if is_group_name(name) else _MAX_SIGNALS)  # no row number
+    known = is_named(name, GROUP) or is_named(name, SIGNAL) or _holds_units(dialect, i)
+    most = _MAX_GROUPS if is_named(name, GROUP) else _MAX_SIGNALS
+    few = len(set(cells)) <= most  # a column that numbers the rows has more
     return dialect.headed and known and few and len(cells) > len(dialect.rows) / 2
 
 
 def _holds_units(dialect: Dialect, i: int) -> bool:
-    return is_units_name(dialect.names[i]) and is_units_row(list(set(dialect.column(i))))
+    return is_named(dialect.names[i], UNITS) and is_units_row(list(set(dialect.column(i))))
 
 
 def _limit(dialect: Dialect, columns: tuple[int, ...]) -> int:
-    signals = any(is_signal_name(dialect.names[i]) for i in columns)
+    signals = any(is_named(dialect.names[i], SIGNAL) for i in columns)
     return _MAX_SIGNALS if signals else _MAX_GROUPS
 
 
 def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict[Key, Series]:
-    """What each key stands for: as few of its cells as tell the series apart."""
+    """What each key stands for: as few of its cells as separate the series."""
     places = range(len(columns))
     unit = next((p for p in places if _holds_units(dialect, columns[p])), None)
-    signal = next((p for p in places if is_signal_name(dialect.names[columns[p]])), unit)
+    signal = next((p for p in places if is_named(dialect.names[columns[p]], SIGNAL)), unit)
     group = [p for p in places if p not in (unit, signal)]
     apart = [p for p in places if p not in group]
     for p in reversed(group):
@@ -165,7 +163,7 @@ def _long_layout(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, S
 
 
 def _is_long(t: Times, codes: NDArray[np.int64], groups: int, limit: int) -> bool:
-    """Whether keys tell several series apart that share one table."""
+    """Whether keys separate several series that share one table."""
     if not 2 <= groups <= limit:
         return False
     order = np.argsort(codes, kind="stable")
@@ -182,8 +180,7 @@ def _is_long(t: Times, codes: NDArray[np.int64], groups: int, limit: int) -> boo
 def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
     """A finding where rows of several devices seem to be interleaved.
 
-    A column of few values that keeps changing, while the others run smoothly only within one of
-    its values.
+    A column of few values keeps changing. The other columns are smooth only within each of them.
     """
     rows = dialect.rows
     number = dialect.number()

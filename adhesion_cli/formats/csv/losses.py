@@ -39,7 +39,7 @@ class Losses:
 
     Args:
         dialect: with the lines before the first row.
-        rejects: remembers each row and cell, None where nobody asks for them.
+        rejects: remembers each row and cell; None where the user does not want them.
     """
 
     def __init__(self, dialect: Dialect, rejects: Rejects | None) -> None:
@@ -101,7 +101,7 @@ class Losses:
         Args:
             part: the block.
             keep: its rows that are used.
-            before: time of the last used row [ns], None where there is none yet.
+            before: time of the last used row [ns]; None before the first.
         """
         t = part.times[keep]
         if before is None and not len(t):

@@ -113,8 +113,8 @@ class Parser:
     def _sieved(self, block: Block) -> tuple[Block, dict[str, Rows], Rows | None]:
         """The block without rows of another width, those, and which rows of the block are left.
 
-        The parser asks about each of them, which takes as long as a hundred sound ones. Those that
-        may be blank, comments or holes are left to it; None where the block is as it was.
+        The parser asks about each of them, which takes as long as a hundred sound rows. It gets
+        only those that may be blank, comments or holes. None where the block is as it was.
         """
         text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
         width = self.dialect.width
@@ -213,7 +213,7 @@ class Parser:
         )
 
     def _demote(self, block: Block, error: str, tried: dict[int, Any]) -> None:
-        """Sets the next type of the column whose cells do not fit; raises where there is none."""
+        """Sets the next type of the column whose cells do not fit; raises after the last type."""
         found = re.search(r"CSV column #(\d+)", error)
         i = int(found[1]) if found else -1
         if i in tried and i in self.types and self.types[i][0] is not tried[i]:

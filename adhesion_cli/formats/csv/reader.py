@@ -1,7 +1,7 @@
-"""Delimited text logs: what they hold, and what is told of their rows and cells.
+"""Delimited text logs: their fields, their columns, and findings about their rows and cells.
 
-`sniff` decides the dialect and `clock` the time, `longtable` which rows belong together; `scan`
-reads the wanted columns.
+`sniff` decides the dialect, `time_column` the time, `long_table` which rows belong together.
+`rows` reads the wanted columns.
 """
 
 import re
@@ -40,7 +40,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
 
     Args:
         path: the log.
-        options: what the user stated; it beats what the head of the file suggests.
+        options: what the user stated; it has priority over what the file suggests.
 
     Raises:
         UserError: where the file is no such table, or can be read in more than one way.
@@ -114,7 +114,7 @@ class CsvSource:
             self._report(found)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
-        """What the columns of numbers hold of each series, and which of both it is."""
+        """Each column of numbers once for each series, with the numbers of series and column."""
         places = {}
         for k, series in enumerate(self._series):
             for i in numeric:
@@ -185,7 +185,7 @@ class CsvSource:
         return out
 
     def _refuse_time(self, t: Times) -> None:
-        """Refuses times that never change, or fall all the time, or are hours and minutes, too."""
+        """Refuses times that never change, always fall, or are hours and minutes."""
         i = self._clock.columns[-1]
         name, cells = self._dialect.names[i], self._dialect.column(i)
         if self._clock.is_packed(t, cells):
@@ -210,7 +210,7 @@ class CsvSource:
         return read.times, read.codes, read.met
 
     def _is_numeric(self, i: int) -> bool:
-        """Whether a column holds numbers, in the head or, where that is words, near the end."""
+        """Whether a column holds numbers: in the head, or else near the end of the file."""
         if i in self._table.units:
             return True
         cells = self._dialect.column(i)
@@ -271,7 +271,7 @@ class CsvSource:
 
 
 def _unit_in(cells: list[str], decimal: str) -> str:
-    """The unit that stands behind the number in most of a column's cells, "" where none does."""
+    """The unit after the number in most of a column's cells, "" where there is none."""
     number = re.compile(rf"(?:{number_grammar(decimal).pattern})\s*([^\s\d].*)")
     found = Counter(m[1] for c in cells if (m := number.fullmatch(c)))
     ((unit, n),) = found.most_common(1) or [("", 0)]
@@ -279,7 +279,7 @@ def _unit_in(cells: list[str], decimal: str) -> str:
 
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:
-    """The refusal of a table whose columns nobody named, with the mapping to write."""
+    """The refusal of a table without names of columns, with the mapping to write."""
     if dialect.above:
         return UserError(
             f"{path}: the rows from line {dialect.first_line} on have no header, and those above, "

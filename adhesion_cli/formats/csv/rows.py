@@ -18,12 +18,12 @@ from ..source import ReadOptions
 from . import arrow as pc
 from .clock import Clock
 from .dialect import Dialect, is_null
-from .judge import Judge
 from .lines import Lines
 from .long_table import Key
 from .losses import Losses
 from .parse import Parser, Part
 from .rejects import Rejects
+from .row_filter import RowFilter
 
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
@@ -59,7 +59,7 @@ class Table:
         lines = Lines(self.path, self.dialect, self.options.max_unpacked)
         rejects = Rejects(lines, self.dialect.names) if self.options.rejects else None
         losses = Losses(self.dialect, rejects)
-        judge = Judge(self.path, self.dialect, self.clock, losses, bool(keys))
+        rows = RowFilter(self.path, self.dialect, self.clock, losses, bool(keys))
         groups = _Groups(keys, wanted, losses)
         parser = Parser(
             self.path, self.dialect, self.clock, self.types, self.units, indices, keys
@@ -67,7 +67,7 @@ class Table:
         kept = _Kept([_T, _SERIES] if keys else [_T], indices, self.expected)
         for part in _parts(lines, parser):
             losses.parsed(part)
-            keep = judge.used(part)
+            keep = rows.used(part)
             codes = groups.codes(part, keep)
             losses.cells_of(part, keep)
             losses.timed(part, keep, kept.last)

@@ -4,7 +4,7 @@ import json
 import math
 import re
 import statistics
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,10 +20,11 @@ from ..source import ReadOptions
 from .clock import SCALE, SERIALS, Clock, backwards
 from .dialect import Dialect, is_null
 from .header_words import (
+    CLOCK,
+    COUNTER,
+    DATE,
     NS_PER_UNIT,
-    is_clock_name,
-    is_counter_name,
-    is_date_name,
+    is_named,
     speaks_of_time,
     time_name,
     time_unit,
@@ -222,7 +223,11 @@ class _Search:
         if not all(_numeric(dialect, k) for k in unread):
             return None  # the time is there, in a form that is not known
         for i in columns:
-            if is_counter_name(dialect.names[i]) or _measured(dialect, i) or not _rises(dialect, i):
+            if (
+                is_named(dialect.names[i], COUNTER)
+                or _measured(dialect, i)
+                or not _rises(dialect, i)
+            ):
                 continue
             if self.unit is None and _counts(dialect, i) and not _says_time(dialect, i):
                 continue
@@ -235,7 +240,7 @@ class _Search:
         cells, name = self.dialect.column(i), self.dialect.names[i]
         if not cells:
             return None
-        dated = self.unit in ("iso", "dmy", "mdy") or (self.unit is None and is_date_name(name))
+        dated = self.unit in ("iso", "dmy", "mdy") or (self.unit is None and is_named(name, DATE))
         if _numeric(self.dialect, i) and not (dated and _share(cells, r"[12][0-9]{7}") == 1):
             clock = _NumberClock(self, i, why).clock()
         else:
@@ -315,7 +320,7 @@ def _named(dialect: Dialect, i: int) -> tuple[int, str | None] | None:
     for text in (dialect.names[i], *(cells[i] for cells in reversed(dialect.parts))):
         if found := time_name(text):
             return found
-    return (1000, None) if is_date_name(dialect.names[i]) else None
+    return (1000, None) if is_named(dialect.names[i], DATE) else None
 
 
 def _measured(dialect: Dialect, i: int) -> bool:
@@ -533,12 +538,12 @@ def _stamp_clock(search: _Search, i: int, why: str) -> Clock | None:
     date_only = bool(form) and _share(cells, _ANY_DATE) >= _READABLE
     clock_only = not form and _share(cells, _ANY_CLOCK) >= _READABLE
     if date_only:
-        partner = _partner(dialect, i, i + 1, is_clock_name, _ANY_CLOCK)
+        partner = _partner(dialect, i, i + 1, CLOCK, _ANY_CLOCK)
         if partner is None:
             return None
         columns = [i, partner]
     elif clock_only:
-        partner = _partner(dialect, i, i - 1, is_date_name, _ANY_DATE)
+        partner = _partner(dialect, i, i - 1, DATE, _ANY_DATE)
         if partner is not None:
             columns = [partner, i]
             form = _date_form(dialect.column(partner), search.unit)
@@ -548,10 +553,10 @@ def _stamp_clock(search: _Search, i: int, why: str) -> Clock | None:
 
 
 def _partner(
-    dialect: Dialect, i: int, next_to: int, named: Callable[[str], bool], pattern: str
+    dialect: Dialect, i: int, next_to: int, words: frozenset[str], pattern: str
 ) -> int | None:
     """The column with the other half of date and time: by name, else the neighbour."""
-    order = [k for k, n in enumerate(dialect.names) if k != i and named(n)]
+    order = [k for k, n in enumerate(dialect.names) if k != i and is_named(n, words)]
     order += [next_to] if 0 <= next_to < len(dialect.names) else []
     return next((k for k in order if _share(dialect.column(k), pattern) >= _READABLE), None)
 

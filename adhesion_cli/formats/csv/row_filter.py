@@ -1,4 +1,4 @@
-"""Which rows of a block belong to the table: they have a time, and stand above any other header."""
+"""Which rows of a block are used: they have a time and are above any other header."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +19,8 @@ _BRACKETS = "[](){}<> "
 
 
 @dataclass(slots=True)
-class Judge:
-    """Judges the blocks of one pass in their order."""
+class RowFilter:
+    """Filters the rows of the blocks of one pass, in their order."""
 
     path: Path
     dialect: Dialect
@@ -30,7 +30,7 @@ class Judge:
     ended: bool = False  # by a header of other columns
 
     def used(self, part: Part) -> Bools:
-        """Which rows have a time and are of this table; counts the others by class.
+        """Which rows have a time and belong to this table; counts the others by class.
 
         Raises:
             UserError: where fractions of a second lack their leading zeros.
@@ -48,9 +48,9 @@ class Judge:
         return ok
 
     def _refuse_unpadded(self, part: Part, ok: Bools) -> None:
-        """Refuses times that fall as those without leading zeros, which the head may not show.
+        """Refuses fractions of a second without leading zeros, which the head may not show.
 
-        They fall once a second: a few falls of each block are looked at.
+        Such times fall once a second: a few falls of each block are looked at.
         """
         t = part.times
         falls = np.flatnonzero((t[1:] < t[:-1]) & ok[1:] & ok[:-1])
@@ -101,7 +101,7 @@ class Judge:
         spans = part.places(rows)
         first = np.frombuffer(part.block.data, np.uint8)[spans[:, 0]]
         two_cells = spans[:, 1] - spans[:, 0] > 2
-        seen = set()  # a row need not be judged twice
+        seen = set()  # a row need not be looked at twice
         for k in np.flatnonzero(two_cells & ~np.isin(first, list(b"+-.0123456789"))):
             start, end = spans[k, :2]
             if (raw := part.block.data[start:end]) in seen:
