@@ -77,7 +77,7 @@ def inspect(
 
 
 def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
-    """What only the channels together show, as a frozen speed; or why there is no record."""
+    """What only the channels together show, as a stuck speed; or why there is no record."""
     severity: Severity = "info"
     try:
         chosen, findings = needed(source, settings.mappings)
@@ -89,5 +89,5 @@ def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
         checked = plausible.records(full, settings.vehicle, params=settings.checks)
         return [*findings, *full.findings, *checked[1]]
     except UserError as error:
-        remedy = [part for part in error.hint.split("; ") if "`adhesion inspect" not in part]
-        return [Finding("not-analysable", severity, "; ".join([error.text, *remedy]))]
+        names = {"reason": error.text.rstrip("."), "hint": error.hint}
+        return [Finding("not-analysable", severity, names=names)]

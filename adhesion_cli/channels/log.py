@@ -69,7 +69,7 @@ def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:
     log = _log(source, list(meant), [], as_logged)
     full = tuple(c for c in log.channels if c.data.valid.any())
     if not full:
-        hint = f"`adhesion inspect {log.path}` shows why"
+        hint = f"see the findings of `adhesion inspect {log.path}`"
         raise UserError(f"{log.path}: no channel holds a number", hint)
     empty = [
         Finding("empty-channel", "info", channel=c.title)
@@ -134,7 +134,7 @@ def _refuse_empty(log: Log, c: Channel) -> None:
     coarse = next((f for f in log.findings if f.code == "time-coarse"), None)
     if coarse and coarse.hint:
         raise UserError(f"{text}: {coarse.message.rstrip('.')}", coarse.hint)
-    raise UserError(text, f"`adhesion inspect {log.path}` shows why")
+    raise UserError(text, f"see the findings of `adhesion inspect {log.path}`")
 
 
 def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meaning]) -> None:

@@ -548,7 +548,8 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     done = run("inspect", "c.csv", "--json")
     (told,) = json.loads(done.stdout)["logs"][0]["findings"]
     assert told["code"] == "not-analysable"
-    assert "unknown unit 'furlong'; state it" in told["message"]
+    assert "unknown unit 'furlong'" in told["names"]["reason"]
+    assert "[channels]" in told["hint"]
 
 
 @pytest.mark.parametrize(
