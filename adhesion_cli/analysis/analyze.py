@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..channels.log import read
-from ..core import compiled, estimator, physics, signals
+from ..core import compiled, estimator, physics
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.finding import Finding, Severity
-from ..core.model import Z95, AxleRecord, AxleResult, Bools, Reference, Result, Vehicle, quantities
+from ..core.finding import Finding
+from ..core.model import Z95, AxleRecord, AxleResult, Reference, Result, Vehicle, quantities
+from ..core.time_axis import spans_of
 from ..diagnostics import plausible
 from ..evaluation import metrics
 from ..formats.open import open_source
@@ -19,13 +20,8 @@ from ..rail import slip
 from ..records import axle_records
 from ..reference import force
 from . import settings as settings_module
+from .axle_findings import of_axle
 from .settings import Settings
-
-_HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
-_BRAKED = 0.05  # of the highest K: less is no braking
-_SURELY = 0.99  # so likely, and a speed is the mean since the last one
-_FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not stand out from rounding
-_SLIGHT = 0.02  # of the highest φK: as little is an error of what the model leaves out
 
 
 def chosen(algos: Sequence[str]) -> list[Estimator]:
@@ -52,7 +48,7 @@ def checked(settings: Settings) -> Settings:
     return settings
 
 
-def analyze(  # noqa: PLR0913
+def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     path: Path,
     load: Callable[..., Settings],
     algos: Sequence[str] = (),
@@ -124,11 +120,8 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
             named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
     if not named:
         return []
-    text = (
-        f"{', '.join(named)}: as of the paper's vehicle, and every force goes by them; state yours "
-        "in [vehicle] of a TOML given with -c, or by --set vehicle.NAME=VALUE, where they differ"
-    )
-    return [Finding("vehicle-assumed", "info", text)]
+    shown = {"parameters": ", ".join(named)}
+    return [Finding("vehicle-default", "info", count=len(named), names=shown)]
 
 
 def _axle(
@@ -145,7 +138,7 @@ def _axle(
         for e in estimators
     }
     applications = metrics.applications(record)
-    findings = _told(record, vehicle, ref, applications, start_ns)
+    findings = list(of_axle(record, vehicle, ref, applications, start_ns))
     lost = [s for s in applications if _drowned(ref, s)]
     if lost:
         ref, refused = _refused(record, ref, lost, start_ns)
@@ -175,96 +168,10 @@ def _refused(
     force, sigma, tolerance = (c.copy() for c in (ref.force, ref.sigma, ref.tolerance))
     for s in lost:
         force[s] = sigma[s] = tolerance[s] = np.nan
-    text = (
-        "the noise of the force (95 %) exceeds the force in this many brake applications: no value "
-        "there; log the wheel speed with more pulses per turn, less noise or a higher rate"
-    )
-    first = (int(record.t[lost[0].start]) - start_ns) / 1e9
-    told = Finding("reference-noise", "warning", text, f"axle {record.axle}", len(lost), first)
-    return replace(ref, force=force, sigma=sigma, tolerance=tolerance), told
-
-
-def _told(
-    record: AxleRecord,
-    vehicle: Vehicle,
-    ref: Reference,
-    applications: Sequence[slice],
-    start_ns: int,
-) -> list[Finding]:
-    """What must be said about one axle's result."""
-    findings: list[Finding] = []
-
-    def tell(code: str, severity: Severity, message: str, where: Bools) -> None:
-        if count := int(where.sum()):
-            first = (int(record.t[np.argmax(where)]) - start_ns) / 1e9
-            findings.append(Finding(code, severity, message, f"axle {record.axle}", count, first))
-
-    turning = np.zeros(len(record), dtype=np.bool_)
-    for run in signals.moving(record):
-        turning[run] = True
-    text = "the wheel stands: no reference there, friction is anything up to φK"
-    tell("standstill", "info", text, ~turning)
-    driven = signals.driven(record, vehicle.radius(record.axle).value)
-    text = (
-        "the wheel gains speed without brake: a motor drives it, whose torque (1) does not know; "
-        "no reference there"
-    )
-    tell("traction", "info", text, driven)
-    short = turning & ~driven & ~np.isfinite(ref.force)
-    lost = any(short[s].any() and turning[s].all() for s in record.segments)
-    text = "segments too short for the reference: no value there"
-    if not lost:
-        text = "the wheel turns for too few samples between two stands: no reference there"
-    tell("no-reference", "warning" if lost else "info", text, short)
-    if ref.runout:
-        text = (
-            f"the speed errs by up to {100.0 * ref.runout:.2g} % once per turn, as by a tone ring "
-            "that is not centred: taken out for the reference, estimators see it as logged"
-        )
-        findings.append(Finding("wheel-runout", "info", text, f"axle {record.axle}"))
-    if ref.averaged > _SURELY:
-        text = (
-            "the speed follows the brake half an interval late, as of a sensor that averages since "
-            "its last reading or counts its pulses' period: placed there for the reference, "
-            "estimators see it as logged"
-        )
-        findings.append(Finding("speed-averaged", "info", text, f"axle {record.axle}"))
-    if ref.pulses < _FEW:
-        text = (
-            f"the counter gives {ref.pulses:.1f} pulses in the 0.1 s in which a slide may change: "
-            "slides may not show, and the noise of the force is that of a wheel that rolls; "
-            "log more pulses per turn"
-        )
-        findings.append(Finding("few-pulses", "warning", text, f"axle {record.axle}"))
-    if not applications:
-        text = "no brake application found: estimators are not scored"
-        findings.append(Finding("no-application", "info", text, f"axle {record.axle}"))
-    begins = np.zeros(len(record), dtype=np.bool_)
-    begins[[s.start for s in metrics.started(record, applications)]] = True
-    text = (
-        "the log, or what follows a gap, begins in mid-brake: estimators start there from nothing, "
-        f"their first {metrics.START_UP:g} s are not scored"
-    )
-    tell("started-braked", "info", text, begins)
-    force, surely = np.nan_to_num(np.abs(ref.force)), np.nan_to_num(np.abs(ref.force) - ref.half)
-    highest = float(physics.coefficient(force, vehicle).max(initial=0.0))
-    text = f"adhesion coefficient up to {highest:.1f}: units or vehicle parameters are wrong"
-    high = (physics.coefficient(force, vehicle) > 1.0) | (
-        physics.coefficient(surely, vehicle) > _HIGHEST
-    )
-    tell("implausible", "warning", text, high)
-
-    # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
-    K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
-    most = float(K.max(initial=0.0))
-    driving = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
-    driving &= (_BRAKED * most < K) & ~high
-    slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
-    locks = slowing > physics.LOCKING
-    for where, sensor in (
-        (driving & locks, "the wheel-speed sensor drops out"),
-        (driving & ~locks, "the pressure sensor reads too little or too late, or another brake"),
-    ):
-        text = f"the wheel slows harder than its brake makes it even without adhesion: {sensor}"
-        tell("implausible", "warning", text, where)
-    return findings
+    found = Finding(
+        "reference-noise", "warning", channel=f"axle {record.axle}", count=len(lost),
+        spans=spans_of(
+            record.t[[s.start for s in lost]], record.t[[s.stop - 1 for s in lost]], start_ns
+        ),
+    )  # fmt: skip
+    return replace(ref, force=force, sigma=sigma, tolerance=tolerance), found

@@ -78,7 +78,8 @@ def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
     def told(*stated: str) -> list[tuple[str, str]]:
         load = functools.partial(settings.load, None, stated)
         result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
-        return [(f.severity, f.message) for f in result.findings if f.code == "vehicle-assumed"]
+        found = [f for f in result.findings if f.code == "vehicle-default"]
+        return [(f.severity, f.names["parameters"]) for f in found]
 
     ((severity, text),) = told()
     assert severity == "info"

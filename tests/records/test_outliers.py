@@ -242,7 +242,7 @@ def test_the_force_around_a_drop_out_is_as_without_it(
     for at in (6.0, 9.0):
         bad = simulated.put(bad, signal, 1, simulated.during(at, seconds), value)
     some, found, codes = force(bad)
-    assert none == ["vehicle-assumed"]
+    assert none == ["vehicle-default"]
     assert f"{signal.removeprefix('wheel_')}-spike" in codes
     there = np.isfinite(found)
     assert there.sum() > 0.9 * np.isfinite(clean).sum()

@@ -1,0 +1,103 @@
+"""What must be reported about one axle: where it has no value, and where it may be wrong."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..core import physics, signals
+from ..core.finding import Finding, Severity
+from ..core.model import AxleRecord, Bools, Reference, Vehicle
+from ..core.time_axis import spans_of
+from ..evaluation import metrics
+
+_HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
+_BRAKED = 0.05  # of the highest K: less is no braking
+_SURELY = 0.99  # probability from which a speed is an average since the last one
+_FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
+_SLIGHT = 0.02  # of the highest φK: as little is an error of the model
+
+
+def of_axle(
+    record: AxleRecord,
+    vehicle: Vehicle,
+    ref: Reference,
+    applications: Sequence[slice],
+    start_ns: int,
+) -> Iterator[Finding]:
+    """The findings of one axle.
+
+    Args:
+        record: the axle's record.
+        vehicle: its vehicle.
+        ref: its reference.
+        applications: its brake applications.
+        start_ns: the log's start, from which spans count [ns].
+    """
+    name = f"axle {record.axle}"
+    masks = {**_without_value(record, vehicle, ref), **_wrong(record, vehicle, ref)}
+    begins = np.zeros(len(record), dtype=np.bool_)
+    begins[[s.start for s in metrics.started(record, applications)]] = True
+    masks["started-braked"] = ("info", begins)
+    highest = float(physics.coefficient(np.nan_to_num(np.abs(ref.force)), vehicle).max(initial=0.0))
+    values = {
+        "started-braked": {"startup_s": metrics.START_UP},
+        "coefficient-too-high": {"coefficient": highest},
+    }
+    for code, (severity, mask) in masks.items():
+        if count := int(mask.sum()):
+            found = spans(record, mask, start_ns)
+            yield Finding(
+                code, severity, channel=name, count=count, spans=found, values=values.get(code, {})
+            )
+    if ref.runout:
+        yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
+    if ref.averaged > _SURELY:
+        yield Finding("speed-averaged", "info", channel=name)
+    if ref.pulses < _FEW:
+        yield Finding("few-pulses", "warning", channel=name, values={"pulses": ref.pulses})
+    if not applications:
+        yield Finding("no-application", "info", channel=name)
+
+
+def spans(record: AxleRecord, mask: Bools, start_ns: int) -> tuple[tuple[float, float], ...]:
+    """Where a mask of shape (n,) is true: from and to [s] after the log's start."""
+    runs = np.array(signals.true_runs(mask), dtype=np.int64).reshape(-1, 2)
+    return spans_of(record.t[runs[:, 0]], record.t[runs[:, 1] - 1], start_ns)
+
+
+def _without_value(
+    record: AxleRecord, vehicle: Vehicle, ref: Reference
+) -> dict[str, tuple[Severity, Bools]]:
+    """Where the reference has no value, by the reason."""
+    turning = np.zeros(len(record), dtype=np.bool_)
+    for run in signals.moving(record):
+        turning[run] = True
+    driven = signals.driven(record, vehicle.radius(record.axle).value)
+    short = turning & ~driven & ~np.isfinite(ref.force)
+    cut = any(short[s].any() and turning[s].all() for s in record.segments)
+    return {
+        "standstill": ("info", ~turning),
+        "traction": ("info", driven),
+        "no-reference" if cut else "turns-too-briefly": ("warning" if cut else "info", short),
+    }
+
+
+def _wrong(
+    record: AxleRecord, vehicle: Vehicle, ref: Reference
+) -> dict[str, tuple[Severity, Bools]]:
+    """Where the force is one that no rail and no brake gives."""
+    force, surely = np.nan_to_num(np.abs(ref.force)), np.nan_to_num(np.abs(ref.force) - ref.half)
+    high = physics.coefficient(force, vehicle) > 1.0
+    high |= physics.coefficient(surely, vehicle) > _HIGHEST
+    # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
+    K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
+    most = float(K.max(initial=0.0))
+    negative = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
+    negative &= (_BRAKED * most < K) & ~high
+    slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
+    locks = slowing > physics.LOCKING
+    return {
+        "coefficient-too-high": ("warning", high),
+        "speed-signal-loss": ("warning", negative & locks),
+        "force-negative": ("warning", negative & ~locks),
+    }
