@@ -5,11 +5,11 @@
     d = (1 − b)/(1 − b^(k+1)),  ε1 = ω̂(k+1|k+1) − ω̂(k|k) + h aφK
     F̂ ← (1 − d) F̂ + d ε1/(h a)
 
-Departures. As printed P only falls and the filter goes blind: process noise q lets it grow, q = 0
-is the printed filter. b and R are those of a step of 1 ms: over h the forgetting is b^(h/1 ms) and
-the noise R · 1 ms/h, so that the answer does not depend on the log's rate. The paper prints no R;
-it is the 10⁻⁵ of its noise here. G/h settles at √(q/(R · 1 ms)) = 32 1/s, which with the 19.5 ms
-of b is a damping of 0.4; more q is quicker and noisier. K is the mean over the step, as printed
+Departures. As printed, P only falls and the filter goes blind. Process noise q lets P grow; q = 0
+is the printed filter. b and R are those of a step of 1 ms. Over h the forgetting is b^(h/1 ms) and
+the noise R · 1 ms/h, so that the result does not depend on the log's rate. The paper gives no R;
+here it is the 10⁻⁵ of its noise. G/h settles at √(q/(R · 1 ms)) = 32 1/s, which with the 19.5 ms
+of b is a damping of 0.4; a larger q is faster and noisier. K is the mean over the step; printed is
 the value before it.
 """
 

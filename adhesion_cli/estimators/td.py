@@ -3,10 +3,10 @@
     dx1/dt = x2,  dx2/dt = fhan(x1 − y, x2, r, h0)                                  (4)
     F̂ = φK + x2/a                                                                   (5)
 
-Departures. The paper's filter step h0 is the sample interval, which makes noise and delay a
-matter of the log's rate; here it is a time of its own, x2 lags by 2 h0. (4) is integrated by the
-midpoint rule in steps of at most h0/4. The start is x1 = y; the paper's Table 2 can only be met
-with x1 = 0 (`from_zero`), its 1.52 s is the time x1 needs to come up to the wheel's speed.
+Departures. The paper's filter step h0 is the sample interval, so that noise and delay depend on
+the log's rate. Here it is a separate time; x2 lags by 2 h0. (4) is integrated by the midpoint rule
+in steps of at most h0/4. The start is x1 = y. The paper's Table 2 needs x1 = 0 (`from_zero`): its
+1.52 s is the time in which x1 reaches the wheel's speed.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What happens to a wheel, told alike of a log and of a stop in closed loop."""
+"""Slides and changes of region, of a log or of a stop in closed loop."""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -11,24 +11,23 @@ from ..core.stop import SLIDE
 from .slope import REGIONS
 
 CAUGHT = 0.01  # slip at which a slide is over
-_SHORT = 0.1  # a slide lasts longer [s]
-_LASTS = 0.5  # and so does a change of region that is an event [s]
+_SHORT = 0.1  # least duration of a slide [s]
+_LASTS = 0.5  # least duration of a region that is an event [s]
 
 
 class Slide(NamedTuple):
     """One slide of one axle, from `CAUGHT` to `CAUGHT` with more than `SLIDE` between.
 
-    On a train speed made of the axles it is at least that: where all slide, the train is faster; so
-    it is on one that may be late.
+    With an estimated or delayed train speed its numbers are lower bounds.
     """
 
     where: slice  # of the record
     start: int  # [ns]
     duration: float  # [s]
-    distance: float  # run by the train meanwhile [m]
+    distance: float  # of the train during the slide [m]
     max_slip: float  # [-]
     energy: float | None  # ∫ F (v − ωR) dt, heat and wear of tread and rail [J]; None without F
-    at_least: bool  # the train speed is made of the axles, or nothing tells how late it is
+    at_least: bool  # the train speed is estimated, or its delay is unknown
 
     def __str__(self) -> str:
         heat = "" if self.energy is None else f", {self.energy / 1e3:.1f} kJ"
@@ -37,7 +36,7 @@ class Slide(NamedTuple):
         return f"slide of {least}{text}{heat}"
 
 
-def slides(  # noqa: PLR0913
+def slides(  # noqa: PLR0913 (one column each)
     segment: slice, t: Times, v: Floats, s: Floats, clear: Floats, F: Floats, at_least: bool,
     noise: Floats | None = None,
 ) -> Iterator[Slide]:  # fmt: skip
@@ -48,10 +47,10 @@ def slides(  # noqa: PLR0913
         t: [ns].
         v: train speed [m/s].
         s: slip [-].
-        clear: slip less what may be its error.
+        clear: slip minus its possible error.
         F: adhesion force [N].
         at_least: as in `Slide`.
-        noise: of slip, that a slide is deeper than (n,); none if None.
+        noise: of slip; a slide must exceed it (n,).
     """
     for first, past in true_runs(clear[segment] > CAUGHT):
         where = slice(segment.start + first, segment.start + past)

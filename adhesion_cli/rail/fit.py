@@ -1,47 +1,33 @@
-"""What slides say of the rail: Polach's constants and the peak of the curve, each with an interval.
+"""The rail under slides: Polach's constants and the peak of the curve, each with an interval.
 
-[S2]: the curve (3) with the patent's friction law is laid by least squares through the s–μ points
-of the slides, and of what lies between them, where a wheel that was caught is on the rising flank.
-Unknown are f0, A, B, kA and kS, in logarithms or logits, as kS ≤ kA and A lies between 0 and 1; and
-the wheel's radius and the train speed's delay, whose errors are in every point. What is known of
-them beforehand, little of the constants, holds those that the points do not decide.
+[S2]: least squares fit the curve (3), with the patent's friction law, to the s–μ points of the
+slides and of the creep between them. Unknown are f0, A, B, kA and kS, as logarithms or logits, and
+the errors of wheel radius and train speed's delay, which all points share. Wide priors hold what
+the points do not decide.
 
-Noise is in both, s and μ. Where the curve is steep or bends, noise of s is not noise of μ about the
-curve: a point that is seen at s lay at s + N(0, σ_s), so it is compared with the mean of the curve
-there and weighed with its variance, by three nodes of Gauss and Hermite.
+Noise. Both s and μ have noise. A point measured at s lies at s + N(0, σ_s). It is compared with the
+mean of the curve there and weighted with its variance, by three nodes of Gauss and Hermite.
+Successive errors are correlated. Sums of errors over stretches of time show how many points are
+independent; more than `_INDEPENDENT` never count.
 
-Points follow one another in time and their errors with them: the squares of sums over stretches of
-time are larger than the sum of the squares, by as much fewer points are independent. The rail is
-not everywhere the same, and no rail is (3) exactly: more than `_INDEPENDENT` never count.
+Intervals come from draws: each is the best curve for other errors of the same size and correlation,
+and for other priors (randomised maximum likelihood). If the true μ is c times the computed one, f0,
+kA and kS are c times as large, and A and B are the same. So the vehicle's tolerances are applied to
+the draws afterwards.
 
-Intervals are from draws, each the best curve for other errors: of μ as large as those that are
-left, correlated as they are, of what is known beforehand as wide as it is (randomised maximum
-likelihood). Where constants exchange for one another the draws lie along the valley, and what the
-points do not decide keeps the width that it had. A true μ that is c times that computed has c f0,
-c kA and c kS, and the same A and B, exactly: the error by the vehicle's tolerances is put in
-afterwards.
+Other curves. A rail's curve may be (3) e^g. Here g is a sum of bumps in ln s and of terms in ln v,
+with weights of 1 sigma a: a is 0 or one of `_BENT`. Laplace's approximation gives the likelihood of
+each a, and each gets that share of the draws for the peak. The constants are those of (3).
 
-A rail's curve need not be (3). It may be (3) e^g, g a sum of bumps in ln s and of what goes with
-the speed, the weight of each 0 give or take a: a is 0, where the rail is (3), or one of `_BENT`.
-How likely the points make each a is by Laplace's approximation: what a bent curve gains beside the
-points has to outdo how much else it could have been. Each a has so large a share of the draws for
-the peak. The constants, and the rails to be run again, are of (3): of another rail they are those
-of the nearest one.
+Results. A constant is reported if its 95 % interval is narrower than a factor of `_TOLD`. So are
+slip and μ of the peak, at the median speed of the slides, if points lie beyond the peak. The slip
+also needs points before it; without them only an upper limit is reported. μ needs none before it if
+the rail is likely (3), as its friction law leads back to the peak. There is no fit if the residuals
+are too large, or if a step of μ at some time explains them: then the rail changed.
 
-A constant is told if its 95 % interval is narrower than a factor of `_TOLD`. So are slip and μ of
-the peak, at the slides' middle speed, if there are points beyond it. The slip must have points on
-both sides. μ needs none before it: friction that falls with sliding leads back to the peak's height
-where the flank is not seen, and then the slip is told to be less than so much; but nothing leads
-back where the rail is likelier not (3). Where no curve goes through the points, because the rail
-changed under the slides, there is no fit. A curve that may bend and go with the speed passes
-between two rails: nor is there one where a step of all μ, at some time, is clearly left beside it.
-
-Adhesion utilisation, a term of EN 15595 (whose text was not at hand), is here the mean over time of
-μ in the slides over that of the largest μ at the same speeds: the share that was used of what could
-have been. The curve goes through the points, so only their errors can bring it above 1. Radius and
-delay err in where a slide begins and ends, too: each draw has slides of its own.
-
-μ errs more where the brake turns between two readings of its pressure: `Points.swing`.
+Adhesion utilisation, a term of EN 15595 (its text was not at hand), is the mean μ of the slides
+over the mean of the largest μ at the same speeds. Radius and delay also change where a slide begins
+and ends, so each draw has its own slides.
 """
 
 import math
@@ -58,31 +44,31 @@ from .creep_law import CREEP_FROM, Condition, Contact, Patch, conditions, creep_
 from .events import CAUGHT
 
 _MOST = 400  # points of a fit
-SHORTEST = 8.0  # points of less time show no spread of errors [s]
-_STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be alike [s]
-_INDEPENDENT = 100.0  # points that count at most: no rail is everywhere the same
+SHORTEST = 8.0  # points of less time do not show the spread of errors [s]
+_STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be correlated [s]
+_INDEPENDENT = 100.0  # points that count at most: the rail varies from place to place
 _BENT = 0.06, 0.2, 0.6  # 1 sigma of a bump's weight, where the rail is not (3)
-_BUMP = 0.8  # between two bumps, about, and how wide each is [ln s]
-_TOLD = 3.0  # widest interval of a constant that is told, high over low
-# Before any point is seen, coded, around Polach's sets; 1 sigma of the logarithms.
+_BUMP = 0.8  # distance of two bumps, about, and width of each [ln s]
+_TOLD = 3.0  # widest interval of a constant that is reported, high over low
+# Prior, coded, around Polach's sets; 1 sigma of the logarithms.
 _USUAL = Condition(k_a=0.5, k_s=0.2, f0=0.1, A=0.4, B=0.3)
 _WIDE = 1.3, 1.3, 1.5, 1.3, 1.3
-_LEFT = 0.15  # largest rms beside the curve, over the largest μ
-_STEPPED = 0.1, 5.0  # least step of ln μ that is another rail, and the sigma that it is clear by
-_PIECE = 0.1  # share of the points at least on each side of it: fewer move no curve by much
+_LEFT = 0.15  # largest rms residual, over the largest μ
+_STEPPED = 0.1, 5.0  # least step of ln μ that is another rail, and its least number of sigma
+_PIECE = 0.1  # least share of the points on each side of the step
 _EVALUATIONS = 50
-_INSIDE = -12.0, 3.0  # unknowns beyond are no rail, and exponentials overflow
+_INSIDE = -12.0, 3.0  # range of the unknowns, in which exponentials do not overflow
 _CLOSE = 1e-4  # relative change at which a search ends
-_STEP = 1e-6  # of an unknown, for the curve's slope with it
+_STEP = 1e-6  # of an unknown, for the curve's derivative
 _DRAWS = 200
-_SPEEDS = 8  # at which the peak is found, for all
-_ENDS = 0.01, 0.98  # shares of the points that may lie outside of what they show
-_SLIPS = 1e-4, 1.0  # between which it is looked for
-_RMS = 0.02  # noise of μ that is expected, over the largest μ
+_SPEEDS = 8  # at which the peak is found
+_ENDS = 0.01, 0.98  # quantiles of slip between which the points show the curve
+_SLIPS = 1e-4, 1.0  # range of slip in which the peak is found
+_RMS = 0.02  # expected noise of μ, over the largest μ
 _NODES = (1.0 / 6.0, -math.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, math.sqrt(3.0))
-_CLEAR = 0.3  # noise of slip over slip: points with more tell little, and bend the curve
+_CLEAR = 0.3  # largest noise of slip over slip of a point that is used
 _CENTRE = (2.5, 97.5)
-_GRID, _HALVINGS = 60, 16  # steps that find a peak, and halvings of the last of them
+_GRID, _HALVINGS = 60, 16  # steps that find a peak, and halvings of the last one
 
 
 class Interval(NamedTuple):
@@ -94,31 +80,17 @@ class Interval(NamedTuple):
 
 
 class RailFit(NamedTuple):
-    """A rail as the slides show it.
+    """A rail as the slides show it."""
 
-    Attributes:
-        best: the likeliest curve; constants that cannot be told apart are only together right.
-        draws: rails that it may be: the fit's uncertainty, to be carried through.
-        scales: what each draw took for the true μ over the one computed; of one seed, the same for
-            every axle, as φ's error is.
-        told: the constants whose interval is narrow enough, by name.
-        below: slip below which μ is largest, at 97.5 %; None where no point is beyond it.
-        peak_slip: slip of the largest μ; None where the points do not show it.
-        peak_mu: that μ; None where the points do not show it.
-        utilisation: mean μ of the slides over the mean of the largest at the same speeds; None as
-            `peak_mu`.
-        speed: at which the peak stands [m/s].
-    """
-
-    best: Condition
-    draws: tuple[Condition, ...]
-    scales: tuple[float, ...]
-    told: dict[str, Interval]
-    below: float | None
-    peak_slip: Interval | None
+    best: Condition  # the likeliest curve; constants that cannot be separated hold only together
+    draws: tuple[Condition, ...]  # other rails that are likely: the uncertainty of the fit
+    scales: tuple[float, ...]  # true over computed μ, per draw; with one seed the same on all axles
+    told: dict[str, Interval]  # the constants whose interval is narrow enough, by name
+    below: float | None  # upper limit (97.5 %) of the peak's slip; None: no point is beyond it
+    peak_slip: Interval | None  # None where the points do not show it, as the next two
     peak_mu: Interval | None
     utilisation: Interval | None
-    speed: float
+    speed: float  # at which the peak is given [m/s]
 
 
 class Points(NamedTuple):
@@ -129,22 +101,31 @@ class Points(NamedTuple):
     slip: Floats
     mu: Floats
     noise: Floats  # σ_s, 1 sigma of the slip's noise
-    swing: Floats  # 1 sigma of μ, as far as the log knows it; larger where the brake changes
+    swing: Floats  # 1 sigma of μ by the reference; larger between two readings of a pressure
     clock: Floats  # 1 sigma of slip by the train speed's delay and drift, one error for all
     sliding: Bools  # the others lie between slides
 
 
 class Bend(NamedTuple):
-    """By what a rail's curve may differ from (3): of what g, the logarithm of that, is a sum."""
+    """The terms of g, the logarithm of a rail's curve over (3)."""
 
     bumps: Floats  # ln s of their tops, shape (bumps,)
     slip: float  # ln s and
-    speed: float  # ln v at which nothing goes with the speed
+    speed: float  # ln v at which the terms in ln v are 0
 
 
-# Places among the unknowns: of coded constants, then in sigma, then weights of what bends.
+class Setup(NamedTuple):
+    """What a curve is compared with, besides the unknowns."""
+
+    p: Points
+    patch: Patch
+    bend: Bend
+    radius: float  # 1 sigma of wheel radius over train speed, as a share of it
+
+
+# Index of each unknown: coded constants, radius and delay in sigma, weights of the terms of g.
 _K_A, _SHARE, _F0, _A, _B, _RADIUS, _DELAY, _WEIGHTS = range(8)
-_BY_SPEED = 2  # weights behind those of the bumps: all μ goes with the speed, and the more the slip
+_BY_SPEED = 2  # weights after those of the bumps: of ln v, and of ln v ln s
 
 
 def _rail(x: Floats) -> Condition:
@@ -154,7 +135,7 @@ def _rail(x: Floats) -> Condition:
 
 
 def _part(k: int, slip: float, speed: float, bend: Bend) -> float:
-    """What the weight k bends by."""
+    """The term of g with the weight k."""
     n, at = len(bend.bumps), math.log(max(slip, _SLIPS[0]))
     if k < n:
         far = (at - bend.bumps[k]) / (bend.bumps[1] - bend.bumps[0])
@@ -172,47 +153,44 @@ def _adhesion(slip: float, speed: float, x: Floats, patch: Patch, bend: Bend) ->
     return math.exp(g) * force / patch.load
 
 
-def _course(  # noqa: PLR0913
-    p: Points, patch: Patch, bend: Bend, radius: float, x: Floats, aside: float, mean: Floats,
-    variance: Floats,
-) -> None:  # fmt: skip
-    """Fills mean and variance of μ where each point may lie, and `aside` of it in slip."""
-    for i in range(len(p.slip)):
-        slip = _slip(p, radius, x, i) + aside
+def _course(of: Setup, x: Floats, aside: float, mean: Floats, variance: Floats) -> None:
+    """Fills mean and variance of μ over the noise of each point's slip, moved by `aside`."""
+    for i in range(len(of.p.slip)):
+        slip = _slip(of, x, i) + aside
         first, second = 0.0, 0.0
         for weight, far in _NODES:
-            mu = _adhesion(slip + far * p.noise[i], p.speed[i], x, patch, bend)
+            mu = _adhesion(slip + far * of.p.noise[i], of.p.speed[i], x, of.patch, of.bend)
             first += weight * mu
             second += weight * mu * mu
         mean[i], variance[i] = first, max(second - first * first, 0.0)
 
 
-def _slip(p: Points, radius: float, x: Floats, i: int) -> float:
+def _slip(of: Setup, x: Floats, i: int) -> float:
     """A point's slip without the errors of radius and delay."""
-    rolling = (1.0 - p.slip[i]) * (1.0 + radius * x[_RADIUS])
-    return float(1.0 - rolling + p.clock[i] * x[_DELAY])
+    rolling = (1.0 - of.p.slip[i]) * (1.0 + of.radius * x[_RADIUS])
+    return float(1.0 - rolling + of.p.clock[i] * x[_DELAY])
 
 
-def _slopes(p: Points, patch: Patch, bend: Bend, radius: float, x: Floats, slopes: Floats) -> None:
-    """Fills the slopes of the mean with each unknown, shape (n, unknowns); x is left as it is."""
-    n, aside = len(p.slip), _STEP * _SLIPS[0]
+def _slopes(of: Setup, x: Floats, slopes: Floats) -> None:
+    """Fills the derivatives of the mean by each unknown, shape (n, unknowns); x stays as it is."""
+    p, n, aside = of.p, len(of.p.slip), _STEP * _SLIPS[0]
     here, there, variance = np.empty(n), np.empty(n), np.empty(n)
-    _course(p, patch, bend, radius, x, 0.0, here, variance)
+    _course(of, x, 0.0, here, variance)
     for m in (_K_A, _SHARE, _A, _B):
         at = x[m]
         x[m] = at + _STEP
-        _course(p, patch, bend, radius, x, 0.0, there, variance)
+        _course(of, x, 0.0, there, variance)
         x[m] = at
         for i in range(n):
             slopes[i, m] = (there[i] - here[i]) / _STEP
-    _course(p, patch, bend, radius, x, aside, there, variance)
+    _course(of, x, aside, there, variance)
     for i in range(n):
         steep = (there[i] - here[i]) / aside
         slopes[i, _F0] = here[i] - slopes[i, _K_A]  # c f0, c kA and c kS make c μ
-        slopes[i, _RADIUS] = -steep * radius * (1.0 - p.slip[i])
+        slopes[i, _RADIUS] = -steep * of.radius * (1.0 - p.slip[i])
         slopes[i, _DELAY] = steep * p.clock[i]
         for k in range(len(x) - _WEIGHTS):
-            slopes[i, _WEIGHTS + k] = here[i] * _part(k, _slip(p, radius, x, i), p.speed[i], bend)
+            slopes[i, _WEIGHTS + k] = here[i] * _part(k, _slip(of, x, i), p.speed[i], of.bend)
 
 
 def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, found: Floats) -> None:
@@ -246,13 +224,13 @@ def _clear(points: Points) -> Bools:
 
 
 def _times(points: Points) -> Floats:
-    """Time that each point stands for [s], shape (n,)."""
+    """Time that each point represents [s], shape (n,)."""
     h = np.diff(points.t, append=points.t[-1:])
-    return np.minimum(h, 2.0 * np.median(h))  # not from slide to slide
+    return np.minimum(h, 2.0 * np.median(h))  # without the time between slides
 
 
 def enough(points: Points) -> bool:
-    """There is a slide, and time enough in which the slip stands out of its noise."""
+    """Whether there is a slide, and slip exceeds its noise for long enough."""
     if not points.sliding.any():
         return False
     return bool(_times(points)[_clear(points)].sum() >= SHORTEST)
@@ -261,73 +239,85 @@ def enough(points: Points) -> bool:
 def fit(
     points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, seed: int = 0
 ) -> RailFit | None:
-    """The rail under the points; None where there are too few, or no curve goes through them.
+    """The rail under the points; None where there are too few, or no curve fits them.
 
     Args:
         points: of slides and between them, without NaN.
-        vehicle: for the load; the contact is `rail.Contact`'s.
+        vehicle: for the load; the contact is `creep_law.Contact`'s.
         radius_error: 1 sigma of wheel radius over train speed, as a share of it.
         mu_error: 1 sigma of μ's scale over μ.
         seed: of the draws.
     """
-    patch = Contact().patch(vehicle.axle_mass.value * G)
     if not enough(points):
         return None
-    clear, h = _clear(points), _times(points)
-    some = np.flatnonzero(clear)[:: max(1, -(-int(clear.sum()) // _MOST))]
+    some = np.flatnonzero(_clear(points))
+    some = some[:: max(1, -(-len(some) // _MOST))]
     p = Points._make(column[some] for column in points)
-    level, n = max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6), len(some)
-    size = len(_WIDE) + 2
-    known, wide = np.zeros(size), np.ones(size)
-    known[:_RADIUS], wide[:_RADIUS] = _coded(_USUAL), _WIDE
-    low, high = np.quantile(p.slip, _ENDS).tolist()
-    bend = _bend(p, low, high)
-    search = _Search(p, patch, bend, radius_error, known, wide)
+    patch = Contact().patch(vehicle.axle_mass.value * G)
+    search = _search(Setup(p, patch, _bend(p), radius_error))
+    found = _best(search)
+    if found is None:
+        return None
+    best, sigma = found
+    random = np.random.default_rng(seed)
+    scales = np.exp(mu_error * random.standard_normal(_DRAWS))
+    weak = search._replace(weight=1.0 / math.sqrt(_alike(p.t, best.left)))
+    draws = np.array([weak.draw(sigma, best.x, random) for _ in range(_DRAWS)])
+    curves = _bent(search, sigma, draws, best.x, random)
+    if curves is None:
+        return None
+    for drawn in (draws, curves):
+        drawn[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
+    return _fitted(points, search.of, _rail(best.x), draws, curves, scales)
 
-    rough = search._replace(p=p._replace(noise=np.zeros(n)))
+
+def _best(search: "_Search") -> "tuple[_Found, float] | None":
+    """The best curve and the noise of μ; None where the residuals are too large."""
+    p = search.of.p
+    level = max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6)
+    rough = search._replace(of=search.of._replace(p=p._replace(noise=np.zeros(len(p.t)))))
     starts = [np.append(_coded(rail), (0.0, 0.0)) for rail in conditions().values()]
     ends = [rough.run(_RMS * level, x) for x in starts]
     sigma = min(f.rms for f in ends) * _RMS * level
     if sigma > _LEFT * level:
         return None
     best = max((search.run(sigma, f.x) for f in ends), key=lambda f: f.likely)
-    best = search.run(sigma, best.x)
-    weak = search._replace(weight=1.0 / math.sqrt(_alike(p.t, best.left)))
+    return search.run(sigma, best.x), sigma
 
-    random = np.random.default_rng(seed)
-    scales = np.exp(mu_error * random.standard_normal(_DRAWS))
-    draws = np.empty((_DRAWS, size))
-    for j in range(_DRAWS):
-        draws[j] = weak.draw(sigma, best.x, random)
-    curves = _bent(search, sigma, draws, best.x, random)
-    if curves is None:
-        return None
-    for drawn in (draws, curves):
-        drawn[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
-    rails = [_rail(x) for x in draws]
-    told = {}
-    for name in Condition._fields:
-        spread = _interval([getattr(rail, name) for rail in rails])
-        if _narrow(spread):
-            told[name] = spread
 
+def _fitted(
+    points: Points, of: Setup, best: Condition, draws: Floats, curves: Floats, scales: Floats
+) -> RailFit:
+    """What the draws show, shape (draws, unknowns): `draws` among curves (3), `curves` among all.
+
+    Args:
+        points: all points.
+        of: those that were fitted.
+        best: the likeliest curve.
+        draws: for the constants.
+        curves: for the peak.
+        scales: true over computed μ of each draw.
+    """
+    rails = tuple(_rail(x) for x in draws)
+    spreads = {n: _interval([getattr(rail, n) for rail in rails]) for n in Condition._fields}
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
     peaks = np.empty((_DRAWS, 1 + _SPEEDS, 2))
-    compiled.function(_peaks)(curves, patch, bend, np.append(speed, speeds), peaks)
+    compiled.function(_peaks)(curves, of.patch, of.bend, np.append(speed, speeds), peaks)
     at, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
+    low, high = np.quantile(of.p.slip, _ENDS).tolist()
     below = max(at.high, low)  # of less slip there are no points
     passed = below < high
-    # That friction falls as it does where it is seen is (3)'s: nothing leads back on a bent curve.
+    # Friction falls as it does in the slides on curves (3) only; other curves need points before.
     bent = curves[:, _WEIGHTS:].any(axis=1)
     blind = bent.mean() > 0.5 and 100.0 * np.mean(bent & (peaks[:, 0, 0] < low)) > _CENTRE[0]
     tall = passed and _narrow(mu) and not blind
-    used = _utilisation(points, h, curves, scales, radius_error, speeds, peaks[:, 1:, 1])
+    used = _utilisation(points, curves, scales, of.radius, speeds, peaks[:, 1:, 1])
     return RailFit(
-        _rail(best.x),
-        tuple(rails),
+        best,
+        rails,
         tuple(scales.tolist()),
-        told,
+        {n: x for n, x in spreads.items() if _narrow(x)},
         below if passed else None,
         at if passed and low < at.value and _narrow(at) else None,
         mu if tall else None,
@@ -336,24 +326,22 @@ def fit(
     )
 
 
-def _utilisation(  # noqa: PLR0913
-    p: Points, h: Floats, draws: Floats, scales: Floats, radius: float, speeds: Floats,
-    could: Floats,
-) -> Floats:  # fmt: skip
+def _utilisation(
+    p: Points, draws: Floats, scales: Floats, radius: float, speeds: Floats, could: Floats
+) -> Floats:
     """Mean μ of the slides over that of the largest at the same speeds, by each draw; (draws,).
 
-    A draw's radius and delay are other slips, and slides that begin and end elsewhere.
+    A draw's radius and delay change the slip, and where slides begin and end.
 
     Args:
         p: all points.
-        h: the time that each stands for [s].
         draws: unknowns, of each draw.
         scales: true μ over the computed one, of each draw.
         radius: 1 sigma, as a share of it.
         speeds: at which the largest μ is known [m/s].
-        could: that, shape (draws, speeds).
+        could: the largest μ, shape (draws, speeds).
     """
-    found = np.empty(len(draws))
+    found, h = np.empty(len(draws)), _times(p)
     for j, x in enumerate(draws):
         slip = 1.0 - (1.0 - p.slip) * (1.0 + radius * x[_RADIUS]) + p.clock * x[_DELAY]
         inside = np.zeros(len(h), dtype=np.bool_)
@@ -370,10 +358,10 @@ class _Found(NamedTuple):
     """The best curve of a search."""
 
     x: Floats  # the unknowns, shape (unknowns,)
-    left: Floats  # errors beside it, in sigma, shape (n,)
-    likely: float  # logarithm of how likely the points are on such curves, but for a constant
-    errors: Floats  # those as weighed and, behind, of what is known; shape (n + unknowns,)
-    slopes: Floats  # of these with the unknowns, shape (n + unknowns, unknowns)
+    left: Floats  # residuals, in sigma, shape (n,)
+    likely: float  # log evidence of the points on such curves, but for a constant
+    errors: Floats  # weighted residuals, then those of the prior; shape (n + unknowns,)
+    slopes: Floats  # derivatives of these by the unknowns, shape (n + unknowns, unknowns)
 
     @property
     def rms(self) -> float:
@@ -381,14 +369,11 @@ class _Found(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """Least squares of the errors beside the curve, and of what is known beforehand."""
+    """Least squares of the residuals and of the prior."""
 
-    p: Points
-    patch: Patch
-    bend: Bend
-    radius: float  # 1 sigma, as a share of it
-    known: Floats  # of the unknowns, shape (unknowns,)
-    wide: Floats  # 1 sigma of that
+    of: Setup
+    known: Floats  # prior of the unknowns, shape (unknowns,)
+    wide: Floats  # its 1 sigma
     weight: float = 1.0  # of a point's error
 
     def run(self, sigma: float, start: Floats, other: Floats | float = 0.0) -> _Found:
@@ -396,22 +381,22 @@ class _Search(NamedTuple):
 
         Args:
             sigma: of the noise of μ.
-            start: of the unknowns; the noise of slip weighs as the curve there makes noise of μ
-                of it. Weighed anew on the way, a curve that is steep or bent would be at its best.
-            other: errors taken to be in μ besides, in sigma of what a point weighs.
+            start: of the unknowns. The curve there turns noise of slip into noise of μ. New
+                weights at each iteration would favour steep and bent curves.
+            other: errors added to the residuals, in sigma.
         """
         from scipy.optimize import least_squares
 
         course, slopes = compiled.function(_course), compiled.function(_slopes)
-        what = self.p, self.patch, self.bend, self.radius
-        n, size = len(self.p.t), len(start)
+        of, p = self.of, self.of.p
+        n, size = len(p.t), len(start)
         mean, variance, by = np.empty(n), np.empty(n), np.empty((n, size))
-        course(*what, np.clip(start, *_INSIDE), 0.0, mean, variance)
-        noise = np.sqrt(sigma * sigma + self.p.swing**2 + variance)
+        course(of, np.clip(start, *_INSIDE), 0.0, mean, variance)
+        noise = np.sqrt(sigma * sigma + p.swing**2 + variance)
 
         def beside(x: Floats) -> Floats:
-            course(*what, np.clip(x, *_INSIDE), 0.0, mean, variance)
-            errors: Floats = (self.p.mu - mean) / noise
+            course(of, np.clip(x, *_INSIDE), 0.0, mean, variance)
+            errors: Floats = (p.mu - mean) / noise
             return errors
 
         def left(x: Floats) -> Floats:
@@ -419,7 +404,7 @@ class _Search(NamedTuple):
             return both
 
         def slope(x: Floats) -> Floats:
-            slopes(*what, np.clip(x, *_INSIDE), by)
+            slopes(of, np.clip(x, *_INSIDE), by)
             weighed = -self.weight * by / noise[:, None]
             both: Floats = np.concatenate([weighed, np.diag(1.0 / self.wide)])
             return both
@@ -434,14 +419,23 @@ class _Search(NamedTuple):
         return _Found(at, beside(found.x), likely, found.fun, found.jac)
 
     def draw(self, sigma: float, start: Floats, random: np.random.Generator) -> Floats:
-        """The unknowns of the best curve for other errors, as likely as those that are left."""
+        """The unknowns of the best curve for other errors, as likely as the residuals."""
         known = self.known + self.wide * random.standard_normal(len(start))
-        other = random.standard_normal(len(self.p.t))
+        other = random.standard_normal(len(self.of.p.t))
         return self._replace(known=known).run(sigma, start, other).x
 
 
-def _bend(p: Points, low: float, high: float) -> Bend:
-    """What can bend a curve with points from one slip to the other, and the flank before them."""
+def _search(of: Setup) -> _Search:
+    """The search among curves (3)."""
+    size = len(_WIDE) + 2
+    known, wide = np.zeros(size), np.ones(size)
+    known[:_RADIUS], wide[:_RADIUS] = _coded(_USUAL), _WIDE
+    return _Search(of, known, wide)
+
+
+def _bend(p: Points) -> Bend:
+    """The terms of g for these points: bumps over their slips, and one before."""
+    low, high = np.quantile(p.slip, _ENDS).tolist()
     count = max(1, round(math.log(high / low) / _BUMP))
     bumps = math.log(low) + math.log(high / low) / count * np.arange(-1.0, count + 1)
     return Bend(bumps, float(np.median(np.log(p.slip))), float(np.median(np.log(p.speed))))
@@ -450,28 +444,27 @@ def _bend(p: Points, low: float, high: float) -> Bend:
 def _bent(
     straight: _Search, sigma: float, draws: Floats, best: Floats, random: np.random.Generator
 ) -> Floats | None:
-    """Draws of the curve that the rail may have, be it (3) or not, shape (draws, unknowns).
-
-    None where the points are of two rails.
+    """Draws among all curves, (3) or not, shape (draws, unknowns); None for points of two rails.
 
     Args:
         straight: search among curves (3).
-        sigma: of the noise of μ beside them.
-        draws: of these curves, kept as far as the points make them likely.
+        sigma: of the noise of μ about them.
+        draws: of these curves; as many are kept as the points make likely.
         best: of these curves.
         random: for the others.
     """
-    more = np.zeros(len(straight.bend.bumps) + _BY_SPEED)
+    t = straight.of.p.t
+    more = np.zeros(len(straight.of.bend.bumps) + _BY_SPEED)
     searches = [straight]
     for weight in _BENT:
         known, wide = np.append(straight.known, more), np.append(straight.wide, more + weight)
         searches.append(straight._replace(known=known, wide=wide))
     start = np.append(best, more)
     sigma *= searches[-1].run(sigma, start).rms
-    weight = 1.0 / math.sqrt(_alike(straight.p.t, searches[-1].run(sigma, start).left))
+    weight = 1.0 / math.sqrt(_alike(t, searches[-1].run(sigma, start).left))
     searches = [of._replace(weight=weight) for of in searches]
     found = [of.run(sigma, start[: len(of.known)]) for of in searches]
-    if _stepped(straight.p.t, found[-1], weight):
+    if _stepped(t, found[-1], weight):
         return None
     share = np.exp([f.likely - max(f.likely for f in found) for f in found])
     count = len(draws)
@@ -483,14 +476,13 @@ def _bent(
 
 
 def _stepped(t: Floats, f: _Found, weight: float) -> bool:
-    """All μ is another one from some time on, whatever else the unknowns may explain.
+    """Whether all μ steps at some time, more than the other unknowns explain.
 
-    The errors that a step has to outdo are those that it leaves: beside one curve for two rails
-    they are the step's own.
+    The step is compared with the residuals after it: those before it contain the step.
 
     Args:
         t: of the points [s].
-        f: the best of the curves that may bend.
+        f: the best of all curves.
         weight: of a point's error in it.
     """
     n, (least, sigma) = len(t), _STEPPED
@@ -508,7 +500,7 @@ def _stepped(t: Floats, f: _Found, weight: float) -> bool:
 
 
 def _alike(t: Floats, left: Floats) -> float:
-    """So many points count as one: their errors are alike for a while, or as few know all."""
+    """How many points count as one, as their errors are correlated over a while."""
     most = max(float(np.mean(left**2)), len(t) / _INDEPENDENT)
     for seconds in _STRETCHES:
         stretch = np.floor((t - t[0]) / seconds).astype(np.int64)

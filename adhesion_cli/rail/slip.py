@@ -1,12 +1,12 @@
-"""Slip of every axle, its slope and region, slides, and what they say of the rail: [S1] to [S4].
+"""Slip of every axle, its slope and region, slides, and the rail under them: [S1] to [S4].
 
-[S1], whose formula is lost in the text that we have: at the rim the brake holds the wheelset with
-φK, the rail turns it with F, so I ω̇ = (F − φK) R, which is (1), and
+[S1], whose formula is missing in the text that we have: at the rim the brake acts on the wheelset
+with φK and the rail with F, so I ω̇ = (F − φK) R, which is (1), and
 
     μ = F/(m g) = (φK + I ω̇/R)/(m g).                                                        [S1]
 
-F is the offline reference's: the estimators lag, and a lag in μ alone bends every slope. [S2], the
-curve through the points, is `railfit`'s; [S3] and [S4] are `slope`'s.
+F is the offline reference's. The estimators lag, and a lag in μ alone bends every slope. `fit` has
+[S2], the curve through the points, and `slope` has [S3] and [S4].
 """
 
 import math
@@ -25,29 +25,28 @@ from . import events, fit
 from .events import CAUGHT, Slide
 from .slope import REGIONS, Bands, Params, State, init, region, step
 
-_EVEN = 0.3  # a coasting train loses less of its speed than this [m/s²]
-_GAINS = 0.1  # and gains less: a motor may be at work, and its wheel creeps [m/s²]
-_FAST = 3.0  # and is faster than this, or (2) measures noise [m/s]
-_COASTING = 2.0  # of it are needed for a calibration [s]
-_LARGEST = 0.1  # no wheel differs by more: a unit is wrong, and reading the log says so
-_BEHIND = 0.03  # all axles this far below the reference speed slide together
+_EVEN = 0.3  # largest deceleration of a coasting train [m/s²]
+_GAINS = 0.1  # and largest acceleration: a driven wheel creeps [m/s²]
+_FAST = 3.0  # least speed of a calibration, below which (2) is mostly noise [m/s]
+_COASTING = 2.0  # least time of coasting for a calibration [s]
+_LARGEST = 0.1  # largest correction of a wheel radius: beyond it, a unit is wrong
+_BEHIND = 0.03  # where all axles are this far below the reference speed, all slide
 _BETWEEN = 5.0  # after a longer pause a slide may be on another rail [s]
-_MOVES = 1.0  # a speed sensor may read zero below, without its noise [m/s]
-_NEAR = 0.2  # a wheel this near to the train's speed rolls, however slow the train [m/s]
-_SMEARS = 0.1  # by so much the smoother of the force spreads an error [s]
-_SLOWEST = 1.0  # noise of a speed that moves slower than this moves no slope [s]
-_DELAY = 0.2  # 1 sigma of the train speed's delay where no wheel tells it [s]; see `_slow`
-_CREEPS = 0.5  # a creep that is no swing of the speeds lasts longer [s]
+_MOVES = 1.0  # below this, a speed sensor may read zero, without its noise [m/s]
+_NEAR = 0.2  # a wheel this close to the train's speed rolls [m/s]
+_SMEARS = 0.1  # over this time the smoother of the force spreads an error [s]
+_SLOWEST = 1.0  # longest time scale of noise that matters to the slope [s]
+_DELAY = 0.2  # 1 sigma of an unknown delay of the train speed [s]; see `_slow`
+_CREEPS = 0.5  # least duration of creep that is no oscillation of the speeds [s]
 _CLEARLY = 2.0  # sigma that are more than noise
-_MEDIAN = 0.6745  # of the absolute value of what is normal with 1 sigma of 1
+_MEDIAN = 0.6745  # median of the absolute value of a normal variable of 1 sigma
 
 
 def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None:
-    """True over stated wheel radius, and its 1 sigma, from coasting; None where there is none.
+    """True over stated wheel radius, and its 1 sigma, from coasting; None without coasting.
 
-    A wheel that is neither braked nor driven rolls: v = ωR. A driven one creeps too, or spins; it
-    is left out by its acceleration, as far as that shows. What is not known of the train speed's
-    delay is one error of all readings.
+    A wheel that is neither braked nor driven rolls: v = ωR. Acceleration shows a driven one. The
+    uncertainty of the train speed's delay is one error of all readings.
     """
     if record.train_speed is None:
         return None
@@ -65,8 +64,8 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     ratio = np.concatenate(ratios)
     if seconds < _COASTING or len(ratio) < 10:
         return None
-    # One independent value a second at most: what is held or interpolated repeats itself, a line
-    # between readings varies by 2/3 of what they do, and few do not know their own spread.
+    # At most one value a second is independent: interpolated values repeat. A line between readings
+    # has 2/3 of their variance. The spread of few values is itself uncertain.
     interval, step = record.train_speed_interval, seconds / len(ratio)
     sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
     sigma *= _student(seconds / max(interval, step) - 1.0)
@@ -75,7 +74,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
 
 
 def _student(freedom: float) -> float:
-    """By how much farther than normal 95 % of the means of few values lie, over their sigma."""
+    """Student's 95 % quantile over the normal one."""
     from scipy.special import stdtrit
 
     return float(stdtrit(max(freedom, 1.0), (1.0 + 0.95) / 2.0)) / Z95
@@ -102,7 +101,7 @@ def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Fi
 
 
 def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
-    """Fills v by `physics.reference_speed`, anew after what is not known."""
+    """Fills v by `physics.reference_speed`; starts anew after unknown values."""
     v[0] = fastest[0]
     for i in range(1, len(t)):
         v[i] = fastest[i]
@@ -113,7 +112,7 @@ def _follow(t: Floats, fastest: Floats, braking: Floats, v: Floats) -> None:
 def with_reference_speed(
     records: Sequence[AxleRecord], every: Sequence[AxleRecord], vehicle: Vehicle, start_ns: int
 ) -> tuple[list[AxleRecord], list[Finding]]:
-    """Records without a train speed get one made of all axles: `physics.reference_speed`.
+    """Records without a train speed get one estimated from all axles: `physics.reference_speed`.
 
     Args:
         records: the axles that need it.
@@ -169,7 +168,7 @@ def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
 # Slope and region
 
 
-def _march(  # noqa: PLR0913
+def _march(  # noqa: PLR0913 (compiled: one array each)
     p: Params, bands: Bands, t: Times, slip: Floats, mu: Floats, slip_noise: Floats,
     mu_noise: Floats, slope: Floats, sure: Floats, code: Regions,
 ) -> None:  # fmt: skip
@@ -185,13 +184,12 @@ def _march(  # noqa: PLR0913
 
 
 def speed_noise(record: AxleRecord, radius: float) -> Floats:
-    """1 sigma of the noise of v − ωR [m/s], shape (n,); one level, that while braked and moving.
+    """1 sigma of the noise of v − ωR [m/s] while braked and moving, shape (n,).
 
-    The train speed's is what bends over three values a time apart, the largest of times up to
-    `_SLOWEST`: it may be sampled more slowly than the wheel's, and a receiver's own filter makes
-    noise slow. The train bends too, and so does a wheel in a slide: of v itself and of v − ωR of a
-    wheel that rolls, the one that bends less counts. Only where v bends more than noise makes it,
-    as when the train stops between two of its samples, the line between them is as wrong as that.
+    The train speed's noise is its second difference over three values a time apart: the largest for
+    times up to `_SLOWEST`, as a receiver's filter makes noise slow. The train's motion bends v,
+    too: the smaller counts of v itself and of v − ωR of a rolling wheel. Where v bends more than
+    its noise, as when the train stops between two samples, that bend is the error.
     """
     assert record.train_speed is not None
     v, rim = record.train_speed, record.wheel_speed * radius
@@ -213,7 +211,7 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
 
 
 def slowing(record: AxleRecord) -> Floats:
-    """Deceleration of the train over about a second [m/s²], never negative, shape (n,)."""
+    """Deceleration of the train over about a second [m/s²], at least 0, shape (n,)."""
     assert record.train_speed is not None
     found = np.zeros(len(record))
     for s in record.segments:
@@ -224,18 +222,16 @@ def slowing(record: AxleRecord) -> Floats:
 
 
 def _slow(record: AxleRecord) -> bool:
-    """Whether nothing tells how late a receiver is that may be so by two of its long intervals."""
+    """Whether the train speed's delay is unknown and may be two of its long intervals."""
     return record.train_speed_late is None and record.train_speed_interval > _DELAY
 
 
 def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
-    """1 sigma of slip by the train speed, one error for all, shape (n,).
-
-    By what is not known of its delay, and of one that was integrated by its own.
+    """1 sigma of slip by the train speed's delay and drift, one error for all, shape (n,).
 
     Args:
         record: of an axle.
-        unknown: σ_τ where nothing is known of it [s]; of a slow receiver it is its interval.
+        unknown: σ_τ of an unknown delay [s]; for a slow receiver, its interval counts.
     """
     if record.train_speed is None:
         return np.zeros(len(record))
@@ -246,7 +242,7 @@ def _speed_error(record: AxleRecord, unknown: float = 0.0) -> Floats:
 
 
 def _delay_error(record: AxleRecord, unknown: float) -> Floats:
-    """1 sigma of slip by what is not known of the train speed's delay, σ_τ (−v̇)/v, shape (n,)."""
+    """1 sigma of slip by the uncertain delay of the train speed, σ_τ (−v̇)/v, shape (n,)."""
     assert record.train_speed is not None
     late = record.train_speed_late
     unknown = record.train_speed_interval if _slow(record) else unknown
@@ -256,7 +252,7 @@ def _delay_error(record: AxleRecord, unknown: float) -> Floats:
 
 
 def _bend(record: AxleRecord, x: Floats, m: int) -> Floats:
-    """By what x bends about m samples before and behind, as 1 sigma of noise; shape (n,)."""
+    """Second difference of x over m samples, as 1 sigma of noise; shape (n,)."""
     found = np.full(len(x), np.nan)
     for s in record.segments:
         if s.stop - s.start > 2 * m:
@@ -287,7 +283,7 @@ def observed(
     with np.errstate(divide="ignore", invalid="ignore"):
         of_speeds = speed_noise(record, radius.value) / record.train_speed  # noise of (2)
         lasting = _speed_error(record)
-        # Of an error that moves as −v̇/v does, the slope's filter leaves the change within 1/δ.
+        # The slope's filter passes only the change within 1/δ of an error that follows −v̇/v.
         slip_noise = np.hypot(of_speeds, lasting * slowing(record) / record.train_speed / p.delta)
     mu_noise = physics.coefficient(axle.reference.sigma, vehicle)
     n = len(record)
@@ -319,11 +315,10 @@ def observed(
 
 
 def slides(axle: AxleResult) -> list[Slide]:
-    """Slides of an axle, in the order of time; none reaches across segments.
+    """Slides of a braked axle, in the order of time; none reaches across segments.
 
-    What a train speed's error or noise may make of slip, as the train all but stands, is no slide,
-    nor is that of a wheel that no brake slows; of a receiver that nothing times they are what is
-    left of slip at least.
+    Slip within the error and noise of the train speed is no slide. With an unknown delay of a slow
+    receiver, the slides have the least slip that is certain.
     """
     if axle.slip is None:
         return []
@@ -332,7 +327,7 @@ def slides(axle: AxleResult) -> list[Slide]:
 
 
 def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Slide]:
-    """The same of this slip, and of what is clearly so of it, shape (n,)."""
+    """The same of a slip, and of the part of it that is certain, shape (n,)."""
     record = axle.record
     if record.train_speed is None:
         return []
@@ -347,22 +342,21 @@ def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Sl
 
 
 def _braked(record: AxleRecord, where: slice) -> bool:
-    """Whether the brake is on there, or was a second before."""
+    """Whether the brake is applied there, or was a second before."""
     t = record.t
     first = int(np.searchsorted(t[: where.start], t[where.start] - 1_000_000_000))
     return bool((record.clamping_force[first : where.stop] > 0.0).any())
 
 
 def _clear(record: AxleRecord, s: Floats) -> Floats:
-    """Slip less what the train speed's error may make of it, shape (n,)."""
+    """Slip minus the possible error of the train speed, shape (n,)."""
     return s - 2.0 * _speed_error(record)
 
 
 def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
-    """When the rail first holds the wheel short, between two times [ns]; None where it does not.
+    """When adhesion first limits the wheel, between two times [ns]; None where it does not.
 
-    That is before the first slide where slide protection keeps slip near the curve's peak: from
-    the first creep on that is none of a rolling wheel's, and lasts.
+    With a WSP this is before the first slide: at the first lasting creep above a rolling wheel's.
     """
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
@@ -373,10 +367,7 @@ def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
 
 
 def _creeps(record: AxleRecord, s: Floats) -> list[slice]:
-    """Where slip is none of a rolling wheel's, and lasts; in the order of time.
-
-    Of a braked wheel: one without a brake rolls, and what slip it shows is its radius's error.
-    """
+    """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time."""
     creeps, found = (_clear(record, s) > CAUGHT) & (record.clamping_force > 0.0), []
     for part in record.segments:
         for first, past in signals.true_runs(creeps[part]):
@@ -402,14 +393,14 @@ def shares(axle: AxleResult) -> dict[str, float]:
 
 
 class Summary(NamedTuple):
-    """What `adhesion slip` says of one axle; None where the log does not show it."""
+    """What `adhesion slip` reports of one axle; None where the log does not show it."""
 
     axle: int
     regions: dict[str, float]  # shares of the braked time
     slides: list[Slide]
     rail: fit.RailFit | None
     slip_rmse: float | None  # against the log's own true slip, while braked
-    late: Parameter | None  # by what the train speed was, taken out [s]; None: not known
+    late: Parameter | None  # delay of the train speed, corrected [s]; None: not known
 
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
@@ -454,7 +445,7 @@ def _rail(
 
 
 def _rmse(axle: AxleResult) -> float | None:
-    """Rms of slip less the true slip that the log holds, while braked; None where it holds none."""
+    """Rms error of slip against the log's true slip, while braked; None without a true slip."""
     true, s = axle.record.true_slip, axle.slip
     if true is None or s is None:
         return None
@@ -466,10 +457,9 @@ def _rmse(axle: AxleResult) -> float | None:
 def _points(
     axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
 ) -> tuple[fit.Points, float]:
-    """Operating points of the slides, of creep before and after, and between; 1 sigma of μ's scale.
+    """Operating points of slides and of creep close to them; 1 sigma of μ's scale.
 
-    What is no slide and neither creep is left out, from a long time before a slide to the next:
-    the rail may have been another one.
+    A long pause separates them from other creep: the rail may have been another one there.
     """
     record, ref = axle.record, axle.reference
     assert axle.slip is not None
@@ -503,8 +493,8 @@ def _points(
 def _around(record: AxleRecord, sigma: Floats) -> Floats:
     """Largest sigma of the reference within `_SMEARS`, shape (n,).
 
-    Between two readings of a pressure that turns, K is not known, and ω̇ takes on its error: the
-    smoother smears it over readings that are themselves right.
+    Between two readings of a changing pressure, K is unknown. Its error goes into ω̇, and the
+    smoother spreads it over correct readings nearby.
     """
     h = float(np.median(np.diff(record.t))) * 1e-9
     m = max(1, round(_SMEARS / h))

@@ -1,80 +1,41 @@
 """Slope of the slip-adhesion curve at the operating point, and the AND-test: [S3] and [S4].
 
-One sample at a time, pure and plain, in the style of `estimator`: the same `step` runs inside a
-controller and, compiled, over a whole log. Source: patent on slip-adhesion slope anti-skid control
-(Shanghai University of Engineering Science, published 2024-10). Its formulas are lost in the text
-that we have; they follow from what it says around them.
+`step` takes one sample at a time. It runs inside a controller and, compiled, over a whole log.
+Source: patent on slip-adhesion slope anti-skid control, Shanghai University of Engineering Science,
+published 2024-10. Its formulas are missing in the text that we have. The derivation of all that
+follows is in docs/explanation/derivation.md.
 
-Slope. Along the curve k = dμ/ds = (dμ/dt)/(ds/dt), that is dμ/dt = k ds/dt. Differentiating what
-was measured is hopeless, so both sides go through a first-order filter δ/(p + δ), p = d/dt, with
-the corner δ. There
-
-    δ p/(p + δ) μ = δ (μ − LP(μ)),  LP = δ/(p + δ)
-
-is an ordinary high-pass output and no derivative is left: with Δμ = μ − LP(μ), Δs = s − LP(s) and
-k constant over 1/δ,
+Slope. Both sides of dμ/dt = k ds/dt pass the filter δ/(p + δ), p = d/dt, so that nothing measured
+is differentiated. With Δμ = μ − LP(μ) and Δs = s − LP(s), LP = δ/(p + δ),
 
     Δμ = k Δs.                                                                              [S3]
 
-Least squares with exponential forgetting, w(t, τ) = e^(−ρ(t−τ)), of J(k) = ∫ w (Δμ − kΔs)² dτ.
-∂J/∂k = 0 gives k = C/S with
+Least squares with the forgetting w(t, τ) = e^(−ρ(t−τ)) gives k = C/S, S = ∫ w Δs² dτ,
+C = ∫ w Δs Δμ dτ. With P = 1/S this is the recursive form k̇ = P Δs (Δμ − kΔs), Ṗ = ρP − P²Δs².
+The state holds S and C: their equations are linear, so the step is exact for straight lines and
+stable at every interval.
 
-    S = ∫ w Δs² dτ,  C = ∫ w Δs Δμ dτ;   Ṡ = Δs² − ρS,  Ċ = Δs Δμ − ρC,
+Where the curve bends. A memory over both flanks of the peak would give the chord. Against that:
 
-and with P = 1/S: Ṗ = −P²Ṡ = ρP − P²Δs²; k̇ = PĊ + ṖC = P Δs (Δμ − kΔs), the recursive form. We
-carry S and C and not P and k: the equations are then linear and decay, so the step is exact for
-signals that are straight lines between samples, stable for every interval, and S → 0 where
-Δs = 0, which is P → ∞ in the other form.
+- The coordinate is x = asinh(s/a), dx/ds = 1/√(s² + a²), with a `knee`: the curve's scale is slip
+  itself. Δμ = κ Δx, κ = dμ/dx, k = κ dx/ds. A large a is the patent's form.
+- Memory ends with distance, too: δ' = δ (1 + 5 (Δx/L)²), ρ' = ρ (1 + 5 (Δx/L)²), with
+  L² = max(λ², least² + (g σ_s)²), λ `straight`.
+- The bend c is a second unknown, Δμ = κ Δx + c q with q = Δ(x²) − 2 x Δx. The fit minimises
+  J = ∫ w (Δμ − κΔx − cq)² dτ + r c², and with T = ∫ w Δx q, B = ∫ w q², D = ∫ w q Δμ
 
-Where the curve bends. k is constant over the memory only as long as the point stays where the curve
-is straight; one memory over both flanks of the peak draws a chord through them, and a wheel that is
-caught would keep the slope of its slide. Three things against it. The curve's scale is slip itself:
-the peak lies at some slip, friction falls with the sliding, and from half that slip to twice it is
-as far. So all of the above is done in
+      κ = (C − T D/(B + r))/E,  E = S − T²/(B + r).
 
-    x = asinh(s/a),  dx/ds = 1/√(s² + a²),
+  c is expected to be 0 with 1 sigma √(κ² + κ0²)/(1.4 λ); r follows from that and the residuals.
 
-which is s/a for slip much below a, `knee`, and ln(2s/a) above: Δμ = κ Δx with κ = dμ/dx, and
-k = κ dx/ds; every slip below, and its noise, is one of x. a large is the patent's form. The memory
-is also one of distance: with
+Confidence. Q = ∫ w Δμ² dτ − κC − cD is not explained, Z = ∫ w (least² + (g σ_s)²) dτ is what noise
+makes of S, and Y = ∫ w σ_μ² dτ is the noise of μ:
 
-    L² = max(λ², least² + (g σ_s)²),
+    confidence = (1 − Z/E) (κ² + κ0²)/(κ² + κ0² + ε (Q + Y)/E) / (1 + B/(4 S (7 λ)²)).
 
-λ `straight`, the rest noise as below, both corners grow with how far the point has come:
-
-    δ' = δ (1 + 5 (Δx/L)²),  ρ' = ρ (1 + 5 (Δx/L)²).
-
-Δμ = κ Δx holds as before, for any corner that is the same on both sides; at rest it is the patent's
-filter, and in a fast sweep Δx stays near L/√5. And the bend is a second unknown. About the present
-x, μ(u) = μ(x) + κ (u − x) + c (u − x)²; the high-pass of (u − x)² is q = Δ(x²) − 2 x Δx, so
-
-    Δμ = κ Δx + c q,  J = ∫ w (Δμ − κΔx − cq)² dτ + r c²,
-
-five sums in place of two, carried with Δ(x²) for q, as x moves. Where a slope is steep the curve
-bends soon: c is expected to be 0 with 1 sigma c0 = √(κ² + κ0²)/(1.4 λ), and r = (Q + Y)/c0² with
-what a straight line leaves, Q + Y as below: on a curve that is seen clearly r is small and c free,
-in noise c stays 0. With T = ∫ w Δx q, B = ∫ w q², D = ∫ w q Δμ, ∂J/∂κ = ∂J/∂c = 0 gives
-
-    κ = (C − T D/(B + r))/E,  E = S − T²/(B + r):
-
-E is the excitation that is left for κ; where slip came one way only, κ and c are the same to it,
-and E is small. c has its own error where the memory reaches far: a point that came from u to x has
-q ≈ −2 Δx (x − (x + u)/2), so B/(4 S) is the mean square distance from x at which Δx was seen.
-λ large turns memory and bend off.
-
-How sure. M = ∫ w Δμ² dτ leaves Q = M − κC − cD unexplained. Z = ∫ w (least² + (g σ_s)²) dτ is what
-S is where nothing but noise moves the slip: σ_s is its 1 sigma, which for a speed's noise grows as
-1/v. g > 1 because a memory of 1/ρ holds few independent values, and few are often larger than their
-rms. Y = ∫ w σ_μ² dτ is the same of μ: few values also leave too little unexplained. (Q + Y)/E is a
-slope squared, the error's scale, ε `doubt` its share that may be κ's, and
-
-    confidence = (1 − Z/E) (κ² + κ0²)/(κ² + κ0² + ε (Q + Y)/E) / (1 + B/(4 S (7 λ)²)):
-
-no more than noise in the slip gives 0, else, but for κ0 and ε, the squared correlation of Δμ and
-Δx; κ0, of the slope k0 `small`, keeps it up at the peak, where μ does not move and no correlation
-can be. Noise in the slip draws κ towards 0, by at most the share Z/(g² E). Below `surest`, the
-slope is not observable. The 5, 1.4, 7 and the defaults were found by search over simulated slides;
-docs/explanation/slip.md says what happens on others.
+κ0 belongs to the slope k0 `small` and keeps the confidence at the peak, where μ does not move.
+ε is `doubt`. Below `surest` the slope is not observable. The numbers 5, 1.4, 7 and the defaults
+were found by search over simulated slides.
 """
 
 import math
@@ -83,9 +44,9 @@ from typing import Annotated, NamedTuple
 from ..core.errors import UserError
 from ..core.model import Quantity
 
-_FADE = 5.0  # by which both corners grow once the point has come by L
-_BEND = 1.4  # times λ from the present x, the slope is expected to be another
-_FAR = 7.0  # and what was seen counts half
+_FADE = 5.0  # growth of both corners when the point has moved by L
+_BEND = 1.4  # distance, in λ, over which the slope is expected to change
+_FAR = 7.0  # distance, in λ, from which what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
 
@@ -103,7 +64,7 @@ class Params(NamedTuple):
         float, Quantity("-", "share λ of slip over which the curve is straight", 1e-3, 1e9)
     ] = 0.18
     knee: Annotated[
-        float, Quantity("-", "slip a above which the curve's scale is slip itself", 1e-6, 1e6)
+        float, Quantity("-", "slip a above which the curve is scaled by slip itself", 1e-6, 1e6)
     ] = 0.005
     small: Annotated[float, Quantity("-", "slope k0 that counts as none", 1e-9, 1e3)] = 0.1
     doubt: Annotated[
@@ -113,7 +74,7 @@ class Params(NamedTuple):
 
 
 class Bands(NamedTuple):
-    """The preset domains of [S4]: slip [-] and slope dμ/ds [-]; ours, the patent states none."""
+    """The bands of [S4]: slip [-] and slope dμ/ds [-]; ours, the patent gives no numbers."""
 
     slip_low: Annotated[float, Quantity("-", "least slip of the slip band", -1.0, 1.0)] = 0.01
     slip_high: Annotated[float, Quantity("-", "largest slip of the slip band", -1.0, 1.0)] = 0.2
@@ -157,15 +118,15 @@ class State(NamedTuple):
 
 
 def init(p: Params, slip: float, mu: float) -> State:
-    """State at the first sample: nothing is known of the slope."""
+    """State at the first sample: the slope is unknown."""
     z = 0.0
     return State(slip, mu, z, z, z, z, z, z, z, z, z, z, z, z, math.nan)
 
 
-def step(  # noqa: PLR0913
+def step(  # noqa: PLR0913 (a compiled step on plain floats)
     p: Params, s: State, h: float, slip: float, mu: float, slip_noise: float, mu_noise: float
 ) -> State:
-    """State one sample later; a sample without slip or μ (standstill) makes the next one a start.
+    """State one sample later. After a sample without slip or μ (standstill) it starts anew.
 
     Args:
         p: parameters.
@@ -226,12 +187,11 @@ def _mean(a: float, b: float, c: float, d: float) -> float:
 
 
 def region(slip: float, slope: float, bands: Bands) -> int:
-    """Where the operating point lies: index into `REGIONS`.
+    """Region of the operating point: index into `REGIONS`.
 
-    The AND-test is true in `optimal` only. Where it is false, the slip band decides first: `below`
-    with less slip, `beyond` with more, whatever slope is remembered from where the point has been.
-    Inside it the slope decides: `below` where the curve rises more than the band has it, `beyond`
-    where it falls more, `unknown` where it is not observable.
+    The AND-test is true in `optimal` only. Outside the slip band, slip alone decides: `below` or
+    `beyond`. Inside it the slope decides: `below` above its band, `beyond` below its band,
+    `unknown` where the slope is not observable.
 
     Args:
         slip: s [-], NaN where there is none.

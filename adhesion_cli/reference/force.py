@@ -1,8 +1,8 @@
 """Offline reference of the adhesion force, F = φK + ω̇/a, with its uncertainty.
 
-Not causal and not truth: noise and smoothing leave `sigma`, the vehicle's tolerances widen it to
-the 95 % band. Where the wheel stands there is no reference: friction then is anything up to φK, and
-(1) does not say what.
+It is neither causal nor the truth. `sigma` is its uncertainty by noise and smoothing; the 95 % band
+also contains the vehicle's tolerances. Where the wheel stands there is no reference: friction can
+then be anything up to φK.
 """
 
 import math
@@ -18,38 +18,38 @@ from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
 
-_SHORTEST = 8  # samples of a run: fewer do not tell their own noise
+_SHORTEST = 8  # least samples of a run: fewer do not show their noise
 _FIT = 20_000  # samples that the noise levels are fitted to
 _BLOCK = 2_000  # consecutive samples fitted together
-_PULSES = 24.0  # of a counter that tell a speed to a few percent
+_PULSES = 24.0  # of a counter that give a speed to a few percent
 _COUNTED = 0.18  # noise of its counts in pulses²; 0.28 where all phases occur, rounding 0.08
 _BRIEF = 0.1  # a slide hardly changes within [s]
 _KNOTS = 6  # samples of a run of equal speeds that are used
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
-_SMALL = 100.0  # clamping force below which nothing is braked [N]
-_SURE: tuple[float, ...] = (0.5, 0.5)  # how far `smoother.fit` loosens coupling and rolling [nats]
-_DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # and sliding, where pulses drown what varies
+_SMALL = 100.0  # clamping force below which there is no braking [N]
+_SURE: tuple[float, ...] = (0.5, 0.5)  # slack of coupling and rolling [nats], see `smoother.Prior`
+_DOUBT: tuple[float, ...] = (2.0, 2.0, 4.5)  # the same, and of sliding, for a pulse counter
 _SLOWEST = 0.2  # longest interval at which slides are looked for [s]
-_CLEARLY = 15.0  # nats by which they must be likelier
-_NATS = 3.0  # of a likelihood that knows no error alike from sample to sample count as one
-_OFTEN = 0.75  # of the speed's samples: a pressure is measured as often
-_NEVER, _LIKELY = 1e-3, 0.8  # less likely, it is not; and more so, it is taken for it
+_CLEARLY = 15.0  # nats by which slides must be more likely
+_NATS = 3.0  # of a likelihood without correlated errors that count as one
+_OFTEN = 0.75  # pressure samples per speed sample from which its rate counts as equal
+_NEVER, _LIKELY = 1e-3, 0.8  # probabilities below which, and above which, a case is taken as sure
 _LEAVE = np.array([[0.0, 0.02, 0.05], [0.02, 0.0, 1.0], [10.0, 10.0, 0.0]])  # regimes [1/s]
 _CUTOFF = 2.0  # of the Butterworth filter, −3 dB of one pass [Hz]
 _START = np.array([0.9, 0.05, 0.05])
 _DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling, each roughness
-_SHARE = 1e-3  # square of what rolling misses of φK's whole rise; known to a factor of ten
+_SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What a method finds for one run of a rolling or sliding wheel; columns of shape (n,)."""
+    """The result of a method for one run of a moving wheel; columns of shape (n,)."""
 
-    clamping_force: Floats  # K [N], its noise removed as far as the method does that
+    clamping_force: Floats  # K [N], with less noise
     acceleration: Floats  # ω̇ [rad/s²]
     sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
-    averaged: float = 0.0  # how likely a speed is the mean since the last one
+    averaged: float = 0.0  # probability that a speed is the mean since the last one
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,19 +58,19 @@ class Method:
 
     text: str
     source: str
-    # Takes the runs, what run-out adds to the wheel speed of each, and the wheelset's constants.
+    # Takes the runs, the run-out in the wheel speed of each, and the wheelset's constants.
     parts: Callable[[list[AxleRecord], list[Floats], Wheelset], list[Parts]]
 
 
 def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> Reference:
     """Reference adhesion force over all segments, each on its own.
 
-    Force, sigma and band are NaN where there is none: in a segment of too few samples, where the
-    wheel stands, and where a motor drives it. What a tone ring's run-out adds to the wheel speed is
-    taken out first. Where the pressure is late, sigma holds what K is off by.
+    They are NaN in a segment of too few samples, where the wheel stands, and where a motor drives
+    it. The run-out of a tone ring is removed first. If the pressure is delayed, sigma contains the
+    error of K.
 
     Args:
-        record: one axle's record; takes K interpolated, the steps as they are.
+        record: one axle's record.
         vehicle: its values give F, its tolerances the band.
         method: a name from `METHODS`.
 
@@ -116,16 +116,15 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
     """1 sigma of F = φK + I ω̇/R from the vehicle's tolerances, first order [N].
 
-    Every parameter varies on its own, at measured ω and p (or K, where the log has that itself:
-    then the cylinder does not matter). A speed in m/s or km/h is ω R already: the reader has
-    divided by R, and an error in R counts twice there.
+    Every parameter varies on its own, at measured ω and p, or K if the log has K. A speed logged in
+    m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there.
     """
     K, dw = parts.clamping_force, parts.acceleration
-    R, I, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction  # noqa: E741
+    R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
     terms: list[Any] = [
         K * phi.tolerance,
-        dw / R.value * I.tolerance,
-        (2.0 if record.of_rim else 1.0) * dw * I.value / R.value**2 * R.tolerance,
+        dw / R.value * inertia.tolerance,
+        (2.0 if record.of_rim else 1.0) * dw * inertia.value / R.value**2 * R.tolerance,
     ]
     if record.pressure is not None:
         chain = [vehicle.discs, vehicle.efficiency, vehicle.lever_ratio, vehicle.radius_ratio]
@@ -145,13 +144,13 @@ def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
 
 
 def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> list[Parts]:
-    """Rauch, Tung and Striebel's smoother for a wheel that rolls or slides, its noise fitted.
+    """Rauch, Tung and Striebel's smoother for a wheel that rolls or slides, with fitted noise.
 
-    What is smooth depends on the wheel. While it rolls, the train's mass holds ω̇ and F follows
-    φK at once: ω̇ = −aφK(1 − rolling) + δ with a slow δ. While it slides, the rail's adhesion is
-    slow and ω̇ follows φK: δ takes up every change of aφK·rolling. In between (adhesion found or
-    lost) F changes within milliseconds. Nothing is assumed about where: the data decide. A wrong
-    φ, I or m only makes δ rougher; F is φK + ω̇/a of the estimated ω̇ in every regime.
+    While the wheel rolls, the train's mass holds ω̇ and F follows φK at once:
+    ω̇ = −aφK(1 − rolling) + δ with a slow δ. While it slides, adhesion is slow and ω̇ follows φK: δ
+    takes up every change of aφK·rolling. In between F changes within milliseconds. The data decide
+    which regime holds. A wrong φ, I or m only makes δ rougher. F is φK + ω̇/a of the estimated ω̇ in
+    every regime.
     """
     if not runs:
         return []
@@ -160,7 +159,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     together, step = _counted(max(runs, key=len)), runs[0].wheel_speed_step
     every = zip(runs, ripples, clamping, strict=True)
     wheel = [_rolling(r, x, k, w) for r, x, k in every]
-    if together:  # counts that share an end err against each other: every second one is white
+    if together:  # errors of successive counts are correlated; those of every second one are not
         telling = [
             _pulsed(r, x, run, together) for r, x, run in zip(runs, ripples, wheel, strict=True)
         ]
@@ -192,7 +191,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
 def _rate(
     whole: smoother.Run, run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise
 ) -> tuple[Floats, Floats]:
-    """ω̇ and its 1 sigma at the times of `whole`, by what `run` tells of it; shape (n,)."""
+    """ω̇ and its 1 sigma at the times of `whole`, estimated from `run`; shape (n,)."""
     x = smoother.smooth(run, regimes, noise)
     if run.t is whole.t:
         return x.rate, x.rate_sigma
@@ -204,8 +203,7 @@ def _rate(
 def _sparse(runs: list[AxleRecord]) -> bool:
     """Whether K is measured less often than the speed.
 
-    What straight lines between its samples miss where valves turn looks like half an interval of
-    the speed, earlier or later: nothing tells then which it is.
+    Then the error of straight lines between its samples looks like half an interval of the speed.
     """
     measured, between = (
         sum(int(np.count_nonzero(np.diff(column))) for column in columns)
@@ -217,7 +215,7 @@ def _sparse(runs: list[AxleRecord]) -> bool:
 
 
 def _averaged(run: smoother.Run) -> smoother.Run:
-    """The samples that tell something, each as the mean since the one before; without ∫u."""
+    """The informative samples, each as the mean since the one before; without ∫u."""
     t, told = run.t, np.isfinite(run.known)
     h = np.diff(t, prepend=t[0] - np.median(np.diff(t)))
     begin = t - np.minimum(h, 1.5 * np.median(h))
@@ -238,9 +236,9 @@ def _half_late(
     regimes: smoother.Regimes,
     prior: smoother.Noise,
 ) -> tuple[float, smoother.Noise]:
-    """How likely readings are means since the one before, with the noise levels of that.
+    """Probability that readings are means since the one before, and the noise levels for that.
 
-    What K does to ω̇ tells: at once, or half an interval late.
+    The effect of K on ω̇ shows it: at once, or half an interval later.
     """
     first, some = _sample(now), _sample(means)
     known = smoother.likelihood(first, regimes, noise)
@@ -254,7 +252,7 @@ def _half_late(
 def _mixed(
     one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: float
 ) -> tuple[Floats, Floats]:
-    """The first one, the other where that is clearly likelier; 1 sigma about it of either."""
+    """The first one, or the other if that is clearly more likely; 1 sigma contains both."""
     chosen = other[0] if share > _LIKELY else one[0]
     variances = [sigma**2 + (x - chosen) ** 2 for x, sigma in (one, other)]
     return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
@@ -263,7 +261,7 @@ def _mixed(
 def _rolling(
     run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset
 ) -> smoother.Run:
-    """The run as a wheel that rolls: its ω̇ known from K but for δ."""
+    """The run as a rolling wheel: ω̇ known from K except δ."""
     K, t = clamping.level, _seconds(run)
     u = -rolling_deceleration(w) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
@@ -273,9 +271,9 @@ def _rolling(
 
 
 def _counted(run: AxleRecord) -> int:
-    """How many samples of a pulse counter to take together; 0 for anything else.
+    """How many samples of a pulse counter to take together; 0 for another sensor.
 
-    So many that they hold `_PULSES`, but no longer than a slide takes to change.
+    Together they have `_PULSES`, but they are no longer than `_BRIEF`.
     """
     y, step, t = run.wheel_speed, run.wheel_speed_step, _seconds(run)
     if step == 0.0 or len(y) < 100:
@@ -290,10 +288,9 @@ def _counted(run: AxleRecord) -> int:
 def _dithers(t: Floats, y: Floats) -> bool:
     """Whether whole numbers y change from sample to sample as counts of pulses do.
 
-    Of pulses none is lost: what is rounded down now is rounded up later, and sums over four samples
-    vary no more than one of them does; rounded noise varies four times as much. A rounded ramp may
-    look alike, but errs by half a step only, where a count errs at both ends. Judged where y does
-    change: a wheel that turns evenly gives equal counts for long.
+    Counters lose no pulse: sums over four samples vary no more than one sample does. Sums of
+    rounded noise vary four times as much. A rounded ramp looks similar, but its error is half a
+    step only, while a count has errors at both ends. Only parts where y changes are judged.
     """
     found = []
     for first in np.linspace(0, len(y) - 100, min(len(y) // 50, 100)).astype(int):
@@ -310,9 +307,9 @@ def _dithers(t: Floats, y: Floats) -> bool:
 
 
 def _pulses(run: AxleRecord) -> float:
-    """Mean number of a counter's pulses in `_BRIEF`; inf where `_PULSES` come, or it is no counter.
+    """Mean number of a counter's pulses in `_BRIEF`; inf for at least `_PULSES`, or no counter.
 
-    A speed that is less than its step is a counter's: no display rounds like that.
+    A speed below its step is a counter's.
     """
     step, mean = run.wheel_speed_step, float(np.mean(run.wheel_speed))
     if step == 0.0:
@@ -324,8 +321,8 @@ def _pulses(run: AxleRecord) -> float:
 def _pulsed(run: AxleRecord, ripple: Floats, whole: smoother.Run, m: int) -> smoother.Run:
     """A counter's run in means over m samples, at their middle, of the level without ∫u.
 
-    All pulses between the first and the last: what is rounded at both ends is all the error there
-    is. A sample counts the interval before it, or that about it, where the log has totals.
+    The only error is the rounding at both ends of a mean. A sample counts the interval before it,
+    or, if the log has totals, the interval about it.
     """
     m = min(m, len(run) // 4)
     n, t = len(run) // m * m, whole.t
@@ -351,13 +348,13 @@ def _gained(t: Floats, u: Floats) -> Floats:
 
 
 def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
-    """What a signal rounded to these steps (n,) tells, and its variance (n,); inf: nothing new.
+    """A signal rounded to these steps (n,), and its variance (n,); inf: a repeated sample.
 
-    Rounding errors are independent only where the signal moves a step per sample. Where it stays on
-    a level for several, it is known best as it passes to the next: half way between both, to within
-    what it moves in one interval; the run of equal values besides counts as one sample. Back and
-    forth between two levels the errors are independent again: noise, or a pulse counter. One that
-    goes by the period of pulses, so that its steps differ, repeats its last while it waits for one.
+    Rounding errors are independent only if the signal moves a step per sample. If it stays on a
+    level for several, it is known best at the change to the next: half way, to within its movement
+    in one interval. The run of equal values then counts as one sample. Between two alternating
+    levels the errors are independent again: noise, or a pulse counter. A counter that measures the
+    period of pulses has varying steps, and repeats its last value until the next pulse.
     """
     n, variance = len(y), step**2 / 12.0
     first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
@@ -391,7 +388,7 @@ def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
 
 
 def _telling(run: smoother.Run) -> smoother.Run:
-    """The samples that tell something, of the level without ∫u; the run itself where all do.
+    """The informative samples, of the level without ∫u; the run itself if all are.
 
     A step of the smoother without a measurement would only blur its regimes.
     """
@@ -405,10 +402,7 @@ def _telling(run: smoother.Run) -> smoother.Run:
 
 
 def _bend(x: Floats) -> Floats:
-    """How far the straight line through two samples misses those around them, shape (n,).
-
-    At i: the larger second difference at i − 1 and i.
-    """
+    """The larger second difference at i − 1 and i, shape (n,)."""
     bend = np.abs(np.diff(x, 2, prepend=x[0], append=x[-1])) if len(x) else x
     larger: Floats = np.maximum(bend, np.concatenate([bend[:1], bend[:-1]]))
     return larger
@@ -418,9 +412,9 @@ def _fit_either(
     runs: list[smoother.Run], interval: float, scale: float, prior: smoother.Noise,
     slack: tuple[float, ...],
 ) -> tuple[smoother.Noise, smoother.Regimes]:  # fmt: skip
-    """Noise levels for a wheel that only rolls, or that slides too where that is clearly likelier.
+    """Noise levels for a wheel that only rolls, or also slides if that is clearly more likely.
 
-    A slide shorter than a few samples cannot be told from anything else: a slow log only rolls.
+    A slow log only rolls: a slide of a few samples cannot be recognised.
     """
     some = _sample(runs)
     one = smoother.Regimes(np.zeros(1), np.zeros((1, 1)), np.ones(1), scale + 1.0)
@@ -436,14 +430,16 @@ def _fit(
     runs: list[smoother.Run], regimes: smoother.Regimes, prior: smoother.Noise,
     slack: tuple[float, ...], near: smoother.Noise | None = None,
 ) -> tuple[smoother.Noise, float]:  # fmt: skip
-    """Noise levels of these regimes, of the prior's first ones, and their log posterior."""
+    """Noise levels of these regimes, the first of the prior, and their log posterior."""
     M = len(regimes.start)
     guess = prior._replace(rough=prior.rough[:M])
-    return smoother.fit(runs, regimes, _FLOOR, guess, _DECADES[: 2 + M], slack, near)
+    return smoother.fit(
+        runs, regimes, smoother.Prior(guess, _DECADES[: 2 + M], _FLOOR, slack), near
+    )
 
 
 def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
-    """K without its noise: held, moving, or stepping (then it is taken as measured).
+    """K without its noise: constant, moving, or stepping (then as measured).
 
     K = 0 is a bound of (15), not a measurement with noise: there it is exact.
     """
@@ -458,7 +454,8 @@ def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     rough = scale**2 * np.array([1e-6, 0.1, 3.0 / step**3])
     guess = smoother.Noise(max(white_noise((r.t, r.y) for r in every), floor), 0.0, rough)
     regimes = smoother.Regimes(np.zeros(3), _LEAVE, _START, 3.0 * scale)
-    noise, _ = smoother.fit(_sample(every), regimes, floor, guess, [2.0, 0.0, 2.0, 2.0, 0.0])
+    known = smoother.Prior(guess, [2.0, 0.0, 2.0, 2.0, 0.0], floor)
+    noise, _ = smoother.fit(_sample(every), regimes, known)
     found = []
     for r, some in zip(runs, pieces, strict=True):
         whole = smoother.Smooth(*np.zeros((4, len(r))))
@@ -484,8 +481,7 @@ def _pressed(run: AxleRecord) -> list[slice]:
 def _piece(run: AxleRecord, s: slice) -> smoother.Run:
     """The pressure's own samples of a piece, not those interpolated to the wheel's times.
 
-    Of a slow pressure that repeats its value no one can tell how often it was sampled: as often as
-    where it changes.
+    A slow pressure that repeats its value is taken as sampled as often as where it changes.
     """
     held, K, t = run.clamping_force[s], run.clamping_force_smooth[s], _seconds(run)[s]
     own = np.diff(held, prepend=np.nan) != 0.0
@@ -503,7 +499,7 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
 
 
 def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:
-    """Found at the times `known`, at the times t: straight lines, sigma with what they may miss."""
+    """Values at the times `known`, interpolated to t; sigma contains the error of that."""
     return smoother.Smooth(
         np.interp(t, known, found.level),
         np.hypot(np.interp(t, known, found.level_sigma), _missed(t, known, found.level)),
@@ -513,7 +509,7 @@ def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smoot
 
 
 def _missed(t: Floats, known: Floats, x: Floats) -> Floats:
-    """What straight lines between x at the times `known` may miss at the times t, shape (n,)."""
+    """Possible error at the times t of straight lines between x at `known`, shape (n,)."""
     after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
     part = (t - known[after - 1]) / (known[after] - known[after - 1])
     missed: Floats = _bend(x)[after] * part * (1.0 - part)
@@ -535,9 +531,9 @@ def _step(runs: list[smoother.Run]) -> float:
 
 
 def _sample(runs: list[smoother.Run]) -> list[smoother.Run]:
-    """The runs, or of a long log blocks for the fit: half of them spread evenly, half the roughest.
+    """The runs, or blocks of a long log for the fit: half spread evenly, half the roughest.
 
-    Slides and dumps are rare; noise levels found without them would be wrong for them.
+    Slides are rare, and noise levels fitted without them would be wrong for them.
     """
     if sum(len(r.t) for r in runs) <= _FIT:
         return runs
@@ -559,8 +555,8 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
     """Zero-phase Butterworth low pass on ω, differentiated; K as the smoother has it.
 
     Each run is resampled to its median interval, filtered forwards and backwards, and put back to
-    its own times. Sigma is what the filter lets through of the noise it removed, taken as white,
-    and K's own.
+    its own times. The removed noise is taken as white; sigma is the part of it that passes the
+    filter, and the noise of K.
     """
     from scipy.signal import butter, sosfiltfilt
 

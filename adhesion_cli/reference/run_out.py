@@ -1,27 +1,26 @@
-"""Run-out of a tone ring: a speed that errs by the same share at the same angle of every turn.
+"""Run-out of a tone ring: a speed error that repeats with every turn of the wheel.
 
-A ring that is not centred, or whose teeth are not even, reads ω (1 + A sin(θ − θ0)) with θ = ∫ω dt.
-At 0.1 % and nine turns a second that is 3 rad/s² of an acceleration that is not there. It is known
-by its phase: noise, brakes and slides do not keep step with the angle. What varies faster than a
-turn is fitted to ω sin θ and ω cos θ by least squares; their error is that of the sums over half a
-second each, whatever the noise is like.
+An eccentric or uneven ring reads ω (1 + A sin(θ − θ0)) with θ = ∫ω dt. At 0.1 % and nine turns a
+second that is an apparent acceleration of 3 rad/s². Its phase identifies it: noise, brakes and
+slides do not follow the angle. The part of ω faster than a turn is fitted to ω sin θ and ω cos θ by
+least squares. The sums over half a second each give their error, for any kind of noise.
 """
 
 import numpy as np
 
 from ..core.model import Floats
 
-_NOTHING = 1e-7  # less than this is rounding of the numbers [rad/s]
+_NOTHING = 1e-7  # a smaller variation is rounding of the numbers [rad/s]
 _STRETCH = 300.0  # seconds fitted together
-_BLOCK = 0.5  # seconds whose errors may depend on each other
-_LEAST = 16  # blocks that tell an error
-_SURE = 8.0  # by how many sigma the share must differ from 0
-_DIAMETER = 0.02  # by which the turns that a speed in km/h stands for may be off
-_TURN = 0.1  # of a turn at the end of a stretch: as finely is the diameter looked for
+_BLOCK = 0.5  # seconds whose errors may be correlated
+_LEAST = 16  # least blocks that show an error
+_SURE = 8.0  # least sigma by which the share differs from 0
+_DIAMETER = 0.02  # possible error of the wheel diameter by which km/h became turns
+_TURN = 0.1  # of a turn at the end of a stretch: step of the search for the diameter
 
 
 def found(t: Floats, y: Floats) -> tuple[Floats, float]:
-    """What the run-out adds to a wheel speed, and its largest share A; 0 where none is sure.
+    """The run-out in a wheel speed, and its largest share A; 0 where it is not certain.
 
     Args:
         t: time of an uninterrupted run [s], shape (n,).
@@ -53,7 +52,7 @@ def _of_stretch(t: Floats, y: Floats) -> tuple[Floats, float]:
         return none
     weight = 1.0 / (energy + np.median(energy) + 1e-12)[block]  # slides count less
 
-    # The radius by which km/h became rad/s may be off: the turns that explain most are taken.
+    # The radius by which km/h became rad/s may be wrong: take the turns that explain most.
     wave = _fast(y * np.sin(angle), width) + 1j * _fast(y * np.cos(angle), width)
     score = np.zeros(block[-1] + 1, complex)
     np.add.at(score, block, wave * fast * weight)
@@ -76,7 +75,7 @@ def _of_stretch(t: Floats, y: Floats) -> tuple[Floats, float]:
 
 
 def _fast(x: Floats, width: int) -> Floats:
-    """What a moving mean over `width` samples, taken twice, leaves out of x; shape (n,)."""
+    """The difference of x and its moving mean over `width` samples, taken twice; shape (n,)."""
     return x - _mean(_mean(x, width), width)
 
 

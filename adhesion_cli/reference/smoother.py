@@ -1,18 +1,18 @@
 """Offline smoother for a level and its rate on irregular steps, with changing roughness.
 
-The level x is measured with white noise of variance r; its rate is a known input u plus an unknown
-part δ: ẋ = u + δ, δ a random walk. How rough δ is depends on a hidden regime that switches at
-random (a Markov chain in continuous time). In the calm one δ also follows another signal s, by a
-variance per |Δs|, so that a ramp of s does the same at any rate of samples. Within each regime the
-smoother is Rauch, Tung and Striebel's, and after each step the regimes' mixtures are merged to one
-Gaussian each, forwards as Kim does. Backwards, Kim weighs the regime before a step by its filtered
-probability alone; then a regime can be chosen whose state does not fit what came after it. Barber's
-correction adds how well it fits: regime i before j weighs
+The level x is measured with white noise of variance r. Its rate is a known input u plus an unknown
+δ: ẋ = u + δ, δ a random walk. The roughness of δ depends on a hidden regime that switches at random
+(a Markov chain in continuous time). In the calm one δ also follows another signal s, by a variance
+per |Δs|, so that a ramp of s has the same effect at any sample rate. Within each regime it is the
+smoother of Rauch, Tung and Striebel. After each step the mixtures are merged to one Gaussian per
+regime, forwards as Kim does. Backwards, Kim weights the regime before a step by its filtered
+probability alone, which can choose a regime whose state does not fit the samples after it. Barber's
+correction adds that fit: regime i before j has the weight
 
     w_ij ∝ p_i T_ij N(x̂_j; m_ij, P_ij),
 
-x̂_j smoothed mean after the step, m_ij and P_ij what i and j predict for it; the spread of x̂_j is
-neglected there. All noise levels are those that make the measurements most likely.
+with x̂_j the smoothed mean after the step, m_ij and P_ij its prediction by i and j. The spread of
+x̂_j is neglected there. The noise levels are those that make the measurements most likely.
 
 Sources: Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Kim, J. Econometrics 60 (1994) 1; Barber,
 J. Machine Learning Research 7 (2006) 2515.
@@ -57,6 +57,21 @@ class Noise(NamedTuple):
     rough: Floats  # (M,) variance rate of δ in each regime: [y²/s³]; of a wheel speed rad²/s⁵
 
 
+class Prior(NamedTuple):
+    """What `fit` knows of the noise levels beforehand.
+
+    It is log-normal and wide. It decides only what the measurements do not show, such as the level
+    of a regime that never occurs.
+    """
+
+    guess: Noise  # its centre
+    decades: Sequence[float]  # its 1 sigma, for measurement, coupling, each regime; 0 holds a value
+    floor: float  # least variance of the measurement noise; the excess over it is fitted
+    # Nats below the maximum to which coupling and the first regimes are loosened. 0.5 is one
+    # standard deviation of the likelihood.
+    slack: Sequence[float] = (0.5, 0.5)
+
+
 class Smooth(NamedTuple):
     """The smoothed run; columns of shape (n,). A sigma is the 95 % half-width over 1.96."""
 
@@ -66,24 +81,18 @@ class Smooth(NamedTuple):
     rate_sigma: Floats
 
 
-def fit(  # noqa: PLR0913
-    runs: Sequence[Run], regimes: Regimes, floor: float, guess: Noise, decades: Sequence[float],
-    slack: Sequence[float] = (0.5, 0.5), near: Noise | None = None,
-) -> tuple[Noise, float]:  # fmt: skip
+def fit(
+    runs: Sequence[Run], regimes: Regimes, prior: Prior, near: Noise | None = None
+) -> tuple[Noise, float]:
     """The most likely noise levels and their log posterior.
 
     Args:
         runs: what was measured.
         regimes: the regimes.
-        floor: least variance of the measurement noise; its excess over that is fitted.
-        guess: centre of the prior, which is log-normal and wide: it decides only what the
-            measurements leave open (a regime that never occurs).
-        decades: 1 sigma of the prior, for measurement, coupling and each regime; 0 holds a value.
-        slack: nats below the maximum, for coupling and the first regimes: what binds δ there is
-            loosened as far as that allows. 0.5 is one standard deviation of the likelihood.
-        near: levels that fit nearly the same measurements, to begin at; without, at the guess.
+        prior: what is known beforehand.
+        near: levels that fit nearly the same measurements, as a start; else the guess is.
     """
-    width = np.array(decades) * math.log(10.0)
+    width, guess, floor = np.array(prior.decades) * math.log(10.0), prior.guess, prior.floor
 
     def logarithms(noise: Noise) -> Floats:
         excess = max(noise.measurement - floor, 1e-3 * floor)
@@ -97,14 +106,14 @@ def fit(  # noqa: PLR0913
 
     def posterior(x: Floats) -> float:
         free = width > 0.0
-        prior = -0.5 * float(np.sum(((x - centre)[free] / width[free]) ** 2))
-        return prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
+        known = -0.5 * float(np.sum(((x - centre)[free] / width[free]) ** 2))
+        return known + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
     if near is None:
         best, value = _climb(posterior, centre, width / 2.0)
     else:
         best, value = _climb(posterior, logarithms(near), width / 8.0)
-    return noise(_loosened(posterior, best, value, width, slack)), value
+    return noise(_loosened(posterior, best, value, width, prior.slack)), value
 
 
 def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
@@ -123,8 +132,8 @@ def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
 
 
 def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
-    """Maximum of f by search along the axes, the first steps halved down to 0.2."""
-    known: dict[bytes, float] = {}  # a fifth of the points come up again
+    """Maximum of f by search along the axes, with steps halved down to 0.2."""
+    known: dict[bytes, float] = {}  # a fifth of the points occur twice
 
     def at(x: Floats) -> float:
         key = x.tobytes()
@@ -140,7 +149,7 @@ def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[
                 trial = x.copy()
                 trial[i] += sign * steps[i]
                 value = at(trial)
-                while value > best:  # downhill is left: go on
+                while value > best:
                     x, best, moved = trial.copy(), value, True
                     trial[i] += sign * steps[i]
                     value = at(trial)
@@ -152,10 +161,10 @@ def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[
 def _loosened(
     f: Callable[[Floats], float], x: Floats, best: float, width: Floats, slack: Sequence[float]
 ) -> Floats:
-    """The point x with what binds δ loosened: coupling, then each regime, as far as `slack` allows.
+    """The point x with larger coupling, then larger roughness of each regime, as `slack` allows.
 
-    Where hardly anything varies, likelihood is flat towards no roughness at all, and its maximum
-    there would be certain of what it merely has not seen.
+    Where little varies, the likelihood is flat towards zero roughness. Its maximum there would make
+    the result too certain.
     """
     x = x.copy()
     for i, nats in zip(range(1, len(x)), slack, strict=False):
@@ -202,7 +211,7 @@ def _switching(leave: Floats, h: float, T: Floats) -> None:
             T[i, j] = stay if i == j else leave[i, j] / out * (1.0 - stay)
 
 
-def _predict(  # noqa: PLR0913
+def _predict(  # noqa: PLR0913 (numba: plain arrays and floats)
     m0: float, m1: float, P00: float, P01: float, P11: float,
     h: float, gain: float, ds: float, c: float, q: float,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
@@ -216,7 +225,7 @@ def _predict(  # noqa: PLR0913
     )
 
 
-def _filter(  # noqa: PLR0913
+def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats,
     y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats,
@@ -292,7 +301,7 @@ def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:
     into[j, 3], into[j, 4], into[j, 5] = P01, P11, p
 
 
-def _backward(  # noqa: PLR0913
+def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats, kept: Floats, out: Floats,
 ) -> None:  # fmt: skip
@@ -348,25 +357,30 @@ def _backward(  # noqa: PLR0913
             for i in range(M):
                 _merge(pair, W, i, new)
             now, new = new, now
-        mass = 0.0
+        _answer(now, out, k)
+
+
+def _answer(now: Floats, out: Floats, k: int) -> None:
+    """Fills row k of `out` with the mixture's level, its sigma, δ and its sigma."""
+    M, mass = len(now), 0.0
+    for j in range(M):
+        mass += now[j, 5]
+    for i in range(2):
+        mean = 0.0
         for j in range(M):
-            mass += now[j, 5]
-        for i in range(2):
-            mean = 0.0
-            for j in range(M):
-                mean += now[j, 5] / mass * now[j, i]
-            out[k, 2 * i] = mean
-            out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
+            mean += now[j, 5] / mass * now[j, i]
+        out[k, 2 * i] = mean
+        out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
 
 
-def _gained(  # noqa: PLR0913
+def _gained(  # noqa: PLR0913 (numba: plain arrays and floats)
     D00: float, D01: float, D11: float, P00: float, P01: float, P11: float, det: float
 ) -> tuple[float, float, float]:
     """What later samples change of the covariance P (its determinant `det`): D without growth.
 
-    Knowing more never widens what one regime before and one after it leave open; a merged mixture
-    can be wider all the same, and passed on it would grow without end where y tells little. Of
-    D = λ₁PvvᵀP + λ₂PwwᵀP the positive part is left out.
+    More samples never widen the spread for one regime before and one after. A merged mixture can
+    still be wider, and would grow without end where y shows little. So the positive part of
+    D = λ₁PvvᵀP + λ₂PwwᵀP is removed.
     """
     half = (P11 * D00 - 2.0 * P01 * D01 + P00 * D11) / (2.0 * det)
     root = math.sqrt(max(half * half - (D00 * D11 - D01 * D01) / det, 0.0))

@@ -1,12 +1,12 @@
-"""Closed loop: a train stops while a controller works the valves of each brake cylinder.
+"""Closed loop: a train stops while a controller works the dump valves of each brake cylinder.
 
-Around the simulated train of `plant` stands its `unit`: at each of its ticks it is given train
-speed, wheel speeds and cylinder pressures, late and noisy, and sets the valves, which answer after
-their dead time.
+The simulated train is `plant`'s. At each of its ticks the WSP controller gets train speed, wheel
+speeds and cylinder pressures, delayed and noisy. It sets the valves, which respond after their dead
+time.
 
-A stop is told in the terms of EN 15595: stopping distance and its extension over that on dry rail,
-use of the adhesion there was, depth and time of slides, standing wheels, air. The limits of the
-standard are not built in: no copy of it could be read.
+The verdict uses the terms of EN 15595: stopping distance and its extension over that on dry rail,
+adhesion utilisation, depth and time of slides, locked wheels, air. The limits of the standard are
+not built in, as no copy of it was at hand.
 """
 
 import math
@@ -48,23 +48,23 @@ DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
-_HALVINGS = 30  # in the search for the peak
+_HALVINGS = 30  # of the search for the peak
 
 
 # --- the loop: plain Python that compiles ---------------------------------------------------------
 
 
 class _Unit(NamedTuple):
-    """Times in steps of the plant, and what the unit knows."""
+    """The WSP controller's times, in steps of the plant, and its source of train speed."""
 
     every: int  # between ticks
     delay: int  # age of measured values
-    dead: int  # until the valves answer
-    measured: bool  # the train speed; else it is made of the axles
+    dead: int  # dead time of the valves
+    measured: bool  # the train speed; else it is estimated from the axles
 
 
 class _Noise(NamedTuple):
-    """Of what is measured, shapes (ticks,) and (ticks, axles)."""
+    """Noise of measured values, shapes (ticks,) and (ticks, axles)."""
 
     train_speed: Floats  # [m/s]
     wheel_speed: Floats  # [rad/s]
@@ -72,7 +72,7 @@ class _Noise(NamedTuple):
 
 
 class _Past(NamedTuple):
-    """What was, as long as it is still to be measured: step k in row k modulo the rows."""
+    """Values that are not yet measured: step k in row k modulo the rows."""
 
     v: Floats  # [m/s]
     w: Floats  # [rad/s], shape (rows, axles)
@@ -102,7 +102,7 @@ class _Trace(NamedTuple):
 
 
 class _World(NamedTuple):
-    """All that a unit has to do with, and knows only by what it measures."""
+    """Train, rail and sensors."""
 
     plant: Plant
     track: Track
@@ -116,10 +116,10 @@ class _World(NamedTuple):
 
 
 def _drive(world: _World, train: Train, j: int) -> Train:
-    """The train at tick j, if it does not stand before; fills row j but for what the unit makes.
+    """The train at tick j, if it does not stand before; fills row j except the controller's part.
 
-    It comes from the tick before with the valves of the rows until then. No part of a unit is in
-    here: one compiled piece serves all.
+    It starts from the tick before, with the valves of the rows until then. It contains no part of a
+    controller: one compiled piece serves all.
     """
     unit, trace, wheels = world.unit, world.trace, world.wheels
     if j == 0:
@@ -142,7 +142,7 @@ def _drive(world: _World, train: Train, j: int) -> Train:
 
 
 def _remember(world: _World, train: Train, k: int) -> None:
-    """The state at step k, to be measured when its time has come."""
+    """Stores the state at step k, to be measured later."""
     past, wheels = world.past, world.wheels
     row = k % len(past.v)
     past.v[row] = train.v
@@ -152,7 +152,7 @@ def _remember(world: _World, train: Train, k: int) -> None:
 
 
 def _measure(world: _World, j: int) -> None:
-    """Row j of what is measured of v, ω and p; a sensor at rest gives no pulses."""
+    """Fills row j of the measured v, ω and p; a sensor at rest gives no pulses."""
     unit, noise, past, trace = world.unit, world.noise, world.past, world.trace
     row = max(j * unit.every - unit.delay, 0) % len(past.v)
     y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], past.v[row]
@@ -181,8 +181,8 @@ def _march(
         drive: `_drive`.
         world: train, rail, sensors; its trace is filled.
         train: at the start.
-        c: constants of the unit.
-        bands: that regions are told by.
+        c: constants of the WSP controller.
+        bands: that decide on regions.
 
     Returns:
         Ticks done; −j where Newton's iteration failed on the way to tick j.
@@ -209,11 +209,11 @@ def _march(
     return len(trace.demand)
 
 
-def _given(  # noqa: PLR0913
+def _given(  # noqa: PLR0913 (compiled: one array each)
     plant: Plant, track: Track, h: float, v: Floats, x: Floats, w: Floats,
     force: Floats, peak: Floats, peak_slip: Floats,
 ) -> None:  # fmt: skip
-    """What the rail gave at each tick, and the most it could have; shapes (ticks,) and w's."""
+    """Fills force, peak and its slip at each tick; shapes (ticks,) and that of w."""
     rail = np.zeros(5)
     for i in range(w.shape[1]):
         knot = 0
@@ -252,12 +252,12 @@ def run(
     """One stop.
 
     Args:
-        scenario: train, brake, rail and unit; its sensors and its simple slide protection are the
-            log's and play no part.
+        scenario: train, brake, rail and WSP. Its sensors and its simple WSP belong to the log and
+            are not used.
         controller: a name in `controller.registry()`.
         seed: of the sensors' noise, in place of the scenario's.
         algo: online estimator in the loop.
-        settings: as in `unit.choose`.
+        settings: as in `wsp_controller.choose`.
         track: the rail, in place of the scenario's.
 
     Raises:
@@ -268,65 +268,66 @@ def run(
 
     if scenario.rig or not scenario.brake.command or not scenario.train.speed:
         raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
-    known, axles, dt = scenario.antiskid, scenario.train.axles, scenario.dt
-    settings = settings or {}
+    known, dt, settings = scenario.antiskid, scenario.dt, settings or {}
     if dt > known.period:
-        text = f"{scenario.name}: dt is longer than the unit's period"
+        text = f"{scenario.name}: dt is longer than the WSP controller's period"
         raise UserError(text, "a shorter dt", code=2)
-    every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
-    h = every * dt
+    h = round(known.period / dt) * dt
     chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)
-    plant, demand, track = plant_of(scenario), demand_of(scenario), track or track_of(scenario)
-    _stops(scenario, plant, demand)
-    plant = plant._replace(
-        valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
-    )
-    ticks = round(LONGEST / h)
-    shape = (ticks, axles)
     seed = scenario.seed if seed is None else seed
-    random = np.random.Generator(np.random.PCG64(seed))
-    noise = _Noise(
-        *(
-            math.sqrt(variance) * random.standard_normal(size)
-            for variance, size in (
-                (known.train_noise, ticks), (known.wheel_noise, shape),
-                (known.pressure_noise, shape),
-            )
-        )
-    )  # fmt: skip
-    columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
-    trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
-    train, wheels = rolling(scenario.train.speed, axles)
-    unit = _Unit(every, delay, dead, known.train_speed == "measured")
-    past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
-    c = chosen.constants
-    world = _World(plant, track, demand, wheels, unit, noise, past, trace, dt)
+    world, train = _world(scenario, track or track_of(scenario), seed)
     drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
-    done = march(drive, world, train, c, bands(settings))
+    done = march(drive, world, train, chosen.constants, bands(settings))
     if done < 0:
         raise UserError(f"{scenario.name}: no solution at {-done * h:g} s", "take a shorter dt")
-    if done == ticks:
-        text = f"{scenario.name}: the train does not stand after {LONGEST:g} s"
+    if done == len(world.trace.demand):
+        text = f"{scenario.name}: the train does not stop within {LONGEST:g} s"
         raise UserError(text, "a stronger brake, or a better rail")
-    trace = _Trace._make(column[:done].copy() for column in trace)
+    trace = _Trace._make(column[:done].copy() for column in world.trace)
     v, rim = trace.train_speed, trace.rim_speed
     force, peak, peak_slip = (np.empty(rim.shape) for _ in range(3))
-    compiled.function(_given)(plant, track, h, v, trace.distance, rim, force, peak, peak_slip)
+    fill = compiled.function(_given)
+    fill(world.plant, world.track, h, v, trace.distance, rim, force, peak, peak_slip)
     stop = Stop(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
         **trace._asdict(), force=force, peak=peak, peak_slip=peak_slip,
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
-        air=float(wheels.air.sum()) * known.volume / _NORMAL * 1e3,
+        air=float(world.wheels.air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
     if not _stopping_distance(stop, scenario) > 0.0:
         raise UserError(f"{scenario.name}: the train stands at once", "a faster train")
     return stop
 
 
+def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
+    """Train, rail and sensors of a scenario at the start, with an empty trace."""
+    known, axles, dt = s.antiskid, s.train.axles, s.dt
+    every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
+    plant, demand = plant_of(s), demand_of(s)
+    _stops(s, plant, demand)
+    plant = plant._replace(
+        valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
+    )
+    ticks = round(LONGEST / (every * dt))
+    shape = (ticks, axles)
+    random = np.random.Generator(np.random.PCG64(seed))
+    noise = _Noise(
+        math.sqrt(known.train_noise) * random.standard_normal(ticks),
+        math.sqrt(known.wheel_noise) * random.standard_normal(shape),
+        math.sqrt(known.pressure_noise) * random.standard_normal(shape),
+    )
+    columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
+    trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
+    train, wheels = rolling(s.train.speed, axles)
+    unit = _Unit(every, delay, dead, known.train_speed == "measured")
+    past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
+    return _World(plant, track, demand, wheels, unit, noise, past, trace, dt), train
+
+
 def taken_for(s: Scenario) -> Vehicle:
-    """The vehicle that the unit of a scenario takes it for."""
+    """The vehicle as the WSP controller of a scenario assumes it."""
     known, v, axles = s.antiskid, s.vehicle, range(1, s.train.axles + 1)
     factors = known.radius * (s.train.axles // len(known.radius))
     return replace(
@@ -341,22 +342,22 @@ def taken_for(s: Scenario) -> Vehicle:
 
 
 def speed_noise(s: Scenario) -> float:
-    """1 sigma of v − ωR as the unit of a scenario measures it [m/s]."""
+    """1 sigma of v − ωR as the WSP controller of a scenario measures it [m/s]."""
     rim = s.vehicle.radius(1).value ** 2 * s.antiskid.wheel_noise
     train = s.antiskid.train_noise if s.antiskid.train_speed == "measured" else rim
     return math.sqrt(train + rim)
 
 
 def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:
-    """Refuses a brake that never takes hold, or is released before any rail can stop the train.
+    """Refuses a brake without force, or one released before the train can stop on any rail.
 
     With (1) from v0 to standstill, (m + I/R²) v0 = ∫φK dt while the wheel turns, on any rail. K
-    follows the demand, and at its release lasts no longer than the cylinder needs to vent.
+    follows the demand; after its release K ends when the cylinder is empty.
     """
     w = physics.wheelset(s.vehicle, 1)
     K, t = clamping(plant.brake, demand.p[:-1]), demand.t[:-1]
     if not K.any():
-        text = f"{s.name}: {demand.p.max() * 1e-5:.2g} bar, the most demanded, moves no brake pad"
+        text = f"{s.name}: the largest demand, {demand.p.max() * 1e-5:.2g} bar, moves no brake pad"
         raise UserError(
             text, "a pressure that overcomes the cylinder's spring, [vehicle] spring_force"
         )
@@ -382,9 +383,9 @@ def side_by_side(
     settings: Settings,
     tell: Callable[[str], None],
 ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
-    """Dry distance [m], and the stop under every controller by name; arguments as of `run`.
+    """Dry distance [m], and the stop under every controller by name; arguments as in `run`.
 
-    `tell` is told the progress.
+    `tell` gets the progress.
     """
     tell("dry rail")
     dry, stops = dry_distance(scenario), {}
@@ -396,7 +397,7 @@ def side_by_side(
 
 
 def verdict(stop: Stop, scenario: Scenario, dry: float) -> Verdict:
-    """What a stop is worth; `dry` is the stopping distance on dry rail [m]."""
+    """The measures of a stop; `dry` is the stopping distance on dry rail [m]."""
     h = float(stop.t[1] - stop.t[0]) * 1e-9
     wheel = physics.wheelset(scenario.vehicle, 1)
     asked = wheel.rolling * wheel.phi * physics.clamping_force(stop.demand, scenario.vehicle)
@@ -423,7 +424,7 @@ def _stopping_distance(stop: Stop, scenario: Scenario) -> float:
 
 
 def against(limits: Sequence[Limit], v: Verdict) -> Iterator[tuple[Limit, bool]]:
-    """Each limit, and whether the stop keeps it; what did not take place breaks none."""
+    """Each limit, and whether the stop keeps it; a quantity without a value keeps it."""
     for limit in limits:
         value = getattr(v, limit.quantity)
         yield limit, value is None or limit.least <= value <= limit.most

@@ -9,7 +9,7 @@ A wheel that stands is held by its brake up to φK; a train that stands stays (l
 The equations are stiff: near adhesion the slip settles within 1/(a R ∂F/∂Δv), 2 ms at 20 m/s and
 20 µs at walking pace. They are integrated by the two-stage, L-stable, stiffly accurate SDIRK
 method of order 2 (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2), whose
-last stage is the new state: F in the output satisfies (3) at the sample it stands beside.
+last stage is the new state: F in the output satisfies (3) at its own sample.
 
 Everything below `track_of` is plain Python that compiles; loops over `advance_to` set the valves.
 """
@@ -147,11 +147,11 @@ class Wheels(NamedTuple):
 
     w: Floats  # rim speeds ωR [m/s]
     p: Floats  # cylinder pressures [Pa]
-    air: Floats  # taken in by each cylinder so far, as a rise of pressure [Pa]
+    air: Floats  # consumption of each cylinder, as a rise of pressure [Pa]
     valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
     knot: NDArray[np.int64]  # of the track, the last one past each axle
     rails: Floats  # the condition under each where the last step ended, shape (axles, 5)
-    friction: Floats  # room of a step, so that none allocates, as the rest
+    friction: Floats  # work space of a step, as the rest
     w_new: Floats
     w_from: Floats
     newton: Floats  # shape (axles, 3)
@@ -174,9 +174,9 @@ def rolling(v: float, axles: int) -> tuple[Train, Wheels]:
 
 
 def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
-    """Puts the condition at place or time `z` into `rail`; returns the knot before it.
+    """Fills `rail` with the condition at place or time `z`; returns the knot before it.
 
-    `axle` counts from 0, `j` is a knot no later.
+    `axle` counts from 0, `j` is that knot or an earlier one.
     """
     while track.knots[j + 1] <= z:
         j += 1
@@ -206,7 +206,7 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     elif h == 0.0:
         p1 = p
     else:
-        behind = (c1 - c0) / h * lag  # how far a lag trails a ramp
+        behind = (c1 - c0) / h * lag  # distance of a lag behind a ramp
         p1 = c1 - behind + (p - c0 + behind) * math.exp(-h / lag)
     if p1 > p:
         return min(p1, p + plant.fill_rate * h) if plant.fill_rate < math.inf else p1
@@ -216,8 +216,8 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
 def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
     """Implicit stage: v = v_from − h ΣF/M, w = w_from + h R² (F − B)/I (rim speeds), none below 0.
 
-    Newton's method; the Jacobian is an arrow. F falls so steeply about zero sliding that an iterate
-    never crosses it but starts again from there, where F is steepest and it cannot overshoot.
+    Newton's method with an arrow Jacobian. F is very steep about zero sliding. An iterate that
+    would cross it starts again from there, where F is steepest and it cannot overshoot.
     `v` and `s.w_new` are the first guess; `s.w_new` becomes the answer.
 
     Returns:
@@ -254,7 +254,7 @@ def _stage(plant: Plant, s: Wheels, h: float, v_from: float, v: float) -> float:
 def advance_to(
     plant: Plant, track: Track, demand: Demand, s: Train, wheels: Wheels, end: float
 ) -> Train:
-    """The train at time `end` [s]; a step ends wherever the demand or the rail jumps or kinks."""
+    """The train at time `end` [s]; a step ends at every jump and kink of demand or rail."""
     t, v, x, asked, i, j = s.t, s.v, s.x, s.asked, s.demand_knot, s.track_knot
     while t < end - SOON:
         while demand.t[i + 1] <= t + SOON:
@@ -277,7 +277,7 @@ def advance_to(
 
 
 def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
-    """Takes a jump of the demand at the train's time into cylinders that follow at once."""
+    """Applies a jump of the demand at the train's time to cylinders without lag."""
     i = s.demand_knot
     while demand.t[i + 1] <= s.t + SOON:
         i += 1
@@ -299,11 +299,11 @@ def _jump(plant: Plant, wheels: Wheels, demanded: float) -> None:
         wheels.p[i] = p
 
 
-def _step(  # noqa: PLR0913
+def _step(  # noqa: PLR0913 (compiled: plain floats)
     plant: Plant, track: Track, s: Wheels, demand: float, rise: float,
     t: float, h: float, v: float, x: float,
 ) -> float:  # fmt: skip
-    """One step from `t` to `t + h`, within which nothing jumps; the wheels are updated.
+    """One step from `t` to `t + h`, without jumps inside; updates the wheels.
 
     `demand` is the pressure demanded at `t` [Pa] and `rise` its slope [Pa/s].
 

@@ -1,20 +1,20 @@
-"""Train speed for a unit that measures none: the reference speed of its axles, and its doubt.
+"""Reference speed: the train speed of a WSP controller that measures none, and its doubt.
 
-While an axle rolls, the fastest is the train (`physics.reference_speed`). An axle may slide from
-the moment its controller touches the valves, or its rim falls behind. Where all may, v goes on by
-(1) with the estimated forces, v̇ = −ΣF̂/Σm, never below the fastest rim: wheels that creep off
-together cannot take it along. What is not known of the forces, from φ, mass and gradient, makes v
-doubtful by a share of all that was integrated:
+While an axle rolls, the fastest one gives the train speed (`physics.reference_speed`). An axle may
+slide from the moment its controller uses the valves, or its rim is slower. If all may slide, v
+follows (1) with the estimated forces, v̇ = −ΣF̂/Σm, but is never below the fastest rim. So wheels
+that creep away together do not pull it down. φ, mass and gradient make v uncertain by a share of
+all that was integrated:
 
     doubt = ∫ `_SHARE` ΣF̂/Σm dt.
 
-A wheel rolls again where F̂ is well below what the rail has lately given it and its rim is even: on
-the way back from a slide F̂ falls behind the peak to what the brake takes, while a rim that is still
-slower than the train runs up. Where that does not happen by itself and the doubt comes to more than
-`_DOUBTFUL` of v, one axle at a time, the fastest, is the pilot: its brake is let out until it runs
-up and shows v, as slide protection in service does.
+A wheel rolls again where F̂ is well below the recent adhesion force and its rim speed is even. After
+a slide F̂ falls from the peak to what the brake takes, while a slower rim accelerates. If that does
+not happen and the doubt exceeds `_DOUBTFUL` of v, the fastest axle becomes the pilot. Its brake is
+released until it rolls and shows v, as WSPs in service do.
 
-Plain Python that compiles; the constants are ours, and little depends on them (docs/validation.md).
+Plain Python that compiles. The constants are ours; their influence is small
+(docs/explanation/antiskid.md).
 """
 
 import math
@@ -24,34 +24,34 @@ from ..core.controller import APPLY, HOLD, VENT
 from ..core.model import Wheelset
 from ..core.physics import GRADIENT, HARDER, reference_speed
 
-_SHARE = 0.1  # of the estimated deceleration that may be untrue, as φ alone often is
+_SHARE = 0.1  # error of the estimated deceleration, as φ alone often has
 _DOUBTFUL = 0.05  # share of v
-_BEHIND, _NEAR = 0.015, 0.1  # a rim that rolls lags by no more than this share of v, and [m/s]
-_LESS = 0.7  # share of what the rail gave; a wheel that takes less rolls
+_BEHIND, _NEAR = 0.015, 0.1  # largest lag of a rolling rim: share of v, and [m/s]
+_LESS = 0.7  # share of the recent adhesion force; below it, a wheel rolls
 _LEFT = 0.8 * _LESS  # share of it that a pilot's brake keeps
-_FORGET = 2.0  # time constant of what the rail gave [s]
-_EVEN = 0.05  # how long a rim has to be even [s]
-_LITTLE = 1.0  # for nothing given, as 0 is a wheel that rolls [N]
+_FORGET = 2.0  # time constant of the recent adhesion force [s]
+_EVEN = 0.05  # least time of an even rim speed [s]
+_LITTLE = 1.0  # least adhesion force of a wheel that may slide, as 0 means that it rolls [N]
 NONE = -1
 
 
 class Known(NamedTuple):
-    """What the unit knows of the train."""
+    """The train as the WSP controller knows it."""
 
     v: float  # speed [m/s]
-    doubt: float  # by which it may be another [m/s]
-    pilot: int  # index of the axle that is let run up, or `NONE`
+    doubt: float  # its possible error [m/s]
+    pilot: int  # index of the axle whose brake is released, or `NONE`
 
 
 class Witness(NamedTuple):
     """Whether an axle shows the train's speed."""
 
-    given: float  # what the rail gave since the axle may slide [N]; 0 while it rolls
-    even: float  # so long the rim has changed no faster than a train does [s]
+    given: float  # recent adhesion force since the axle may slide [N]; 0 while it rolls
+    even: float  # time since the rim changed faster than a train does [s]
 
 
 def further(before: Known, rolls: bool, fastest: float, slowing: float, h: float) -> Known:
-    """The train one step on.
+    """The train one step later.
 
     Args:
         before: at the step before.
@@ -66,11 +66,11 @@ def further(before: Known, rolls: bool, fastest: float, slowing: float, h: float
     return Known(v, before.doubt + _SHARE * slowing * h, before.pilot)
 
 
-def watched(  # noqa: PLR0913
+def watched(  # noqa: PLR0913 (compiled: plain floats)
     w: Wheelset, before: Witness, v: float, slowing: float, rim: float, K: float, F: float,
     valve: int, h: float,
 ) -> Witness:  # fmt: skip
-    """An axle one step on; `valve` is the command of the step before, the rest is of this one."""
+    """An axle one step later; `valve` is from the step before, the rest from this one."""
     rate = w.radius**2 / w.inertia * (F - w.phi * K)  # (1)
     even = before.even + h if abs(rate) < HARDER * slowing + GRADIENT else 0.0
     if before.given == 0.0:
@@ -81,10 +81,10 @@ def watched(  # noqa: PLR0913
 
 
 def asks_pilot(train: Known) -> bool:
-    """Whether an axle is to be let run up, and none is."""
+    """Whether a pilot is needed, and there is none."""
     return train.pilot == NONE and train.doubt > _DOUBTFUL * train.v
 
 
 def pilots_valve(w: Wheelset, x: Witness, K: float) -> int:
-    """What lets the pilot run up: less brake than the rail gives, then as much."""
+    """The pilot's valve: the brake is released below the adhesion force, then held."""
     return VENT if w.phi * K > _LEFT * x.given else HOLD

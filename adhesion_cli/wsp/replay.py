@@ -1,20 +1,21 @@
-"""What each controller would have done where a log was taken.
+"""What each controller would have done in a logged stop.
 
-The rail under each axle that slid is the one `railfit` fits to its slides, from where it first
-creeps by more than 1 %; before, and under an axle that never slid, it gave what was asked for and
-counts as dry. The train is the log's axles, the speed the log's at the start of the brake. The
-demand is the clamping force of the axles that never slid. Where every axle did, slide protection
-let air out of each from then on: the demand goes on as it stood when the last of them began to, or
-as the largest force since; where no axle slides and all hold one force it shows again. If it did
-not yet stand, or changed since, it may have been anything from that to what locks a wheel on dry
-rail: half of the draws have more, and there is no dry distance to compare with. It begins as much
-earlier as cylinders take to fill against their springs, before which there is no clamping force.
-Where the brake was released before the train stood, the demand goes on as it was. The track is
-level and the unit that of `scenario.Antiskid`.
+Rail. `rail.fit` gives the rail under each axle that slid, from where its creep first passes 1 %.
+Before that, and under an axle that never slid, the rail counts as dry.
 
-The fit's uncertainty is carried through: a draw of the fits is a rail under each axle, friction in
-deep slides falling alike under all of them, and a true pad friction for all; each controller stops
-on `_DRAWS` of them. The intervals hold what the log does not decide, not what is said above.
+Demand. It is the clamping force of the axles that never slid. If every axle slid, the WSP dumped
+air from each, and the demand counts as it was before the slides, or as the largest force since.
+While no axle slides and all have one force for a while, that force is the demand. If the demand was
+not steady, half of the draws have more, up to what locks a wheel on dry rail. There is then no dry
+distance. The demand begins earlier by the time in which cylinders fill against their springs. If
+the brake was released before standstill, the demand continues.
+
+Train. It has the log's axles and its speed at the start of the brake. The track is level, and the
+WSP controller is that of `scenario.Antiskid`.
+
+Uncertainty. A draw has a rail under each axle and one true pad friction. How friction falls in deep
+slides is the same choice under all axles. Each controller stops on `_DRAWS` draws. The intervals do
+not contain the errors of the assumptions above.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,13 +46,13 @@ from .sweep import Beside, beside, interval, on_all_cores
 from .wsp_controller import Settings
 
 _EVERY = 0.1  # between two knots of the demand [s]
-_RELEASED = 0.05  # share of the largest demand: less is none
-_OFFSET = 0.1  # share of it: what never falls below less is a sensor's offset
-_PAUSE = 2.0  # without brake and slide: longer, the brake was released [s]
-_DRAWS = 40  # of the fit that are run again
-_NOISE = 0.01  # share of the largest demand: less is no change of it
-_STOOD, _EVEN = 1.0, 0.03  # a demand that has changed by no more in so long stands [s], share of it
-_HELD = 5.0  # of a wheel that rolls slide protection lets no force stand as long [s]
+_RELEASED = 0.05  # share of the largest demand below which the brake is released
+_OFFSET = 0.1  # share of it: a smaller least value is a sensor's offset
+_PAUSE = 2.0  # longest time without brake and slide within one brake application [s]
+_DRAWS = 40  # of the fit that are simulated
+_NOISE = 0.01  # share of the largest demand: least change of it
+_STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
+_HELD = 5.0  # a WSP keeps no force constant for so long on a rolling wheel [s]
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
@@ -66,15 +67,15 @@ class Case(NamedTuple):
     scenario: Scenario  # train and demand
     track: Track  # the best fit
     draws: list[tuple[Scenario, Track]]
-    logged_m: float | None  # run in the log from the same moment to standstill
-    demanded: bool  # what was asked of the brakes is known
+    logged_m: float | None  # distance in the log from the same moment to standstill
+    demanded: bool  # the demand is known
     findings: list[Finding]
 
 
 class Answer(NamedTuple):
     """One controller: its stop on the best fit; of each value the draws' median and 95 % interval.
 
-    The best fit's own value would not do: one stop's largest slip lies below most draws'.
+    The best fit's own value would mislead: one stop's largest slip lies below that of most draws.
     """
 
     stop: Stop
@@ -83,7 +84,7 @@ class Answer(NamedTuple):
 
 
 class _Braking(NamedTuple):
-    """When the stop was, on a grid of `_EVERY` from the start of the brake; all shape (n,)."""
+    """The stop on a grid of `_EVERY` from the start of the brake; all shape (n,)."""
 
     t: Times  # [ns]
     speed: Floats  # of the train [m/s]
@@ -92,32 +93,17 @@ class _Braking(NamedTuple):
 
 
 def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
-    """The stop of a log with the longest slide, and the rails that it may have been on.
+    """The stop of a log with the longest slide, and the rails that are likely under it.
 
     Args:
         result: the analysed log.
-        train_speed: how the unit knows it, if not as in `scenario.Antiskid`.
+        train_speed: source of the WSP's train speed, if not that of `scenario.Antiskid`.
 
     Raises:
-        UserError: where the log does not show the rail, saying what it would have to.
+        UserError: where the log does not show the rail, with the reason.
     """
     name = printable(Path(result.log.path).name)
-    summaries, findings = [], []
-    for axle in result.axles:
-        summary, told = slip.summary(axle, result.vehicle)
-        if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
-            why = told[0] if told else Finding("peak-unknown", "info")
-            raise UserError(
-                f"{name}: no rail to replay under axle {axle.record.axle}: {why.message}",
-                f"{why.hint} Or choose other slides with --from, --to and --axle.",
-            )
-        summaries.append(summary)
-        findings += [f for f in told if summary.slides]
-    if not any(s.slides for s in summaries):
-        raise UserError(
-            f"{name}: no axle slides, so the adhesion available is not known",
-            "replay a log with slides",
-        )
+    summaries, findings = _summaries(result, name)
     braking = _braking(result, summaries)
     if not braking.speed[0] > JUDGED_FROM:
         text = f"{name}: the train does not move when the brake is applied"
@@ -136,24 +122,62 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         vehicle=replace(result.vehicle, wheel_radius=radii),
     ).with_train_speed(train_speed)  # fmt: skip
     rails = [s.rail for s in summaries]
-    draws, random = [], np.random.default_rng(0)
-    most = condition("dry").f0 * physics.G * result.vehicle.axle_mass.value
-    most = max(most / result.vehicle.friction.value, float(asked.max()))
-    drawn = _drawn(rails, result.vehicle, random)
+    stands = bool(braking.speed[-1] < _STANDS)
+    return Case(
+        (begin - result.log.start_ns()) / 1e9, scenario,
+        _track(places, [rail and rail.best for rail in rails]),
+        _draws(scenario, braking, rails, places, (asked, known)),
+        _distance(braking, end) if stands else None, bool(known.all()),
+        [*findings, *told, *_in_part(result, braking)],
+    )  # fmt: skip
+
+
+def _summaries(result: Result, name: str) -> tuple[list[Summary], list[Finding]]:
+    """Slides and rail of every axle, and the findings of those that slid.
+
+    Raises:
+        UserError: no axle slid, or an axle slid on an unknown rail.
+    """
+    summaries, findings = [], []
+    for axle in result.axles:
+        summary, told = slip.summary(axle, result.vehicle)
+        if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
+            why = told[0] if told else Finding("peak-unknown", "info")
+            raise UserError(
+                f"{name}: no rail to replay under axle {axle.record.axle}: {why.message}",
+                f"{why.hint} Or choose other slides with --from, --to and --axle.",
+            )
+        summaries.append(summary)
+        findings += told if summary.slides else []
+    if not any(s.slides for s in summaries):
+        raise UserError(
+            f"{name}: no axle slides, so the adhesion available is not known",
+            "replay a log with slides",
+        )
+    return summaries, findings
+
+
+def _draws(
+    scenario: Scenario,
+    braking: _Braking,
+    rails: Sequence[RailFit | None],
+    places: Sequence[float | None],
+    demand: tuple[Floats, Bools],
+) -> list[tuple[Scenario, Track]]:
+    """Stops that are as likely as the best fit; `demand` and where it is known as of `_demand`."""
+    random = np.random.default_rng(0)
+    (asked, known), vehicle, draws = demand, scenario.vehicle, []
+    phi = vehicle.friction
+    most = condition("dry").f0 * physics.G * vehicle.axle_mass.value
+    most = max(most / phi.value, float(asked.max()))
+    drawn = _drawn(rails, vehicle, random)
     for k, scale in enumerate(next(rail.scales for rail in rails if rail)[:_DRAWS]):
-        phi = scenario.vehicle.friction
-        truly = replace(scenario.vehicle, friction=phi._replace(value=phi.value * scale))
+        truly = replace(vehicle, friction=phi._replace(value=phi.value * scale))
         track = _track(places, [of[k] if of else None for of in drawn])
         more = (most / np.maximum(asked, _LEAST)) ** max(random.uniform(-1.0, 1.0), 0.0)
         brake = Brake(_commands(braking, np.where(known, 1.0, more) * asked))
         draws.append((replace(scenario, vehicle=truly, brake=brake), track))
-    stands = bool(braking.speed[-1] < _STANDS)
-    return Case(
-        (begin - result.log.start_ns()) / 1e9, scenario,
-        _track(places, [rail and rail.best for rail in rails]), draws,
-        _distance(braking, end) if stands else None, bool(known.all()),
-        [*findings, *told, *_in_part(result, braking)],
-    )  # fmt: skip
+    return draws
 
 
 def answers(
@@ -164,12 +188,12 @@ def answers(
     Args:
         case: the stop.
         algo: online estimator in the loop.
-        settings: as in `antiskid.run`.
+        settings: as in `closed_loop.run`.
         seed: of the sensors' noise.
-        tell: is told the progress.
+        tell: gets the progress.
 
     Raises:
-        UserError: as `antiskid.run`.
+        UserError: as `closed_loop.run`.
     """
     dry, stops = closed_loop.dry_distance(case.scenario), {}
     for law in registry():
@@ -199,10 +223,10 @@ def answers(
 def _drawn(
     rails: Sequence[RailFit | None], vehicle: Vehicle, random: np.random.Generator
 ) -> list[list[Condition] | None]:
-    """Draws of every axle's rail, those together that hold a locked wheel alike, in any order.
+    """Draws of every axle's rail; draw k has similar adhesion of locked wheels under all axles.
 
-    What slides leave open of a rail, how far its friction falls, they leave open under all axles
-    alike: drawn under each by itself it would average out, and the train's stop seem sure.
+    The slides do not show how far friction falls. Independent draws of it under each axle would
+    average out, and the stop would seem too certain.
     """
     order: NDArray[np.int64] | None = None
     found: list[list[Condition] | None] = []
@@ -219,7 +243,7 @@ def _drawn(
 
 
 def _scaled(x: Condition, c: float) -> Condition:
-    """The rail whose μ is c times as high; see `railfit`."""
+    """The rail whose μ is c times as high; see `rail.fit`."""
     return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
 
 
@@ -243,10 +267,10 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
 
 
 def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, int]:
-    """When the brake began that was applied at that time, and when the next one, or the end [ns].
+    """When the brake applied at that time began, and when the next one or the log's end is [ns].
 
-    Slide protection may vent every cylinder of a train, but while a wheel slides, and it fills them
-    soon after: a release lasts, and nothing slides.
+    A WSP may dump every cylinder, but while a wheel slides and for a short time. A release lasts,
+    and no wheel slides.
     """
     spans = [(x.start, x.start + round(x.duration * 1e9)) for s in summaries for x in s.slides]
     for a in result.axles:
@@ -263,7 +287,7 @@ def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, 
 
 
 def _last_full(asked: Floats) -> int:
-    """Where the fall begins that ends in released brakes; the last place where they are not.
+    """Index at which the brake begins to be released.
 
     Args:
         asked: the largest clamping force of all axles [N], shape (n,).
@@ -307,7 +331,7 @@ def _column(at: Times, t: Times, values: Floats | None) -> Floats:
 
 
 def _distance(braking: _Braking, until: int) -> float:
-    """Run by the train until then [m]."""
+    """Distance of the train until then [m]."""
     seconds = (braking.t - braking.t[0]) * 1e-9
     run = np.concatenate([[0.0], np.cumsum((braking.speed[1:] + braking.speed[:-1]) / 2.0)])
     return float(np.interp((until - braking.t[0]) * 1e-9, seconds, run * _EVERY))
@@ -316,7 +340,7 @@ def _distance(braking: _Braking, until: int) -> float:
 def _demand(
     braking: _Braking, firsts: Sequence[int], start_ns: int
 ) -> tuple[Floats, Bools, list[Finding]]:
-    """What was asked of the brakes [N], at least; where that is all; shape (n,).
+    """The least demand [N], where it is the demand itself, and findings; shape (n,).
 
     Args:
         braking: the stop.
@@ -360,7 +384,7 @@ def _demand(
 def _held(braking: _Braking) -> Bools:
     """When no axle slides and all have one force for a while: the demand's, shape (n,).
 
-    Slide protection lets none stand so long where wheels roll.
+    A WSP keeps no force constant for so long while wheels roll.
     """
     many, K = round(_HELD / _EVERY), braking.K
     held: Bools = np.zeros(K.shape[1], dtype=np.bool_)
@@ -375,7 +399,7 @@ def _held(braking: _Braking) -> Bools:
 
 
 def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:
-    """A demand [N], shape (n,), without noise, which would take air again and again."""
+    """A demand [N], shape (n,), without noise, which would cost air."""
     seconds = ((braking.t - braking.t[0]) * 1e-9).tolist()
     now = max(float(asked[0]), _LEAST)
     commands = [Command(0.0, clamping_force=now)]
@@ -397,7 +421,7 @@ def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) ->
         if place is not None:
             part = np.clip((knots - place) / _BLEND, 0.0, 1.0)
         there = np.array(rail or dry)
-        there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: steeper than dry rail says nothing more
+        there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: at most those of (3) without reduction
         under = dry + part[:, None] * (there - dry)
         values.append([*under, under[-1]])
     return Track(False, np.array([*knots, INF]), np.array(values), 0.0, 1.0)

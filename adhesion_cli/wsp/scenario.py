@@ -1,9 +1,9 @@
-"""Scenarios of the simulator: what a TOML may state, checked once; all SI."""
+"""Scenarios of the simulator: the keys of their TOML, checked once; all SI."""
 
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -140,14 +140,10 @@ class Wsp:
 
 @dataclass(frozen=True, slots=True)
 class Antiskid:
-    """Sensors and valves of an anti-skid unit; ours, illustrative.
+    """Sensors and valves of a WSP controller; ours, illustrative."""
 
-    Attributes:
-        train_speed: `measured`, as by a radar, or made of the `axles` (`trainspeed`).
-    """
-
+    # Measured, as by a radar, or estimated from the axles (`reference_speed`).
     train_speed: Literal["measured", "axles"] = "measured"
-
     period: Annotated[float, Quantity("s", "time between decisions", 1e-3, 0.1)] = 0.01
     delay: Annotated[float, Quantity("s", "age of what the sensors say", 0.0, 1.0)] = 0.01
     wheel_noise: Annotated[float, Quantity("rad²/s²", "variance of wheel speed")] = 1e-5
@@ -168,7 +164,7 @@ class Antiskid:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What a stop must keep; none is built in, whoever states one states where it is from."""
+    """What a stop must keep, with its source; none is built in."""
 
     quantity: Literal[
         "stopping_distance_m", "extension", "utilisation", "max_slip", "locked_s", "air_nl",
@@ -245,10 +241,9 @@ class Scenario:
     seed: Annotated[int, Quantity("-", "seed of the sensor noise", 0)] = 0
 
     def with_train_speed(self, source: Literal["measured", "axles"] | None) -> "Scenario":
-        """The same with another source of the unit's train speed; None: with its own."""
-        return (
-            replace(self, antiskid=replace(self.antiskid, train_speed=source)) if source else self
-        )
+        """The same with another source of the WSP's train speed; None: with its own."""
+        antiskid = replace(self.antiskid, train_speed=source or self.antiskid.train_speed)
+        return replace(self, antiskid=antiskid)
 
 
 def scenarios() -> dict[str, str]:
@@ -290,7 +285,7 @@ def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
     return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
 
 
-def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:  # noqa: C901
+def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) -> Any:
     """`value` from a TOML as the annotated type `kind`, checked."""
     origin, args = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
@@ -307,7 +302,12 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
         inner = args[:1] * len(many) if args[-1] is Ellipsis else args
         if len(inner) == len(many):
             return tuple(_value(k, v, where, quantity) for k, v in zip(inner, many, strict=True))
-    elif is_dataclass(kind) or kind is Condition:
+    return _single(kind, value, where, quantity)
+
+
+def _single(kind: Any, value: Any, where: str, quantity: Quantity | None) -> Any:
+    """A table, a vehicle parameter, a text or a number."""
+    if is_dataclass(kind) or kind is Condition:
         if isinstance(value, dict):
             return _table(kind, value, where)
     elif kind is Parameter:  # of the vehicle; a simulation has no tolerances
@@ -315,7 +315,7 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
     elif kind is str:
         if isinstance(value, str):
             return value
-    elif isinstance(value, (int, kind)) and not isinstance(value, bool):
+    elif kind in (int, float) and isinstance(value, (int, kind)) and not isinstance(value, bool):
         assert quantity is not None
         return kind(quantity.check(where, value))
     wanted = {str: "a text", int: "a whole number", float: "a number", Parameter: "a number"}
@@ -323,13 +323,17 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
     raise UserError(f"{where} = {value!r} is not {text}", "see the bundled scenarios", code=2)
 
 
+_Contradictions = Iterator[tuple[str, str]]  # what is wrong, and the remedy
+
+
 def _check(s: Scenario, where: str) -> None:
     """Refuse parts that contradict each other."""
-    for text, hint in _contradictions(s):
-        raise UserError(f"{where}: {text}", hint, code=2)
+    for found in (_of_train(s), _of_brake(s), _of_rail(s.rail), _of_limits(s), _of_sensors(s)):
+        for text, hint in found:
+            raise UserError(f"{where}: {text}", hint, code=2)
 
 
-def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:  # noqa: C901, PLR0912
+def _of_train(s: Scenario) -> _Contradictions:
     n = s.train.axles
     for key in ("positions", "cleaning"):
         if len(getattr(s.train, key)) not in (0, n):
@@ -340,6 +344,9 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:  # noqa: C
         yield "[antiskid] radius is not one per axle", f"{n} values, or one"
     if s.rig and n != 1:
         yield "[rig] tests one axle", "leave [train] axles at 1"
+
+
+def _of_brake(s: Scenario) -> _Contradictions:
     end = 0.0
     for c in s.brake.command:
         if (c.pressure is None) == (c.clamping_force is None):
@@ -347,22 +354,27 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:  # noqa: C
         if c.at < end:
             yield f"brake command at {c.at:g} s comes before the last has ended", "order them"
         end = c.at + c.ramp
-    if not s.rail.section or s.rail.section[0].at != 0.0:
+
+
+def _of_rail(rail: Rail) -> _Contradictions:
+    if not rail.section or rail.section[0].at != 0.0:
         yield "[[rail.section]] the first does not start at 0", "at = 0.0"
-    changes = s.rail.changes()
+    changes = rail.changes()
     for _, name, _ in changes:
         condition(name)
-    places = [place for place, _, _ in changes]
-    if any(b - a < s.rail.blend for a, b in pairwise(places)):
+    if any(b[0] - a[0] < rail.blend for a, b in pairwise(changes)):
         yield "[rail] sections or film closer than blend", "order them, or shorten blend"
+
+
+def _of_limits(s: Scenario) -> _Contradictions:
     for limit in s.limit:
         if not limit.source.strip():
-            yield (
-                f"[[limit]] {limit.quantity} has no source",
-                "say where it is from, clause and all",
-            )
+            yield f"[[limit]] {limit.quantity} has no source", "name the document and its clause"
         if limit.least > limit.most or (limit.least, limit.most) == (-INF, INF):
             yield f"[[limit]] {limit.quantity} is no limit", "state most, least, or both in order"
+
+
+def _of_sensors(s: Scenario) -> _Contradictions:
     for sensor in s.sensor:
         name = f"[[sensor]] {sensor.signal}"
         dimensions, usual = _UNITS[sensor.signal]
@@ -375,5 +387,5 @@ def _contradictions(s: Scenario) -> typing.Iterator[tuple[str, str]]:  # noqa: C
             yield f"{name}: pulses need a wheel with teeth", "teeth = 100"
         if sensor.jitter >= 0.5 / sensor.rate:
             yield f"{name}: jitter reaches the next sample", "less than half of 1/rate"
-        if any(axle > n for axle in sensor.axles):
-            yield f"{name}: no such axle", f"1 to {n}"
+        if any(axle > s.train.axles for axle in sensor.axles):
+            yield f"{name}: no such axle", f"1 to {s.train.axles}"

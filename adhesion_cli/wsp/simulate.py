@@ -1,7 +1,7 @@
-"""Brakes a train in the computer: scenario → true signals → what a logger would have written.
+"""Simulates a braked train: scenario → true signals → what a logger would have recorded.
 
-The train and its equations are `plant`'s; here the brake is applied and released, its simple wheel
-slide protection steps in, and sensors log what they can of it.
+The train and its equations are `plant`'s. Here its brake is applied and released, its simple WSP
+acts, and sensors log it.
 """
 
 import math
@@ -55,7 +55,7 @@ _NAMES: dict[Signal, str] = {
 
 
 def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
-    """Sets each axle's valve from its true slip; `before` is the rim speed at the last decision."""
+    """Sets each axle's valve by its true slip; `before` is the rim speed at the last decision."""
     w = wheels.w
     for i in range(len(w)):
         sliding = v - w[i] if v > plant.valve_slowest else 0.0
@@ -68,7 +68,7 @@ def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
         before[i] = w[i]
 
 
-def _integrate(  # noqa: PLR0913
+def _integrate(  # noqa: PLR0913 (compiled: one array each)
     plant: Plant, track: Track, demand: Demand, train: Train, wheels: Wheels, dt: float,
     pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip
@@ -103,7 +103,7 @@ def _integrate(  # noqa: PLR0913
 
 @dataclass(frozen=True)
 class Simulation:
-    """What was true: columns on one dense time axis, SI; shape (n,) or (n, axles)."""
+    """The true signals on one dense time axis, SI; shape (n,) or (n, axles)."""
 
     scenario: Scenario
     seed: int
@@ -212,16 +212,16 @@ class Recording:
     unit: str
     t: Times  # [ns], rising strictly, shape (n,)
     value: Floats  # shape (n,), NaN where the signal does not exist
-    decimals: int | None  # that the rounding leaves; None: not rounded
+    decimals: int | None  # after rounding; None: not rounded
 
     def texts(self) -> list[str]:
-        """Values as a log would print them, "" where there is none."""
+        """Values as printed in a log; "" where there is no value."""
         form = ".9g" if self.decimals is None else f".{self.decimals}f"
         return ["" if math.isnan(x) else format(x, form) for x in self.value.tolist()]
 
 
 def log(simulation: Simulation) -> list[Recording]:
-    """What the scenario's sensors make of a simulation, the same for the same seed."""
+    """The records of the scenario's sensors; the same seed gives the same ones."""
     scenario = simulation.scenario
     recordings = []
     for number, sensor in enumerate(scenario.sensor):
@@ -234,9 +234,9 @@ def log(simulation: Simulation) -> list[Recording]:
 
 
 def as_log(simulation: Simulation) -> Log:
-    """The same as a log to be written: every channel as logged, in its own unit, without meaning.
+    """The same as a log to be written: every channel in its own unit, without meaning.
 
-    Its hash is that of everything it was made from.
+    Its hash is that of scenario, seed and length.
     """
     made_from = repr((simulation.scenario, simulation.seed, len(simulation.t)))
     channels = [

@@ -40,10 +40,10 @@ Answer = TypeVar("Answer")
 
 
 class Beside(NamedTuple):
-    """A controller beside the others, stop by stop on the same rail with the same noise."""
+    """A controller compared with the others, stop by stop on the same rail with the same noise."""
 
-    patent_less_this_m: tuple[float, float, float] | None  # of the distances
-    shortest: float  # share of the stops in which it stops before every other controller
+    patent_less_this_m: tuple[float, float, float] | None  # difference of the distances
+    shortest: float  # share of the stops in which it has the shortest distance
 
 
 class Row(NamedTuple):
@@ -54,7 +54,7 @@ class Row(NamedTuple):
     dry_distance_m: float
     values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
     beside: Beside
-    limits: tuple[tuple[Limit, float], ...] = ()  # the scenario's, each with the share that keep it
+    limits: tuple[tuple[Limit, float], ...] = ()  # each with the share of stops that keep it
 
 
 def sweep(
@@ -64,7 +64,7 @@ def sweep(
     settings: Settings | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> list[Row]:
-    """Every controller on every rail of `RAILS`, with seeds from 0 up; arguments as `verdicts`."""
+    """Every controller on every rail of `RAILS`, with seeds from 0; arguments as in `verdicts`."""
     found = verdicts(scenario, list(RAILS), list(registry()), range(seeds), algo, settings, tell)
     dry, rows = dry_distance(scenario), []
     for rail in RAILS:
@@ -82,11 +82,11 @@ def sweep(
 def beside(
     found: Mapping[str, Sequence[Verdict]], middle: Callable[[list[float]], Any] = np.mean
 ) -> dict[str, Beside]:
-    """Each controller beside the others.
+    """Each controller compared with the others.
 
     Args:
         found: stops by controller, the same in each place.
-        middle: as of `interval`.
+        middle: as in `interval`.
     """
     run = {law: [v.stopping_distance_m for v in stops] for law, stops in found.items()}
     least = np.min(list(run.values()), axis=0)
@@ -99,7 +99,7 @@ def beside(
     return answers
 
 
-def verdicts(  # noqa: PLR0913
+def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
     scenario: Scenario,
     rails: Sequence[str],
     laws: Sequence[str],
@@ -110,17 +110,17 @@ def verdicts(  # noqa: PLR0913
 ) -> dict[tuple[str, str], list[Verdict]]:
     """Stops by rail and controller, one a seed, on all cores.
 
-    A seed stands for noise and for one rail: its f0 is up to `SPREAD` better or worse than the
-    name says, the same for every controller.
+    A seed gives the noise and one rail, the same for every controller. The rail's f0 differs by up
+    to `SPREAD` from that of its name.
 
     Args:
-        scenario: train, brake and unit.
+        scenario: train, brake and WSP.
         rails: names in `RAILS`.
         laws: controllers.
         seeds: of the stops of each controller on each rail.
         algo: online estimator in the loop.
         settings: as in `run`.
-        tell: is told the progress.
+        tell: gets the progress.
     """
     dry = dry_distance(scenario)
     for law in laws:  # compile before the threads start
@@ -144,7 +144,7 @@ def on_all_cores(
 ) -> list[Answer]:
     """`one` of every job, in the order of the jobs.
 
-    Threads do, as compiled loops run free; what jobs have in common is to be compiled before.
+    Threads are enough, as compiled loops release the lock. Compile shared functions before.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -165,7 +165,7 @@ def _scaled(rail: Rail, factor: float) -> Rail:
 def interval(
     values: Sequence[float | None], middle: Callable[[list[float]], Any] = np.mean
 ) -> tuple[float, float, float] | None:
-    """Mean (or `middle`), 2.5 % and 97.5 % quantile of what there is; None where nothing is."""
+    """Mean (or `middle`), 2.5 % and 97.5 % quantile of the values; None without a value."""
     known = [x for x in values if x is not None]
     if not known:
         return None

@@ -1,10 +1,9 @@
-"""The unit of a train's wheel slide protection: from what is measured to the valves, [S1] to [S6].
+"""The WSP controller of a train: from measured values to the valves, [S1] to [S6].
 
-At each of its ticks it has the train's speed, every axle's wheel speed and clamping force. `tick`
-is all it does with them: an online estimator and the slope's least squares for each axle, what the
-axle's controller is told, and the controller's answer. It is pure and plain: `antiskid` compiles it
-into the loop around a simulated train, `online` feeds it sample by sample from a log, a bus or a
-rig.
+At each of its ticks it gets the train's speed and every axle's wheel speed and clamping force.
+`tick` does all the rest: an online estimator and the slope's least squares for each axle, and the
+controller's decision. It is pure and plain. `closed_loop` compiles it into the loop around a
+simulated train. `online` feeds it sample by sample from a log, a bus or a test rig.
 """
 
 import math
@@ -33,24 +32,24 @@ from .controllers.none import init as control_init
 from .controllers.none import step as control_step
 from .reference_speed import NONE, Known, Witness, asks_pilot, further, pilots_valve, watched
 
-SPEED_NOISE = 0.02  # of v − ωR where nothing else is stated, a radar's [m/s]
-_WORN = 0.03  # 1 sigma of what a wheel's radius is said to be, over it [-]
-_ROLLING = 10.0  # a wheel without brake for so long rolls [s]
-_NEAR = 0.12  # if it is so near to the train's speed [-]
+SPEED_NOISE = 0.02  # default of v − ωR, a radar's [m/s]
+_WORN = 0.03  # 1 sigma of a stated wheel radius, over it [-]
+_ROLLING = 10.0  # time without brake after which a wheel rolls [s]
+_NEAR = 0.12  # if its speed differs from the train's by no more than this share [-]
 Settings = Mapping[str, Mapping[str, float]]
 Values = Floats | Sequence[float]
 
 
 class Named(NamedTuple):
-    """What has parameters and is no method."""
+    """Something with parameters that is no method."""
 
     name: str
     Params: type[Any]
 
 
 SLOPE = Named("slope", slope.Params)
-# Found by benchmarks/tune.py: quicker than what suits a log, forgetting by time alone, and in slip
-# as it is: the patent's form. The law asks which way the curve bends where the wheel is now.
+# Found by benchmarks/tune.py: faster than for a log, forgetting by time only, and in slip itself,
+# as in the patent. The law needs the slope at the present slip.
 SLOPE_IN_LOOP = {
     "delta": 4.0, "rho": 2.3, "straight": 1e9, "knee": 1e3, "guard": 1.6, "doubt": 0.575,
 }  # fmt: skip
@@ -68,11 +67,11 @@ class Constants(NamedTuple):
 
 
 class Wheel(NamedTuple):
-    """What a unit knows of a wheel's radius."""
+    """A wheel's radius as the WSP controller knows it."""
 
     radius: float  # [m]
-    weight: float  # ∑ω² of what it is known by [rad²/s²]
-    free: float  # so long without brake and near the train's speed [s]
+    weight: float  # ∑ω² of its measurements [rad²/s²]
+    free: float  # time without brake and near the train's speed [s]
 
 
 class Axle(NamedTuple):
@@ -86,14 +85,14 @@ class Axle(NamedTuple):
 
 
 class Chosen(NamedTuple):
-    """A unit: what it runs and with which constants."""
+    """A WSP controller: its methods and constants."""
 
     estimator: Estimator
     controller: Method
     constants: Constants
 
     def stand_ins(self) -> dict[Any, Any]:
-        """Its methods' functions by those that `start` and `tick` name in their place."""
+        """Its methods' functions, by the names in `start` and `tick` that they replace."""
         est, law = self.estimator, self.controller
         return {
             estimate_init: est.init, estimate_step: est.step,
@@ -105,9 +104,9 @@ class Chosen(NamedTuple):
 
 
 def stated(c: Constants, axles: int) -> list[Wheel]:
-    """The wheels of so many axles when the unit is switched on: taken to roll.
+    """The wheels of that many axles at power-on, assumed to roll.
 
-    What is stated weighs as much as measurements of the same error.
+    A stated radius has the weight of measurements with the same error.
     """
     wheels = []
     for i in range(axles):
@@ -119,7 +118,7 @@ def stated(c: Constants, axles: int) -> list[Wheel]:
 def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Wheel:
     """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls.
 
-    Arguments as of `observed`, and the interval h since the tick before [s].
+    Arguments as in `observed`, and the interval h since the tick before [s].
     """
     R, error = before.radius, train.v - y * before.radius
     near = K <= NO_FORCE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
@@ -131,29 +130,29 @@ def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Whe
 
 
 def slip_of(radius: float, v: float, y: float) -> float:
-    """Slip [-] over a speed of at least `JUDGED_FROM`: there is one until v = 0 [S6]."""
+    """Slip [-] over a speed of at least `JUDGED_FROM`, so that it exists until v = 0 [S6]."""
     s: float = slip_over(v, y * radius, JUDGED_FROM)
     return s
 
 
-def observed(  # noqa: PLR0913
+def observed(  # noqa: PLR0913 (compiled: plain floats)
     w: Wheelset, train: Known, y: float, K: float, F: float, slowing: float, k: slope.State,
     speed_noise: float, at_least: int,
 ) -> Observed:  # fmt: skip
-    """What the controller is told. Source: [S1].
+    """The inputs of the controller. Source: [S1].
 
     ds/dt = −(R dω/dt + (1 − s) |dv/dt|)/v with dω/dt from (1).
 
     Args:
         w: the wheelset.
-        train: what is known of it.
+        train: its speed.
         y: wheel speed [rad/s].
         K: clamping force [N].
         F: estimated adhesion force [N].
-        slowing: deceleration of the train that the estimated forces of its axles make [m/s²].
+        slowing: deceleration of the train by the estimated forces of its axles [m/s²].
         k: slope at the operating point.
         speed_noise: as in `Constants`.
-        at_least: valve that the unit asks for.
+        at_least: least valve command.
     """
     s = slip_of(w.radius, train.v, y)
     rate = w.radius**2 / w.inertia * (w.phi * K - F) - (1.0 - s) * slowing  # (1)
@@ -171,7 +170,7 @@ def start(
 ) -> tuple[Known, list[Axle]]:
     """The train and the state of every axle at the first tick.
 
-    `wheels` is from `stated`, or what was known before; the others are as of `tick`.
+    `wheels` is from `stated`, or from before an interruption; the others are as in `tick`.
     """
     k, total, fastest = slope_init(c.slope, 0.0, 0.0), 0.0, 0.0
     sets, estimates = [], []
@@ -191,7 +190,7 @@ def start(
     return train, axles
 
 
-def tick(  # noqa: PLR0913
+def tick(  # noqa: PLR0913 (compiled: state, interval and measured values)
     c: Constants, train: Known, before: list[Axle], h: float, v: float, y: Values, K: Values
 ) -> tuple[Known, list[Axle]]:
     """The train and the state of every axle one tick later.
@@ -250,13 +249,13 @@ def choose(
     vehicle: Vehicle,
     speed_noise: float = SPEED_NOISE,
 ) -> Chosen:
-    """A unit.
+    """A WSP controller.
 
     Args:
         controller: a name in `controller.registry()`.
         algo: online estimator in the loop.
         settings: parameters by name of controller, of estimator, and of "slope".
-        vehicle: that it is for.
+        vehicle: its train.
         speed_noise: 1 sigma of v − ωR as measured [m/s].
 
     Raises:
@@ -286,16 +285,16 @@ def online(
 ) -> Generator[list[int]]:
     """The valves of every axle after each sample, as the samples arrive; needs no compiler.
 
-    After a sample with a value that is no number, both valves of every axle rest, and the unit
-    starts anew with the next one, but for the wheels' radii. They rest too when the samples end or
-    fail, and when the iterator is closed; a feed that only stops to answer is for a watchdog behind
-    `drives`.
+    After a sample with a value that is no number, both valves of every axle are at rest. The next
+    sample starts anew, with the known wheel radii. The valves are also at rest when the samples end
+    or fail, and when the iterator is closed. A feed that stops without an end needs a watchdog
+    behind `drives`.
 
     Args:
         unit: from `choose`.
         samples: (time [ns], train speed [m/s] or None, wheel speed [rad/s] of every axle, K [N] of
-            every axle), time rising strictly.
-        drives: the valves of every axle, if there are any.
+            every axle), with rising time.
+        drives: the valves of every axle, or none.
 
     Yields:
         `controller.APPLY`, `HOLD` or `VENT` of every axle.
@@ -341,7 +340,7 @@ def online(
 
 
 def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, dict[str, float]]:
-    """Every parameter in force in the units with these controllers, by `Settings`' names.
+    """Every parameter in use with these controllers, by the names of `Settings`.
 
     Raises:
         UserError: as `choose`.
@@ -358,7 +357,7 @@ def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, 
 
 
 def bands(settings: Settings) -> slope.Bands:
-    """The patent's bands under these settings, by which every controller's region is told.
+    """The patent's bands under these settings; they define the regions for every controller.
 
     Raises:
         UserError: a band without width.

@@ -648,7 +648,7 @@ def test_regimes_that_do_not_differ_are_one(seed: int, M: int) -> None:
 def test_the_fit_finds_the_noise_levels() -> None:
     runs = [random_run(seed, 1500, 0.004, 0.2)[0] for seed in (1, 2)]
     guess = smoother.Noise(1.0, 1e-3, np.array([10.0]))
-    noise, _ = smoother.fit(runs, ONE, 1e-6, guess, [2.0, 0.0, 2.0])
+    noise, _ = smoother.fit(runs, ONE, smoother.Prior(guess, [2.0, 0.0, 2.0], 1e-6))
     assert noise.measurement == pytest.approx(0.004, rel=0.1)
     assert noise.rough[0] == pytest.approx(0.2, rel=0.25)
 
@@ -656,7 +656,7 @@ def test_the_fit_finds_the_noise_levels() -> None:
 def test_the_fit_never_goes_below_the_quantisation() -> None:
     run, _ = random_run(1, 300, 1e-8, 0.2)
     guess = smoother.Noise(1e-8, 1e-3, np.array([0.1]))
-    noise, _ = smoother.fit([run], ONE, 0.003, guess, [2.0, 0.0, 2.0])
+    noise, _ = smoother.fit([run], ONE, smoother.Prior(guess, [2.0, 0.0, 2.0], 0.003))
     assert noise.measurement >= 0.003
 
 
@@ -683,7 +683,7 @@ def test_sigma_tells_calm_from_rough() -> None:
     leave = np.array([[0.0, 0.1], [0.1, 0.0]])
     two = smoother.Regimes(np.zeros(2), leave, np.array([0.5, 0.5]), 10.0)
     guess = smoother.Noise(1e-3, 0.0, np.array([1e-3, 1.0]))
-    noise, _ = smoother.fit([run], two, 1e-9, guess, [2.0, 0.0, 2.0, 2.0])
+    noise, _ = smoother.fit([run], two, smoother.Prior(guess, [2.0, 0.0, 2.0, 2.0], 1e-9))
     found = smoother.smooth(run, two, noise)
     inside = np.abs(found.rate - delta) < 1.96 * found.rate_sigma
     assert np.mean(inside[rough]) == pytest.approx(0.95, abs=0.05)

@@ -1,17 +1,16 @@
-"""The patent's law: slip and slope of the operating point judged together by AND.
+"""The patent's law: slip and slope of the operating point, combined by AND.
 
-[S3] The point that is judged is where slip will be a short time ahead: valves and cylinder need
-that time, and the estimated force says at once where the wheel is going (1); nothing is
-differentiated.
-[S4] True where slip is in its band **and** slope in its band, see `slope.region`.
-Where the train speed is doubtful, so is slip: it is taken for as much as it may be.
-[S5] True: hold. False: move the point along the curve; beyond the bands vent, below them apply.
+[S3] The judged point is where slip will be a short time ahead, as valves and cylinder need that
+time. The estimated force gives the rate of slip (1); nothing is differentiated.
+[S4] True if slip is in its band **and** slope in its band, see `slope.region`. If the train speed
+is doubtful, the largest possible slip counts.
+[S5] True: hold. False: move the point along the curve; dump beyond the bands, apply below them.
 [S6] At every tick until the train stands.
 
-The patent does not say which way each valve goes, nor what to do where the slope cannot be
-observed. Within the slip band the pressure is then held, and raised for a moment now and then: that
-moves the point, and a point that moves shows its slope; to hold for good would leave a wheel that
-rolls on a good rail with the pressure of the bad rail before it.
+The patent does not say which way each valve moves, nor what to do if the slope is not observable.
+Within the slip band the pressure is then held, and raised briefly now and then. That moves the
+point, and a moving point shows its slope. Holding for good would leave a rolling wheel on a good
+rail with the pressure of a bad one.
 """
 
 from typing import Annotated, NamedTuple
@@ -44,7 +43,7 @@ class Params(NamedTuple):
 class State(NamedTuple):
     """Clock, judged slip and valve command."""
 
-    blind: float  # so long without a slope, since the last probe [s]
+    blind: float  # time without a slope, since the last probe [s]
     judged: float  # slip that the AND-test had [-]
     valve: int
 
@@ -55,10 +54,10 @@ def init(p: Params, o: Observed) -> State:
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
-    """One tick on."""
+    """One tick later."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
     judged = o.slip + o.slip_doubt
-    # Slip that is no more than its noise is none: the wheel rolls.
+    # Slip within its noise is none: the wheel rolls.
     judged = judged + p.horizon * o.slip_rate if judged > p.guard * o.slip_noise else 0.0
     where = region(judged, o.slope, bands)  # [S4]
     blind = s.blind + h if where == 0 else 0.0  # unknown

@@ -1,10 +1,10 @@
-"""A rule-based wheel slide protection: thresholds on deceleration and slip, and a vent watchdog.
+"""A rule-based WSP: thresholds on deceleration and slip, and a watchdog for dumping.
 
-Vent when the rim slows faster than a train can, or slips too much and is not yet recovering; hold
-while it recovers; refill below the slip that counts as adhering, in pulses where the pause between
-them is longer than a tick. A vent that lasts too
-long is taken as a fault: the brake comes back for a while. The structure is that of common
-pneumatic units; the thresholds are the result of the same search as the patent law's.
+Dump if the rim slows faster than a train can, or slips too much and does not yet recover. Hold
+while it recovers. Below the slip that counts as rolling, apply in pulses, if the pause between them
+is longer than a tick. Too long a dump counts as a fault: the brake is applied for a while. The
+structure is that of common pneumatic WSPs. The thresholds come from the same search as the patent
+law's.
 """
 
 import math
@@ -40,7 +40,7 @@ class State(NamedTuple):
 
     rim_speed: float  # before [m/s]
     acceleration: float  # of the rim, filtered [m/s²]
-    venting: float  # so long [s]
+    venting: float  # duration [s]
     cycle: float  # place in a cycle of pulse and pause [s]; below 0: after the watchdog
     sliding: float  # 1 from the first vent until pressure has long been back
     judged: float  # slip [-]
@@ -53,7 +53,7 @@ def init(p: Params, o: Observed) -> State:
 
 
 def step(p: Params, s: State, h: float, o: Observed) -> State:
-    """One tick on."""
+    """One tick later."""
     rate = (o.rim_speed - s.rim_speed) / h
     forget = math.exp(-h / p.filter_time) if p.filter_time > 0.0 else 0.0
     acceleration = forget * s.acceleration + (1.0 - forget) * rate
