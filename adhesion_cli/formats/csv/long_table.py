@@ -2,10 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -14,13 +13,11 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Floats, Times
-from ..source import ReadOptions
 from .dialect import Dialect, is_null
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
+from .parse import Table
+from .rows import Key, read_rows
 from .time_column import column_index, listed, toml
-
-Key = tuple[str, ...]  # cells of the key columns
-Survey = Callable[[tuple[int, ...]], tuple[Times, NDArray[np.int64], list[Key]]]
 
 _MAX_GROUPS = 64  # devices or axles of one log
 _MAX_SIGNALS = 1_000
@@ -50,48 +47,39 @@ class Keys:
     findings: tuple[Finding, ...] = ()
 
 
-def find_keys(
-    dialect: Dialect, taken: Sequence[int], options: ReadOptions, survey: Survey, path: Path
-) -> Keys:
+def find_keys(table: Table) -> Keys:
     """Finds the columns that separate series: stated, or known by their name and contents.
-
-    Args:
-        dialect: with the head's rows.
-        taken: columns that are the time.
-        options: `group_channel` and `group_equals` have priority over names.
-        survey: reads columns of the whole file: times, the number of each row's key, the keys.
-        path: for messages.
 
     Raises:
         UserError: where a stated column or value is not there, or has too many values.
     """
-    named = [i for i in range(len(dialect.names)) if i not in taken and _is_key(dialect, i)]
-    if options.group_channel is not None:
-        return _stated(dialect, named, options, survey, path)
+    dialect = table.dialect
+    free = (i for i in range(len(dialect.names)) if i not in table.clock.columns)
+    named = [i for i in free if _is_key(dialect, i)]
+    if table.options.group_channel is not None:
+        return _stated(table, table.options.group_channel, named)
     attempts = [tuple(named)] if len(named) > 1 else []
     for columns in [*attempts, *((i,) for i in named)]:
-        t, codes, keys = survey(columns)
-        if _is_long(t, codes, len(keys), _limit(dialect, columns)):
-            series = _series(dialect, columns, keys)
+        read = read_rows(table, [], columns)
+        if _is_long(read.times, read.codes, len(read.met), _limit(dialect, columns)):
+            series = _series(dialect, columns, read.met)
             return Keys(columns, series, (_long_layout(dialect, columns, series),))
     return Keys()
 
 
-def _stated(
-    dialect: Dialect, named: list[int], options: ReadOptions, survey: Survey, path: Path
-) -> Keys:
+def _stated(table: Table, channel: str, named: list[int]) -> Keys:
     """The series of the stated column. Further columns may separate those of its one value."""
-    i = column_index(dialect, options.group_channel or "", path)
-    name, equals = dialect.names[i], options.group_equals
-    t, codes, keys = survey((i,))
-    groups = [g for (g,) in keys]
+    dialect, path, equals = table.dialect, table.path, table.options.group_equals
+    i = column_index(dialect, channel, path)
+    name = dialect.names[i]
+    groups = [g for (g,) in read_rows(table, [], (i,)).met]
     if equals is None:
         if len(groups) > _MAX_GROUPS:
             raise UserError(
                 f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
                 f'state one, as group = {{channel = {toml(name)}, equals = "…"}} under [channels]',
             )
-        return Keys((i,), _series(dialect, (i,), keys))
+        return Keys((i,), _series(dialect, (i,), [(g,) for g in groups]))
     if equals not in groups:
         raise UserError(
             f"{path}: no row has {equals!r} in column {name!r}",
@@ -103,11 +91,11 @@ def _stated(
     )  # fmt: skip
     if further := tuple(k for k in named if k != i):
         columns = (i, *further)
-        t, codes, keys = survey(columns)
-        own = [k for k, key in enumerate(keys) if key[0] == equals]
-        rows = np.isin(codes, own)
-        if _is_long(t[rows], codes[rows], len(own), _limit(dialect, columns)):
-            series = _series(dialect, columns, [keys[k] for k in own])
+        read = read_rows(table, [], columns)
+        own = [k for k, key in enumerate(read.met) if key[0] == equals]
+        rows = np.isin(read.codes, own)
+        if _is_long(read.times[rows], read.codes[rows], len(own), _limit(dialect, columns)):
+            series = _series(dialect, columns, [read.met[k] for k in own])
             return Keys(columns, series, (one, _long_layout(dialect, further, series)))
     return Keys((i,), {(equals,): Series(equals)}, (one,))
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
+from ..source import ReadOptions
 from .cells import floats
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
@@ -23,6 +24,19 @@ from .lines import Block, count
 
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What a text log is read as; the same for all passes over it."""
+
+    path: Path
+    options: ReadOptions
+    dialect: Dialect
+    clock: Clock
+    types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
+    units: dict[int, str]  # of columns whose cells carry it
+    expected: int  # rows, roughly
 
 
 @dataclass(slots=True)
@@ -67,13 +81,9 @@ class Part:
 
 @dataclass(slots=True)
 class Parser:
-    """Parses blocks, several at a time; only `types` changes."""
+    """Parses blocks, several at a time; only the table's `types` change."""
 
-    path: Path
-    dialect: Dialect
-    clock: Clock
-    types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column
-    units: dict[int, str]  # of columns whose cells carry it
+    table: Table
     indices: list[int]  # columns of numbers
     keys: tuple[int, ...]  # columns that separate series
 
@@ -93,17 +103,17 @@ class Parser:
             numbers = np.array(rows, np.int64)
             numbers = numbers if kept is None else kept[numbers]
             wrong[kind] = joined([wrong.get(kind, numbers[:0]), numbers])
-        times, timed = self.clock.nanoseconds([arrays[i] for i in self.clock.columns])
+        times, timed = self.table.clock.nanoseconds([arrays[i] for i in self.table.clock.columns])
         blank = inside = 0
         rows_in_all = len(times) + sum(map(len, wrong.values()))
         if block.lines != rows_in_all:
             blank, inside = _line_ends(block)
         if block.lines != rows_in_all + blank + inside:
             raise UserError(
-                f"{self.path}: the quotes after line {block.first_line} cannot be followed",
+                f"{self.table.path}: the quotes after line {block.first_line} cannot be followed",
                 "correct the quotes in the log",
             )
-        again = self.keys if timed.all() else (*self.keys, *self.clock.columns)
+        again = self.keys if timed.all() else (*self.keys, *self.table.clock.columns)
         return Part(
             block, times, timed, {i: value for i, (value, _) in checked.items()},
             {i: state for i, (_, state) in checked.items() if state.any()},
@@ -117,7 +127,7 @@ class Parser:
         only those that may be blank, comments or holes. None where the block is as it was.
         """
         text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
-        width = self.dialect.width
+        width = self.table.dialect.width
         marks = 0 if block.quotes else count(block.data, block.size, mark)
         if block.quotes or marks == block.lines * (width - 1):
             return block, {}, None
@@ -148,7 +158,7 @@ class Parser:
     ) -> tuple[dict[int, Any], dict[int, tuple[Floats, Any]], dict[str, list[int]]]:
         """Arrow arrays, checked numbers, and the rows that the parser refused, by class."""
         while True:
-            types = {i: self.types[i][0] for i in (*self.clock.columns, *self.indices)}
+            types = {i: self.table.types[i][0] for i in (*self.table.clock.columns, *self.indices)}
             types |= {i: types.get(i, pa.string()) for i in self.keys}
             refused: dict[str, list[int]] = {}
             try:
@@ -158,7 +168,7 @@ class Parser:
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
             checked = {
-                i: floats(arrays[i], self.dialect.decimal, self.units.get(i, ""))
+                i: floats(arrays[i], self.table.dialect.decimal, self.table.units.get(i, ""))
                 for i in self.indices
             }
             floating = [i for i, kind in types.items() if pa.types.is_floating(kind)]
@@ -166,7 +176,9 @@ class Parser:
             if not unfit:
                 return arrays, checked, refused
             for i in unfit:
-                self.types[i] = tuple(k for k in self.types[i] if not pa.types.is_floating(k))
+                self.table.types[i] = tuple(
+                    k for k in self.table.types[i] if not pa.types.is_floating(k)
+                )
 
     def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
         """Whether float64 holds what the cells of a column say; no `checked` for the time's.
@@ -174,7 +186,7 @@ class Parser:
         1e400 parses as infinity. The strict grammar of text separates it from the word "inf".
         """
         if checked is None:
-            return self.clock.is_exact(array)
+            return self.table.clock.is_exact(array)
         value, state = checked
         return not (state.any() and np.isinf(value).any())
 
@@ -196,7 +208,7 @@ class Parser:
         return pyarrow.csv.read_csv(
             pa.BufferReader(pa.py_buffer(block.data).slice(0, block.size)),
             pyarrow.csv.ReadOptions(
-                column_names=[f"c{i}" for i in range(self.dialect.width)],
+                column_names=[f"c{i}" for i in range(self.table.dialect.width)],
                 use_threads=False,  # blocks run in parallel; only so are wrong rows numbered
                 block_size=block.size + 1,
             ),
@@ -208,7 +220,7 @@ class Parser:
                 include_columns=[f"c{i}" for i in types],
                 null_values=list(NULLS),
                 strings_can_be_null=True,
-                decimal_point=self.dialect.decimal,
+                decimal_point=self.table.dialect.decimal,
             ),
         )
 
@@ -216,13 +228,14 @@ class Parser:
         """Sets the next type of the column whose cells do not fit; raises after the last type."""
         found = re.search(r"CSV column #(\d+)", error)
         i = int(found[1]) if found else -1
-        if i in tried and i in self.types and self.types[i][0] is not tried[i]:
+        types = self.table.types
+        if i in tried and i in types and types[i][0] is not tried[i]:
             return  # another block has done so already
-        if i in self.types and len(self.types[i]) > 1:
-            self.types[i] = self.types[i][1:]
+        if i in types and len(types[i]) > 1:
+            types[i] = types[i][1:]
             return
         raise UserError(
-            f"{self.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
+            f"{self.table.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
             "correct the log, or state its dialect under [csv]",
         )
 

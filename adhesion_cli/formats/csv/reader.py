@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.finding import Finding, merged
@@ -24,9 +23,10 @@ from ..source import Field, ReadOptions
 from .clock import Clock, backwards
 from .dialect import Dialect, is_null, number_grammar
 from .lines import read_head, read_tail
-from .long_table import Key, Series, find_keys, interleaved
+from .long_table import Series, find_keys, interleaved
 from .losses import quoted
-from .rows import Reading, Table
+from .parse import Table
+from .rows import Reading, read_rows
 from .sniff import sniff
 from .time_column import find_clock, listed, toml
 
@@ -81,7 +81,7 @@ class CsvSource:
         self._options, self._dialect, self._clock = options, dialect, clock
         types = dict.fromkeys(clock.columns, clock.types)
         self._table = Table(path, options, dialect, clock, types, {}, expected)
-        self._keys = find_keys(dialect, clock.columns, options, self._survey, path)
+        self._keys = find_keys(self._table)
         self._series = list(self._keys.series.values()) or [Series()]
         self.findings += self._keys.findings
         names = dialect.names
@@ -161,7 +161,7 @@ class CsvSource:
                 `ReadOptions.strict` also where a row or cell cannot.
         """
         indices = sorted({self._places[f][1] for f in wanted})
-        read = self._table.read(indices, self._keys.columns, list(self._keys.series))
+        read = read_rows(self._table, indices, self._keys.columns, list(self._keys.series))
         t, codes, values, losses = read.times, read.codes, read.values, read.losses
         self.lines = Counter({kind: n for kind, n in losses.lines.items() if n})
         self.rows = losses.lines["used"] + losses.lines["other group"]
@@ -203,11 +203,6 @@ class CsvSource:
             )
         if falls > 0.9 * (len(t) - 1) > 1:
             raise backwards(self.path, name, cells)
-
-    def _survey(self, columns: tuple[int, ...]) -> tuple[Times, NDArray[np.int64], list[Key]]:
-        """Times, the number of the key of each row, and the keys that these columns hold."""
-        read = self._table.read([], columns)
-        return read.times, read.codes, read.met
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers: in the head, or else near the end of the file."""

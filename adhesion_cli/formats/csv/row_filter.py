@@ -1,7 +1,6 @@
 """Which rows of a block are used: they have a time and are above any other header."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -9,10 +8,9 @@ import pyarrow as pa
 from ...core.model import Bools
 from . import arrow as pc
 from .cells import is_missing
-from .clock import Clock
-from .dialect import Dialect, is_comment, split, uncommented
+from .dialect import is_comment, split, uncommented
 from .losses import SKIPPED, Losses
-from .parse import Part, Rows, joined
+from .parse import Part, Rows, Table, joined
 
 _FALLS, _AROUND = 3, 20  # falls of the time in a block that are looked at, rows on each side
 _BRACKETS = "[](){}<> "
@@ -22,9 +20,7 @@ _BRACKETS = "[](){}<> "
 class RowFilter:
     """Filters the rows of the blocks of one pass, in their order."""
 
-    path: Path
-    dialect: Dialect
-    clock: Clock
+    table: Table
     losses: Losses
     interleaved: bool  # rows of several series; their times may fall
     ended: bool = False  # by a header of other columns
@@ -57,14 +53,14 @@ class RowFilter:
         for k in falls[:_FALLS].tolist():
             near = range(max(k - _AROUND, 0), min(k + _AROUND, len(t)))
             rows = [split(part.line(row)[1], part.block.delimiter) for row in near if ok[row]]
-            times = [[cells[i] for i in self.clock.columns] for cells in rows]
-            name = self.dialect.names[self.clock.columns[-1]]
-            self.clock.refuse_unpadded(times, name, self.path)
+            times = [[cells[i] for i in self.table.clock.columns] for cells in rows]
+            name = self.table.dialect.names[self.table.clock.columns[-1]]
+            self.table.clock.refuse_unpadded(times, name, self.table.path)
 
     def _count_untimed(self, part: Part, ok: Bools) -> None:
         """Counts the rows that have no time by class."""
         missing = np.zeros(len(ok), bool)
-        for i in self.clock.columns:
+        for i in self.table.clock.columns:
             missing |= is_missing(part.arrays[i])
         comment = np.zeros(len(ok), bool)
         if any(mark in part.block.data for mark in (b"#", b"%", b"//")):
@@ -79,20 +75,21 @@ class RowFilter:
     def _header_again(self, part: Part, which: Bools) -> Bools:
         """Which of these rows are the header, or the units row, once more."""
         again = np.zeros(len(which), bool)
-        i = self.clock.columns[0]
-        heads = [list(cells) for cells in (*self.dialect.parts, self.dialect.units) if any(cells)]
+        i = self.table.clock.columns[0]
+        dialect = self.table.dialect
+        heads = [list(cells) for cells in (*dialect.parts, dialect.units) if any(cells)]
         if not heads or not pa.types.is_string(part.arrays[i].type):
             return again
         bare = pc.utf8_trim(part.arrays[i], _BRACKETS)
         known = pa.array([cells[i].strip(_BRACKETS) for cells in heads], pa.string())
         for row in np.flatnonzero(which & np.asarray(pc.is_in(bare, known))).tolist():
-            cells = split(part.line(row)[1], part.block.delimiter)[: len(self.dialect.names)]
+            cells = split(part.line(row)[1], part.block.delimiter)[: len(dialect.names)]
             again[row] = cells in heads or [c.strip(_BRACKETS) for c in cells] in heads
         return again
 
     def _end(self, part: Part, untimed: Rows) -> int | None:
         """Row of the block that is a header of other columns or units, where this table ends."""
-        commented = self.dialect.headed and not self.dialect.before.get("header")
+        commented = self.table.dialect.headed and not self.table.dialect.before.get("header")
         kinds = {*SKIPPED, "comment"} if commented else {*SKIPPED}
         wrong = (numbers for kind, numbers in part.wrong.items() if kind in kinds)
         rows = joined([part.numbers(untimed), *wrong])
@@ -115,6 +112,6 @@ class RowFilter:
     def _is_other_header(self, text: str, delimiter: str, commented: bool) -> bool:
         bare = uncommented(text) if commented else text
         cells = split(bare, delimiter)
-        if bare != text and len({*cells} & {*self.dialect.names}) < 2:
+        if bare != text and len({*cells} & {*self.table.dialect.names}) < 2:
             return False  # a remark
-        return self.dialect.contradicted(cells)
+        return self.table.dialect.contradicted(cells)

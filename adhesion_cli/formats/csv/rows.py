@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,75 +13,18 @@ from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
-from ..source import ReadOptions
 from . import arrow as pc
-from .clock import Clock
-from .dialect import Dialect, is_null
+from .dialect import is_null
 from .lines import Lines
-from .long_table import Key
 from .losses import Losses
-from .parse import Parser, Part
+from .parse import Parser, Part, Table
 from .rejects import Rejects
 from .row_filter import RowFilter
 
+Key = tuple[str, ...]  # cells of the key columns
+
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """What a pass reads from; the same for all passes over a file."""
-
-    path: Path
-    options: ReadOptions
-    dialect: Dialect
-    clock: Clock
-    types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
-    units: dict[int, str]  # of columns whose cells carry it
-    expected: int  # rows, roughly
-
-    def read(
-        self, indices: list[int], keys: tuple[int, ...] = (), wanted: list[Key] | None = None
-    ) -> "Reading":
-        """One pass over the file.
-
-        Args:
-            indices: columns of numbers.
-            keys: columns that separate series.
-            wanted: their cells; None for every series that occurs.
-
-        Raises:
-            UserError: where no row has a time, or the file cannot be read.
-        """
-        for i in indices:
-            self.types.setdefault(i, (pa.float64(), pa.string()))
-        lines = Lines(self.path, self.dialect, self.options.max_unpacked)
-        rejects = Rejects(lines, self.dialect.names) if self.options.rejects else None
-        losses = Losses(self.dialect, rejects)
-        rows = RowFilter(self.path, self.dialect, self.clock, losses, bool(keys))
-        groups = _Groups(keys, wanted, losses)
-        parser = Parser(
-            self.path, self.dialect, self.clock, self.types, self.units, indices, keys
-        )  # fmt: skip
-        kept = _Kept([_T, _SERIES] if keys else [_T], indices, self.expected)
-        for part in _parts(lines, parser):
-            losses.parsed(part)
-            keep = rows.used(part)
-            codes = groups.codes(part, keep)
-            losses.cells_of(part, keep)
-            losses.timed(part, keep, kept.last)
-            kept.add({_T: part.times, _SERIES: codes, **part.values}, keep)
-        if kept.last is None:
-            raise UserError(
-                f"{self.path}: no row has a time stamp that can be read",
-                'state the time, as time = {channel = "…", unit = "s"} under [channels]',
-            )
-        losses.lines["used"] = kept.used
-        if lines.cut_off:
-            losses.cut_off(*lines.cut_off, kept.last)
-        final = kept.columns()
-        codes = final.pop(_SERIES, np.empty(0, np.int64))
-        return Reading(final.pop(_T), codes, final, groups.met, losses, lines)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +37,49 @@ class Reading:
     met: list[Key]
     losses: Losses
     lines: Lines  # with what is wrong at the end of the file
+
+
+def read_rows(
+    table: Table, indices: list[int], keys: tuple[int, ...] = (), wanted: list[Key] | None = None
+) -> Reading:
+    """One pass over the file.
+
+    Args:
+        table: how to read it.
+        indices: columns of numbers.
+        keys: columns that separate series.
+        wanted: their cells; None for every series that occurs.
+
+    Raises:
+        UserError: where no row has a time, or the file cannot be read.
+    """
+    for i in indices:
+        table.types.setdefault(i, (pa.float64(), pa.string()))
+    lines = Lines(table.path, table.dialect, table.options.max_unpacked)
+    rejects = Rejects(lines, table.dialect.names) if table.options.rejects else None
+    losses = Losses(table.dialect, rejects)
+    rows = RowFilter(table, losses, bool(keys))
+    groups = _Groups(keys, wanted, losses)
+    parser = Parser(table, indices, keys)
+    kept = _Kept([_T, _SERIES] if keys else [_T], indices, table.expected)
+    for part in _parts(lines, parser):
+        losses.parsed(part)
+        keep = rows.used(part)
+        codes = groups.codes(part, keep)
+        losses.cells_of(part, keep)
+        losses.timed(part, keep, kept.last)
+        kept.add({_T: part.times, _SERIES: codes, **part.values}, keep)
+    if kept.last is None:
+        raise UserError(
+            f"{table.path}: no row has a time stamp that can be read",
+            'state the time, as time = {channel = "…", unit = "s"} under [channels]',
+        )
+    losses.lines["used"] = kept.used
+    if lines.cut_off:
+        losses.cut_off(*lines.cut_off, kept.last)
+    final = kept.columns()
+    codes = final.pop(_SERIES, np.empty(0, np.int64))
+    return Reading(final.pop(_T), codes, final, groups.met, losses, lines)
 
 
 def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
