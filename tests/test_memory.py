@@ -109,17 +109,8 @@ print(peak() - before - held // 1024)
 """
 
 
-COMPILED = """
-import numpy as np
-from adhesion_cli.read import plain, scan
-scan._MANY = 0
-plain.parse(np.frombuffer(b"1,2\\n", np.uint8), ",", ".", 2, 0, 9, [1], 1)  # all is loaded
-"""
-
-
-@pytest.mark.parametrize("loaded", ["", COMPILED])
 @pytest.mark.parametrize("megabytes", [20, 80])
-def test_reading_csv(tmp_path: Path, megabytes: int, loaded: str) -> None:
+def test_reading_csv(tmp_path: Path, megabytes: int) -> None:
     """The text would not fit under the limit, nor a second copy of the larger log's columns."""
     rows = megabytes * 1_000_000 // 40
     tail = ",110.368,124.649,109.913,60.905"
@@ -127,7 +118,7 @@ def test_reading_csv(tmp_path: Path, megabytes: int, loaded: str) -> None:
         file.write("time [s],p1 [bar],p2 [bar],axle_1 [km/h],axle_2 [km/h]\n")
         for first in range(0, rows, 50_000):
             file.writelines(f"{k / 100:08.2f}{tail}\n" for k in range(first, first + 50_000))
-    assert grown(loaded + READ_CSV, tmp_path / "log.csv", rows) < 64 * MIB
+    assert grown(READ_CSV, tmp_path / "log.csv", rows) < 64 * MIB
 
 
 RECOVER = """

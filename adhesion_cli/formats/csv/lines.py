@@ -6,6 +6,7 @@ carriage returns. So the parser sees one form, and lines can be counted.
 
 import codecs
 import gzip
+import io
 import os
 import re
 import zlib
@@ -216,26 +217,20 @@ class Lines:
 
     def _text(self) -> Iterator[bytes]:
         """The file as UTF-8 with line feeds, in chunks."""
-        decoder = None
-        if self.dialect.encoding != "utf-8":
-            decoder = codecs.getincrementaldecoder(self.dialect.encoding)("replace")
+        plain = self.dialect.encoding == "utf-8"
+        codec, target = ("latin-1",) * 2 if plain else (self.dialect.encoding, "utf-8")
+        decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(codec)("replace"), True)
         bom = self.dialect.bom
-        held = b""
         for raw in self._bytes():
+            plain = plain and b"\r" not in raw
             chunk, bom = raw[bom:], 0
-            if decoder:
-                chunk = decoder.decode(chunk).encode()
-            if held or b"\r" in chunk:
-                chunk = held + chunk
-                held = b"\r" if chunk.endswith(b"\r") else b""
-                chunk = chunk[: len(chunk) - len(held)]
-                chunk = chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+            if not plain:
+                chunk = decoder.decode(chunk).encode(target)
             if chunk is not raw:
                 self._source = None
             yield chunk
-        last = decoder.decode(b"", True).encode() if decoder else b""  # half a character
-        if held or last:
-            yield b"\n" * len(held) + last
+        if last := decoder.decode(b"", True).encode(target):  # half a character, or a line end
+            yield last
 
     def _bytes(self) -> Iterator[bytes]:
         if not is_gzip(self.path):

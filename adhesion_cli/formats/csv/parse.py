@@ -234,8 +234,9 @@ class Parser:
         if i in types and len(types[i]) > 1:
             types[i] = types[i][1:]
             return
+        why = error.splitlines()[0]
         raise UserError(
-            f"{self.table.path}: cannot be read from line {block.first_line} on: {error.splitlines()[0]}",
+            f"{self.table.path}: cannot be read from line {block.first_line} on: {why}",
             "correct the log, or state its dialect under [csv]",
         )
 
