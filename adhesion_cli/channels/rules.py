@@ -128,7 +128,7 @@ def _kinds_of(words: Sequence[str]) -> dict[str, str]:
 @lru_cache(1 << 14)  # logs have many names of few words
 def _kinds(word: str) -> dict[str, str]:
     """The kinds of a word, each with the part of it that says so; none for a number."""
-    if word.isdigit():
+    if word.isdecimal():
         return {}
     return {kind: found for kind in _WORDS if (found := _part_of_kind(kind, word))}
 
@@ -161,7 +161,7 @@ class _Name:
             self.unit, self.unit_from = _by_convention(field)
         if not path and (last := re.search(r"[/.]([^/.]{3,})$", base)):
             path = last[1]  # a topic and field written as one column header
-        own = [w for w in words_of(path) if not w.isdigit() and w not in GENERIC]
+        own = [w for w in words_of(path) if not w.isdecimal() and w not in GENERIC]
         around = [*words_of(base), *words_of(label), *words_of(field.group)]
         self.own = own or around
         if other:  # a V in volts is no speed by its letter
@@ -245,7 +245,7 @@ def _adhesion_force(name: _Name) -> str:
     It is next to the word for a force, or the only word but for an axle. A force for an adhesion
     test is no adhesion force.
     """
-    aside = [w for w in name.own if not (w.isdigit() or {"true", "actual"} & _kinds(w).keys())]
+    aside = [w for w in name.own if not (w.isdecimal() or {"true", "actual"} & _kinds(w).keys())]
     for i, word in enumerate(aside):
         if has("adhesion", [word]) and has("force", aside[max(0, i - 1) : i + 2]):
             return word
@@ -311,16 +311,16 @@ def _axle_in(text: str, is_path: bool) -> int | None:
     words = words_of(units.in_name(text)[0])
     for i, word in enumerate(words):
         behind = "".join(words[i + 1 : i + 2])
-        if behind.isdigit() and {"wheel", "cylinder"} & _kinds(word).keys():
+        if behind.isdecimal() and {"wheel", "cylinder"} & _kinds(word).keys():
             return int(behind)
         if has("bogie", [word]):
             words = words[:i] + words[i + 2 :]  # its number counts bogies
             break
-        if any(c in word for c in "轴轮位") and i and words[i - 1].isdigit():
+        if any(c in word for c in "轴轮位") and i and words[i - 1].isdecimal():
             return int(words[i - 1])
     if match := re.search(r"([一二三四五六七八])[轴轮位]|[轴轮]([一二三四五六七八])", text):
         return _CHINESE_NUMBERS[match[1] or match[2]]
-    digits = [w for w in words if w.isdigit() and len(w) < 3]
+    digits = [w for w in words if w.isdecimal() and len(w) < 3]
     if digits and not (is_path and text.endswith("]")):
         return int(digits[-1])
     match = re.search(r"\[(\d+)\](\.\w+)?$", text)
@@ -333,5 +333,5 @@ def bogie_of(name: str) -> int | None:
     for i, word in enumerate(words):
         if has("bogie", [word]):
             beside = (*words[i + 1 : i + 2], *words[max(0, i - 1) : i])
-            return next((int(w) for w in beside if w.isdigit()), None)
+            return next((int(w) for w in beside if w.isdecimal()), None)
     return None

@@ -104,15 +104,15 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     steps = np.diff(data.t)
     within = np.diff(piece_of) == 0
     limit = max_gap_ns or gap_limit(steps[within])
-    long = within & (steps > limit)
-    hour = long & _about_an_hour(steps)
-    for code, which in (("gap", long & ~hour), ("gap-dst", hour)):
+    gaps = np.flatnonzero(within & (steps > limit))
+    hour = _about_an_hour(steps[gaps])
+    for code, which in (("gap", gaps[~hour]), ("gap-dst", gaps[hour])):
         longest = float(steps[which].max(initial=0)) / 1e9
-        begin, end = data.t[:-1][which], data.t[1:][which]
-        report.stretches(code, begin, end, len(begin), longest_s=longest)
+        begin, end = data.t[which], data.t[which + 1]
+        report.stretches(code, begin, end, len(which), longest_s=longest)
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
-        data, starts, interval, limit, int(long.sum()), int(same.sum()),
+        data, starts, interval, limit, len(gaps), int(same.sum()),
         int(out.sum()) + len(restarts) - 1, tuple(report.findings),
     )  # fmt: skip
 

@@ -3,6 +3,8 @@ import subprocess
 import sys
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from adhesion_cli.channels import rules
 from adhesion_cli.channels.meaning import Mapping, understood
@@ -415,3 +417,21 @@ def test_only_what_counts_axles_from_zero_moves_up(
     names: tuple[str | tuple[str, ...], ...], axles: list[int]
 ) -> None:
     assert [axle for _, axle, _ in seen(*names)] == axles
+
+
+PARTS = st.one_of(
+    st.sampled_from(
+        "axle 轴 一轴 bogie BC speed [km/h] _V true K F [2] .1 ² 𐩀 ٣ (2) {0} g".split()
+    ),
+    st.text(max_size=4),
+)
+NAMES = st.lists(PARTS, max_size=5).map(" ".join)
+
+
+@given(st.lists(st.tuples(NAMES, NAMES, NAMES, NAMES, NAMES), min_size=1, max_size=3))
+def test_no_name_is_too_strange(names: list[tuple[str, ...]]) -> None:
+    assert len(understood([Field(*n) for n in names], ())[0]) >= len(names)
+
+
+def test_a_digit_of_no_decimal_number_is_no_axle() -> None:
+    assert seen(("speed", "", "", "𐩀"))[0][1] is None
