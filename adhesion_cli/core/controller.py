@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 from . import methods
 from .methods import About, Kind, Method
 
-APPLY, HOLD, VENT = 0, 1, 2  # both valves at rest; hold valve; hold and vent valve: ever less air
+APPLY, HOLD, DUMP = 0, 1, 2  # the three states of a WSP dump valve, with ever less air
 
 
 class Observed(NamedTuple):

@@ -10,7 +10,7 @@ from .model import Floats, Times
 
 JUDGED_FROM = 1.0  # slower trains are not judged, and slip is relative to at least this [m/s]
 SLIDE = 0.05  # slip from which a wheel slides [-]
-_STANDING = 0.1  # a rim slower than this stands [m/s]
+STANDING = 0.1  # a rim or a train slower than this stands [m/s]
 ROLLS, SLIDES, LOCKED = 0, 1, 2
 
 
@@ -31,7 +31,7 @@ class Stop:
     peak: Floats  # available adhesion force at this speed
     peak_slip: Floats  # slip of that peak
     slip: Floats  # true slip, NaN below `JUDGED_FROM`
-    valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `VENT`
+    valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `DUMP`
     measured_train_speed: Floats  # by its sensors, or estimated from the axles
     train_speed_doubt: Floats  # `trainspeed.Known.doubt`
     measured_wheel_speed: Floats  # [rad/s]
@@ -49,7 +49,7 @@ class Stop:
         """`ROLLS`, `SLIDES` or `LOCKED`, shape (n, axles); rolls where the train is too slow."""
         fast = self.train_speed[:, None] >= JUDGED_FROM
         code = np.where(fast & (self.slip > SLIDE), SLIDES, ROLLS)
-        return np.where(fast & (self.rim_speed < _STANDING), LOCKED, code).astype(np.int8)
+        return np.where(fast & (self.rim_speed < STANDING), LOCKED, code).astype(np.int8)
 
 
 class Verdict(NamedTuple):

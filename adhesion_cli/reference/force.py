@@ -56,7 +56,6 @@ class Parts:
 class Method:
     """A way to compute the reference."""
 
-    text: str
     source: str
     # Takes the runs, the run-out in the wheel speed of each, and the wheelset's constants.
     parts: Callable[[list[AxleRecord], list[Floats], Wheelset], list[Parts]]
@@ -589,13 +588,8 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
 
 METHODS: dict[str, Method] = {
     "smoother": Method(
-        "Rauch-Tung-Striebel smoother with rolling, sliding and changing regimes",
         "Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445; Barber, J. Mach. Learn. Res. 7 (2006) 2515",
         _smoother,
     ),
-    "butterworth": Method(
-        "zero-phase Butterworth low pass on the wheel speed, differentiated",
-        "Wu, Peng, Li, section 4",
-        _butterworth,
-    ),
+    "butterworth": Method("Wu, Peng, Li, section 4", _butterworth),
 }

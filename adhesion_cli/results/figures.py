@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, HOLD, VENT
+from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _BLUE, _ORANGE, _RED, _GREEN = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[4]
 _OF_REGION = dict(zip(REGIONS, (GREY, _BLUE, _GREEN, _RED), strict=True))
-_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("dump", VENT, _RED))
+_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("dump", DUMP, _RED))
 _SLIP, _TIME = "slip [%]", "time [s]"
 _MU = "adhesion coefficient µ [-]"
 _SLOPES = -0.3, 0.5  # drawn: those of a wheel that rolls are far larger

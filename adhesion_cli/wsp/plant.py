@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics
-from ..core.controller import APPLY, HOLD, VENT
+from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import Floats
 from ..core.physics import ForceLine, clamping
 from ..rail.creep_law import Condition, Patch, condition, creep_force
@@ -148,7 +148,7 @@ class Wheels(NamedTuple):
     w: Floats  # rim speeds ωR [m/s]
     p: Floats  # cylinder pressures [Pa]
     air: Floats  # consumption of each cylinder, as a rise of pressure [Pa]
-    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `VENT`; for others to set
+    valve: NDArray[np.int64]  # `controller.APPLY`, `HOLD`, `DUMP`; for others to set
     knot: NDArray[np.int64]  # of the track, the last one past each axle
     rails: Floats  # the condition under each where the last step ended, shape (axles, 5)
     friction: Floats  # work space of a step, as the rest
@@ -198,7 +198,7 @@ def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float)
     """Cylinder pressure `h` later, the demand going straight from c0 to c1."""
     if valve == HOLD:
         return p
-    if valve == VENT:
+    if valve == DUMP:
         return p * math.exp(-h / plant.valve_time)
     lag = plant.fill_time if c1 > p else plant.vent_time
     if lag == 0.0:

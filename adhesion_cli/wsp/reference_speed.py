@@ -20,7 +20,7 @@ Plain Python that compiles. The constants are ours; their influence is small
 import math
 from typing import NamedTuple
 
-from ..core.controller import APPLY, HOLD, VENT
+from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import Wheelset
 from ..core.physics import GRADIENT, HARDER, reference_speed
 
@@ -87,4 +87,4 @@ def asks_pilot(train: Known) -> bool:
 
 def pilots_valve(w: Wheelset, x: Witness, K: float) -> int:
     """The pilot's valve: the brake is released below the adhesion force, then held."""
-    return VENT if w.phi * K > _LEFT * x.given else HOLD
+    return DUMP if w.phi * K > _LEFT * x.given else HOLD

@@ -32,7 +32,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, merged
 from ..core.model import Bools, Floats, Result, Times, Vehicle
 from ..core.signals import true_runs
-from ..core.stop import JUDGED_FROM, Stop, Verdict
+from ..core.stop import JUDGED_FROM, STANDING, Stop, Verdict
 from ..core.text import printable
 from ..dynamics.longitudinal import SIGMAS, tolerance
 from ..rail import fit, slip
@@ -52,9 +52,8 @@ _PAUSE = 2.0  # longest time without brake and slide within one brake applicatio
 _DRAWS = 40  # of the fit that are simulated
 _NOISE = 0.01  # share of the largest demand: least change of it
 _STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
-_HELD = 5.0  # a WSP keeps no force constant for so long on a rolling wheel [s]
+_HELD = 5.0  # longest time for which a WSP keeps the force of a rolling wheel constant [s]
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
-_STANDS = 0.1  # a train slower than this stands [m/s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
 Values = dict[str, tuple[float, float, float] | None]
@@ -122,7 +121,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         vehicle=replace(result.vehicle, wheel_radius=radii),
     ).with_train_speed(train_speed)  # fmt: skip
     rails = [s.rail for s in summaries]
-    stands = bool(braking.speed[-1] < _STANDS)
+    stands = bool(braking.speed[-1] < STANDING)
     return Case(
         (begin - result.log.start_ns()) / 1e9, scenario,
         _track(places, [rail and rail.best for rail in rails]),
@@ -257,7 +256,7 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
     t = np.arange(start, end, round(_EVERY * 1e9), dtype=np.int64)
     speed = _column(t, result.axles[0].record.t, result.axles[0].record.train_speed)
     K = np.array([_column(t, a.record.t, a.record.clamping_force_smooth) for a in result.axles])
-    stands = speed < _STANDS
+    stands = speed < STANDING
     past = int(np.argmax(stands)) + 1 if stands.any() else len(t)
     past = max(_last_full(K[:, :past].max(axis=0)), int(np.searchsorted(t, slide.start))) + 1
     slides: Bools = np.zeros(past, dtype=np.bool_)
@@ -375,7 +374,7 @@ def _demand(
             if known.all()
             else Finding("demand-unknown", "warning", spans=spans, values=force)
         )
-    if braking.speed[-1] >= _STANDS:
+    if braking.speed[-1] >= STANDING:
         values, end = {"speed_mps": float(braking.speed[-1])}, float(at[-1])
         findings.append(Finding("stop-extended", "info", spans=((end, end),), values=values))
     return asked, known, findings
@@ -384,7 +383,7 @@ def _demand(
 def _held(braking: _Braking) -> Bools:
     """When no axle slides and all have one force for a while: the demand's, shape (n,).
 
-    A WSP keeps no force constant for so long while wheels roll.
+    A WSP changes the forces sooner while wheels roll.
     """
     many, K = round(_HELD / _EVERY), braking.K
     held: Bools = np.zeros(K.shape[1], dtype=np.bool_)

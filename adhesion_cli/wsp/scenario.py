@@ -131,9 +131,9 @@ class Rail:
 class Wsp:
     """A simple wheel slide protection that knows the true slip; real ones do better."""
 
-    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.08
-    vent_slip: Annotated[float, Quantity("-", "slip that vents the cylinder", 0.0, 1.0)] = 0.15
-    vent_time: Annotated[float, Quantity("s", "time constant of its vent valve", 0.0, 5.0)] = 0.15
+    hold_slip: Annotated[float, Quantity("-", "slip that stops applying", 0.0, 1.0)] = 0.08
+    vent_slip: Annotated[float, Quantity("-", "slip that dumps air", 0.0, 1.0)] = 0.15
+    vent_time: Annotated[float, Quantity("s", "time constant of its dump valve", 0.0, 5.0)] = 0.15
     period: Annotated[float, Quantity("s", "time between decisions", 1e-4, 1.0)] = 0.02
     slowest: Annotated[float, Quantity("m/s", "off below this train speed", 0.0, 20.0)] = 1.0
 

@@ -13,7 +13,7 @@ from hashlib import sha256
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, HOLD, VENT
+from ..core.controller import APPLY, DUMP, HOLD
 from ..core.errors import UserError
 from ..core.model import Channel, Column, Floats, Log, Times
 from ..core.units import UNITS
@@ -60,7 +60,7 @@ def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
     for i in range(len(w)):
         sliding = v - w[i] if v > plant.valve_slowest else 0.0
         if sliding > plant.vent_slip * v and w[i] <= before[i]:
-            wheels.valve[i] = VENT
+            wheels.valve[i] = DUMP
         elif sliding > plant.hold_slip * v:
             wheels.valve[i] = HOLD
         else:

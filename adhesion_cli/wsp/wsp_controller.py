@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import physics
-from ..core.controller import APPLY, VENT, Drives, Observed
+from ..core.controller import APPLY, DUMP, Drives, Observed
 from ..core.controller import registry as controllers
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
@@ -297,7 +297,7 @@ def online(
         drives: the valves of every axle, or none.
 
     Yields:
-        `controller.APPLY`, `HOLD` or `VENT` of every axle.
+        `controller.APPLY`, `HOLD` or `DUMP` of every axle.
 
     Raises:
         UserError: a sample with another number of axles, or not after the one before.
@@ -335,7 +335,7 @@ def online(
                 wheels = [wheel._replace(free=0.0) for wheel in wheels]
                 axles, valves = [], [APPLY] * n
             for drive, valve in zip(drives, valves, strict=bool(drives)):
-                drive.set(valve != APPLY, valve == VENT)
+                drive.set(valve != APPLY, valve == DUMP)
             yield valves
 
 

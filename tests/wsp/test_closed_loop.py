@@ -21,7 +21,7 @@ from adhesion_cli.analysis import analyze, document, settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
 from adhesion_cli.core import compiled, controller, estimator, methods, physics
-from adhesion_cli.core.controller import APPLY, HOLD, VENT, Observed, registry
+from adhesion_cli.core.controller import APPLY, DUMP, HOLD, Observed, registry
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.stop import LOCKED, Stop, Verdict
@@ -71,13 +71,13 @@ STILL = Observed(10.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0, APPLY)
 @pytest.mark.parametrize(
     ("slip", "rate", "k", "valve"),
     [
-        (0.5, 0.0, math.nan, VENT),  # right of the slip band, slope or not
+        (0.5, 0.0, math.nan, DUMP),  # right of the slip band, slope or not
         (0.0, 0.0, math.nan, APPLY),
         (None, 0.0, 0.0, HOLD),  # both in their bands
-        (None, 0.0, -1.0, VENT),  # the curve falls
+        (None, 0.0, -1.0, DUMP),  # the curve falls
         (None, 0.0, 5.0, APPLY),  # it still rises
         (None, 0.0, math.nan, HOLD),  # not observable
-        (None, 10.0, 0.0, VENT),  # on its way out
+        (None, 10.0, 0.0, DUMP),  # on its way out
         (0.5, -10.0, -1.0, APPLY),  # caught: the slide's slope is past
     ],
 )
@@ -91,7 +91,7 @@ def test_patent_law_is_the_and_test(slip: float | None, rate: float, k: float, v
 def test_slip_within_its_noise_is_that_of_a_wheel_that_rolls() -> None:
     p = patent.Params()
     o = STILL._replace(slip=0.05, slip_rate=1.0)
-    assert patent.step(p, patent.init(p, o), 0.01, o).valve == VENT
+    assert patent.step(p, patent.init(p, o), 0.01, o).valve == DUMP
     o = o._replace(slip_noise=1.01 * 0.05 / p.guard)
     assert patent.step(p, patent.init(p, o), 0.01, o).valve == APPLY
 
@@ -124,7 +124,7 @@ def test_watchdog_ends_a_vent_that_does_not_help() -> None:
     for _ in range(1200):
         s = rule.step(p, s, 0.01, o)
         valves.append(s.valve)
-    assert valves[: int(p.watchdog / 0.01)] == [VENT] * int(p.watchdog / 0.01)
+    assert valves[: int(p.watchdog / 0.01)] == [DUMP] * int(p.watchdog / 0.01)
     after = valves[int(p.watchdog / 0.01) + 2 :]
     assert after[: int(p.reset / 0.01) - 2] == [APPLY] * (int(p.reset / 0.01) - 2)
 
@@ -235,7 +235,7 @@ def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
     valves = np.array(list(wsp_controller.online(chosen, samples, switches)))
     np.testing.assert_array_equal(valves, stop.valve)
     for seen, valve in zip(switches, valves.T.tolist(), strict=True):
-        assert seen.seen == [*((x != APPLY, x == VENT) for x in valve), (False, False)]
+        assert seen.seen == [*((x != APPLY, x == DUMP) for x in valve), (False, False)]
     return valves
 
 
@@ -244,7 +244,7 @@ def fed_back(controller: str, algo: str, train_speed: str) -> np.ndarray:
 )
 def test_sample_by_sample_is_the_compiled_loop(controller: str, train_speed: str) -> None:
     valves = fed_back(controller, closed_loop.ESTIMATOR, train_speed)
-    assert np.unique(valves).tolist() == [APPLY, HOLD, VENT]
+    assert np.unique(valves).tolist() == [APPLY, HOLD, DUMP]
     assert (np.ptp(valves, axis=1) > 0).any()  # not every axle alike
 
 
@@ -291,7 +291,7 @@ def test_valves_rest_however_the_samples_end(end: str) -> None:
         wsp_controller.choose("patent", closed_loop.ESTIMATOR, {}, Vehicle()), samples(), drives
     )
     if end == "closed":
-        while next(valves) != [VENT, VENT]:
+        while next(valves) != [DUMP, DUMP]:
             pass
         valves.close()
     else:
@@ -320,7 +320,7 @@ def test_a_sample_that_is_no_number_is_forgotten(controller: str) -> None:
         valves = list(wsp_controller.online(chosen, samples))
         assert valves[3] == [APPLY]
         assert valves[4:] == list(wsp_controller.online(chosen, slides[4:]))
-        assert [VENT] in valves[4:]
+        assert [DUMP] in valves[4:]
 
 
 def test_peak_is_the_most_the_rail_gives() -> None:
@@ -997,8 +997,8 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
         (["--from", "0", "--axle", "2"], "--axle, --from: of a log"),
         (["-c", "missing.toml"], "no such file"),
         (["--seeds", "3"], "--seeds"),
-        (["--rails", "--seed", "0", "-o", "x"], "--out, --seed: of no use with --rails"),
-        (["--rails", "--view", "--force"], "--force, --view: of no use with --rails"),
+        (["--rails", "--seed", "0", "-o", "x"], "--out, --seed: no effect with --rails"),
+        (["--rails", "--view", "--force"], "--force, --view: no effect with --rails"),
     ],
 )
 def test_what_would_do_nothing_is_refused(arguments: list[str], says: str) -> None:

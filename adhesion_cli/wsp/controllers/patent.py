@@ -15,7 +15,7 @@ rail with the pressure of a bad one.
 
 from typing import Annotated, NamedTuple
 
-from ...core.controller import APPLY, HOLD, VENT, Observed
+from ...core.controller import APPLY, DUMP, HOLD, Observed
 from ...core.methods import About
 from ...core.model import Quantity
 from ...rail.slope import Bands, region
@@ -33,7 +33,7 @@ class Params(NamedTuple):
         float, Quantity("s", "how long to hold while the slope is not observable", 0.0, 10.0)
     ] = 0.192
     probe: Annotated[
-        float, Quantity("s", "how long to fill then, until the slope shows", 0.0, 10.0)
+        float, Quantity("s", "how long to apply then, until the slope shows", 0.0, 10.0)
     ] = 0.0245
     guard: Annotated[
         float, Quantity("-", "slip over its noise from which it is one", 0.0, 100.0)
@@ -62,7 +62,7 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
     where = region(judged, o.slope, bands)  # [S4]
     blind = s.blind + h if where == 0 else 0.0  # unknown
     looks = where == 0 and blind >= p.patience  # for the slope
-    valve = VENT if where == 3 else APPLY if where == 1 or looks else HOLD  # [S5]
+    valve = DUMP if where == 3 else APPLY if where == 1 or looks else HOLD  # [S5]
     if blind >= p.patience + p.probe:
         blind = 0.0
     return State(blind, judged, max(valve, o.at_least))

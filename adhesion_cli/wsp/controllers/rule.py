@@ -10,7 +10,7 @@ law's.
 import math
 from typing import Annotated, NamedTuple
 
-from ...core.controller import APPLY, HOLD, VENT, Observed
+from ...core.controller import APPLY, DUMP, HOLD, Observed
 from ...core.methods import About
 from ...core.model import Quantity
 
@@ -18,20 +18,20 @@ from ...core.model import Quantity
 class Params(NamedTuple):
     """Thresholds."""
 
-    vent_slip: Annotated[float, Quantity("-", "slip that vents", 0.0, 1.0)] = 0.183
-    hold_slip: Annotated[float, Quantity("-", "slip that stops filling", 0.0, 1.0)] = 0.0314
+    vent_slip: Annotated[float, Quantity("-", "slip that dumps", 0.0, 1.0)] = 0.183
+    hold_slip: Annotated[float, Quantity("-", "slip that stops applying", 0.0, 1.0)] = 0.0314
     vent_deceleration: Annotated[
-        float, Quantity("m/s²", "deceleration of the rim that vents", 0.0, 50.0)
+        float, Quantity("m/s²", "deceleration of the rim that dumps", 0.0, 50.0)
     ] = 1.12
     recovery: Annotated[
-        float, Quantity("m/s²", "acceleration of the rim that ends venting", -10.0, 50.0)
+        float, Quantity("m/s²", "acceleration of the rim that ends dumping", -10.0, 50.0)
     ] = 1.15
     filter_time: Annotated[
         float, Quantity("s", "time constant of the rim's acceleration", 0.0, 1.0)
     ] = 0.383
-    pulse: Annotated[float, Quantity("s", "duration of a filling pulse", 0.0, 2.0)] = 0.305
+    pulse: Annotated[float, Quantity("s", "duration of a pulse of applying", 0.0, 2.0)] = 0.305
     pause: Annotated[float, Quantity("s", "pause between two pulses", 0.0, 5.0)] = 0.005
-    watchdog: Annotated[float, Quantity("s", "longest vent", 0.1, 60.0)] = 8.78
+    watchdog: Annotated[float, Quantity("s", "longest dump", 0.1, 60.0)] = 8.78
     reset: Annotated[float, Quantity("s", "brake after the watchdog", 0.0, 60.0)] = 5.0
 
 
@@ -40,9 +40,9 @@ class State(NamedTuple):
 
     rim_speed: float  # before [m/s]
     acceleration: float  # of the rim, filtered [m/s²]
-    venting: float  # duration [s]
+    dumping: float  # duration [s]
     cycle: float  # place in a cycle of pulse and pause [s]; below 0: after the watchdog
-    sliding: float  # 1 from the first vent until pressure has long been back
+    sliding: float  # 1 from the first dump until pressure has long been back
     judged: float  # slip [-]
     valve: int
 
@@ -58,14 +58,14 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
     forget = math.exp(-h / p.filter_time) if p.filter_time > 0.0 else 0.0
     acceleration = forget * s.acceleration + (1.0 - forget) * rate
     cycle, sliding = s.cycle + h, s.sliding
-    if s.venting > p.watchdog:
+    if s.dumping > p.watchdog:
         cycle = -p.reset
     fast = acceleration < -p.vent_deceleration and o.slip > 0.5 * p.hold_slip
     deep = o.slip > p.vent_slip and acceleration < p.recovery
     if cycle < 0.0:
         valve = APPLY
     elif fast or deep:
-        valve, cycle, sliding = VENT, p.pulse, 1.0
+        valve, cycle, sliding = DUMP, p.pulse, 1.0
     elif o.slip > p.hold_slip:
         valve, cycle = HOLD, p.pulse
     else:
@@ -73,8 +73,8 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
             cycle = 0.0
         valve = APPLY if cycle < p.pulse or sliding == 0.0 else HOLD
     valve = max(valve, o.at_least)
-    venting = s.venting + h if valve == VENT else 0.0
-    return State(o.rim_speed, acceleration, venting, cycle, sliding, o.slip, valve)
+    dumping = s.dumping + h if valve == DUMP else 0.0
+    return State(o.rim_speed, acceleration, dumping, cycle, sliding, o.slip, valve)
 
 
 ABOUT = About(
