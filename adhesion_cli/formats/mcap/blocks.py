@@ -33,7 +33,7 @@ class BlockReader:
     Args:
         file: the file.
         options: limits.
-        first: whether this is the first walk over the file, which bounds what it may inflate to.
+        first: whether this is the first walk over the file, which limits inflated bytes in all.
     """
 
     def __init__(self, file: LogFile, options: ReadOptions, first: bool) -> None:

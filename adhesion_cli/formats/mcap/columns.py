@@ -19,7 +19,7 @@ EXACT = 1 << 53  # up to here every integer is a double
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What decoding had to leave out, of which messages of the batch."""
+    """What decoding had to leave out, and the messages of the batch that it concerns."""
 
     code: str
     rows: Offsets

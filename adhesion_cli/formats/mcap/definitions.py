@@ -45,10 +45,10 @@ class Definitions:
         """Reads a Schema or Channel record.
 
         Args:
-            opcode: which of them.
+            opcode: its kind.
             raw: its content.
             at: offset in the file that an error names.
-            fresh: the definitions of the same block so far, which grow by it.
+            fresh: the definitions of the same block so far; this one is added.
 
         Raises:
             DamageError: where it is broken, too long, or contradicts an earlier one.
@@ -78,9 +78,11 @@ class Definitions:
 
     def doubtful(self, records: Records, fresh: dict[Key, Schema | Channel]) -> list[int]:
         """Channels of a block that were contradicted before, and that it does not define itself."""
+        if not self._doubted:
+            return []
         data, found = records.data, []
         stated = {(op, int(data[p]) | int(data[p + 1]) << 8) for op, p, _ in records.others}
-        for channel in sorted(set(records.channel.tolist())) if self._doubted else ():
+        for channel in sorted(set(records.channel.tolist())):
             key = (int(Opcode.CHANNEL), channel)
             one = fresh.get(key) or self._of.get(key)
             schema = one.schema_id if isinstance(one, Channel) else 0
@@ -94,7 +96,7 @@ class FirstMessages:
 
     Attributes:
         of: by channel id the log time of the first one [ns], and the messages.
-        full: channels of which no more are kept.
+        full: channels whose further messages are not kept.
     """
 
     def __init__(self) -> None:

@@ -64,7 +64,7 @@ def is_number(value: Tree) -> bool:
 
 
 def at(tree: Tree, steps: Steps) -> Tree:
-    """The value at a place, None where there is none."""
+    """The value at a place, None where a message has no such place."""
     for step in steps:
         if isinstance(step, int):
             tree = tree[step] if isinstance(tree, list) and step < len(tree) else None
@@ -158,15 +158,7 @@ class _Leaves:
         self, node: Tree, steps: Steps = (), label: str = "", label_at: Steps = (),
         named: list[str] | None = None,
     ) -> None:  # fmt: skip
-        """Takes up the numbers of a node.
-
-        Args:
-            node: what stands at a place.
-            steps: the place.
-            label: the name of the message it is in, and ...
-            label_at: ... where that stands.
-            named: the names of the node's elements.
-        """
+        """Takes up the numbers at a place; `named` are the names of an array's elements."""
         if is_number(node):
             self._number(steps, label, label_at)
         elif isinstance(node, Opaque):
@@ -221,9 +213,8 @@ class _Leaves:
 def typical(trees: Sequence[Tree]) -> Tree:
     """What the messages of a channel hold, judged by its first ones.
 
-    Keys are those of any message. But where nearly every message has new keys, they are no names:
-    then the keys are those of the largest message. An array has its most frequent length that is
-    not 0.
+    Keys are those of any message. Where nearly every message has new keys, keys are no names:
+    then the largest message gives them. An array has its most frequent length except 0.
 
     Args:
         trees: the first messages, at least one.

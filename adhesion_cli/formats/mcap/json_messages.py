@@ -37,7 +37,7 @@ class JsonDecoder:
     """JSON messages of one channel, with or without a JSON schema.
 
     Args:
-        schema: the JSON schema, b"" where there is none.
+        schema: the JSON schema, or b"".
         most: bytes of one message; a message takes up to twenty times that when it is read.
 
     Raises:
@@ -67,7 +67,7 @@ class JsonDecoder:
             )
 
     def unit(self, steps: Steps) -> tuple[str, str]:
-        """The property `unit` (or `units`) that the JSON schema states beside the type."""
+        """The property `unit` (or `units`) that the JSON schema states for the field."""
         node: Any = self._schema
         for step in steps:
             if not isinstance(node, dict):
@@ -134,14 +134,7 @@ class _Spread:
         self._places = self._columns.keys() | batch.wanted.said.keys()
 
     def walk(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
-        """Takes what the messages `rows` have at a place.
-
-        Args:
-            nodes: what they have there.
-            rows: their numbers in the batch.
-            known: what messages had there on opening.
-            steps: the place.
-        """
+        """Takes the `nodes` that the messages `rows` have at a place; `known` came on opening."""
         if isinstance(known, dict):
             if found := self._only(dict, nodes, rows, steps):
                 self._object(*found, known, steps)

@@ -82,8 +82,8 @@ class Search:
         data: the buffer, with PADDING more bytes.
         size: bytes of the buffer.
         at: offset of the block in the file, for errors.
-        room: how many records there may be, as a few bytes can inflate to millions.
-        before: how many were found in other buffers.
+        room: records that a file may have, as a few bytes can inflate to millions.
+        before: records of the blocks before.
     """
 
     def __init__(self, data: Bytes, size: int, at: int, room: int, before: int) -> None:

@@ -1,9 +1,8 @@
 """Protobuf messages, all messages of a batch one field at a time.
 
 Writers put the fields of a message in the order of their numbers. So all messages of a batch are
-read in step: of the tags that come next, the lowest is taken from every message that has it, and
-the others wait. The protobuf library reads what is unusual (groups, broken varints, very many
-fields) one message at a time, and decides what is broken.
+read in step: the lowest of the next tags is read from every message that has it. The protobuf
+library reads unusual messages (groups, broken varints, very many fields) one by one.
 """
 
 from dataclasses import dataclass, field
@@ -220,7 +219,7 @@ class _Slot:
 
     @property
     def idle(self) -> bool:
-        """Whether nobody wants to know what the field holds."""
+        """Whether the field can be skipped."""
         return not (
             self.columns or self.inside or self.said or self.clears or self.count is not None
         )
@@ -257,13 +256,7 @@ class _LockStep:
         self._root = self._node(decoder._type, (), places)
 
     def _node(self, kind: Any, at: Steps, below: list[_Place]) -> _Node:
-        """What to do with a message.
-
-        Args:
-            kind: its type.
-            at: where it stands.
-            below: the places in it that are looked at.
-        """
+        """What to do with a message at a place; `below` are the places in it that matter."""
         node = _Node({}, [], np.zeros(len(self._start), np.bool_))
         by_name: dict[str, list[_Place]] = {}
         for i, steps in below:
@@ -280,7 +273,7 @@ class _LockStep:
         return node
 
     def _slot(self, f: Any, steps: Steps, places: list[_Place]) -> _Slot:
-        """What to do with a field, of which these places are looked at."""
+        """What to do with a field; the places are those in it that are looked at."""
         slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), f.is_repeated)
         wanted, depth = self._batch.wanted, len(steps)
         if f.is_repeated and places:
@@ -326,7 +319,7 @@ class _LockStep:
         return self._batch.finish()
 
     def _varint(self, p: Offsets) -> tuple[Words, Offsets]:
-        """Varints at p, and the offsets behind them (_NOWHERE where one does not end)."""
+        """Varints at p, and the offsets after them (_NOWHERE where one does not end)."""
         x = self._words[p]
         if not (x & np.uint64(0x80)).any():
             return x & np.uint64(0x7F), p + 1

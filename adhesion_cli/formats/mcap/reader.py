@@ -190,10 +190,10 @@ class McapSource:
 def _without_stamps(of: Sequence[Series]) -> str:
     """Why stamps inside the messages cannot be the clock of these series, "" if they can."""
     if not any(s.stamp for s in of):
-        return "no message carries a stamp of its own"
+        return "no message has a stamp inside"
     for s in of:
         if s.stamp is None:
-            return f"{s.topic} carries no stamp of its own"
+            return f"{s.topic} has no stamps inside"
     for s in of:
         if not s.stamp_time:
             return f"the stamp inside the first message of {s.topic} is 0 or not set"

@@ -1,7 +1,7 @@
 """ROS 2 messages (CDR) with a ros2msg schema.
 
-One message is read front to back. It shows where the wanted numbers stand in every message that
-has the same lengths inside: the columns of all these are taken at once.
+One message is read front to back. It shows where the wanted numbers stand in all messages with
+the same lengths inside. Their columns are taken at once.
 """
 
 import re
@@ -95,7 +95,7 @@ class Ros2Decoder:
         return _Message(self._types, self._root, message).tree
 
     def unit(self, steps: Steps) -> tuple[str, str]:
-        """The unit in square brackets in the comment behind a field, as rosidl reads it."""
+        """The unit in square brackets in the comment after a field, as rosidl reads it."""
         kind, unit = self._root, ""
         for step in steps:
             if isinstance(step, str):

@@ -227,7 +227,7 @@ class Walk:
             at = after
 
     def _next_chunk(self) -> int:
-        """Where the first whole chunk that was not met begins; 0 where there is none."""
+        """Where the next whole chunk begins that was not met yet; 0 without one."""
         block = self._reader.next_chunk(max([self._sought, *(b.end for b in self.blocks)]))
         self._sought = block.end if block else self._sought  # even if it is refused afterwards
         return block.at if block else 0

@@ -825,7 +825,7 @@ def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
         log.messages[0] = message(0, START + 7, body)
     source = opened(tmp_path, log)
     assert [int(c.t[0]) - START for c in read(source).values()] == [7, 9]
-    assert source.time_reason == "log time: /1 carries no stamp of its own"
+    assert source.time_reason == "log time: /1 has no stamps inside"
     with pytest.raises(UserError, match="/1: messages carry no stamp"):
         read(opened(tmp_path, log, time_source="header"))
     del log.channels[1], log.messages[1]
@@ -898,7 +898,7 @@ def test_only_channels_that_are_asked_for_decide_on_the_clock(tmp_path: Path) ->
         assert source.stated["time"] == source.time_reason
     assert source.findings == []
     assert [c.t[0] for c in source.columns([x, cabin])] == [START + 7, START]
-    assert source.time_reason == "log time: /1 carries no stamp of its own"
+    assert source.time_reason == "log time: /1 has no stamps inside"
     assert [(f.code, f.severity, f.channel) for f in source.findings] == [
         ("mcap-stamp-unused", "info", "/0")
     ]
