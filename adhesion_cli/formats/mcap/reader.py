@@ -84,8 +84,6 @@ class McapSource:
             severity: Severity = "warning" if losses.suspect else "info"
             names, count = {"damage": damage[:200]}, losses.suspect or 1
             yield Finding("mcap-recovered", severity, count=count, names=names)
-        if walk.unknown:
-            yield Finding("mcap-unknown-record", "info", count=walk.unknown)
 
     def _report(self, findings: Iterable[Finding]) -> None:
         """Adds findings that are not there yet; with strict an error ends the reading."""

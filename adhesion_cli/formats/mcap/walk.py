@@ -62,7 +62,6 @@ class Walk:
         self.counts: Counter[int] = Counter()  # messages by channel
         self.blocks: list[Block] = []
         self.damage: list[DamageError] = []
-        self.unknown = 0  # records of unknown kinds
         self.times = (1 << 63, -1)  # first and last log time
         self.profile = self.library = ""
         self.metadata: dict[str, dict[str, str]] = {}
@@ -256,8 +255,6 @@ class Walk:
                 self._note(damage)
         elif opcode in _MISPLACED:
             raise DamageError(at, f"a record of kind {opcode} where none may be")
-        elif opcode not in set(Opcode):
-            self.unknown += 1
 
     def _index(self, kind: Opcode, place: int, size: int, at: int) -> None:
         """Compares an index with what was met; where the walk missed it, goes there."""
@@ -343,7 +340,6 @@ class Walk:
         block.rows = len(records.start)
         self.blocks.append(block)
         self._reader.found += records.cost
-        self.unknown += records.unknown
         self._count(records)
         return block.end
 
