@@ -11,7 +11,6 @@ from ..core.time_axis import spans_of
 from ..evaluation import metrics
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
-_BRAKED = 0.05  # of the highest K: less is no braking
 _SURELY = 0.99  # probability from which a speed is an average since the last one
 _FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
 _SLIGHT = 0.02  # of the highest φK: as little is an error of the model
@@ -93,7 +92,7 @@ def _wrong(
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
     most = float(K.max(initial=0.0))
     negative = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
-    negative &= (_BRAKED * most < K) & ~high
+    negative &= (physics.FREE * most < K) & ~high
     slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
     locks = slowing > physics.LOCKING
     return {

@@ -211,8 +211,3 @@ def others(channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]) ->
         if abs(math.log(times)) > 0.1 and fits(times):
             found.append(name)
     return found
-
-
-def listed(units: list[str]) -> str:
-    """The same as a question behind a text, "" for none."""
-    return f" ({' or '.join(units)}?)" if units else ""

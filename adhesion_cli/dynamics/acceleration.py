@@ -26,9 +26,9 @@ import numpy as np
 
 from ..core import compiled
 from ..core.model import Bools, Channel, Floats, Times
-from ..core.physics import CRAWL
+from ..core.physics import CRAWL, FREE
 from ..core.signals import finite_median, true_runs, white_noise
-from .train_grid import FREE, LEAST, Grid, far
+from .train_grid import LEAST, Grid, far
 
 FINE = 0.1  # step of the grid [s]
 _STANDS = 0.05  # of a wheel that stands [m/s]

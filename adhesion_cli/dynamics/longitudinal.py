@@ -35,9 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Parameter, Vehicle
-from ..core.physics import CRAWL, G, braked, force_line, wheelset
+from ..core.physics import CRAWL, FREE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
-from .train_grid import FREE, LEAST, Axle, Explanation, Grid, Line, Piece, far, grid
+from .train_grid import LEAST, Axle, Explanation, Grid, Line, Piece, far, grid
 
 UNITS = {
     "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core.model import Bools, Floats
-from ..core.physics import CRAWL
+from ..core.physics import CRAWL, FREE
 from ..core.signals import finite_median, true_runs
 from . import longitudinal
-from .train_grid import FREE, LEAST, Axle, Grid, lasting
+from .train_grid import LEAST, Axle, Grid, lasting
 
 _APART = 0.08  # of the highest pressure: more than transducers and cylinders differ
 _UNLIKE = 0.5  # so much later may one cylinder fill or vent than another [s]

@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Parameter, Vehicle, Wheelset
-from ..core.physics import wheelset
+from ..core.physics import CRAWL, wheelset
 from ..core.signals import white_noise
-from .train_grid import CRAWL, LEAST, Axle, Grid, far, grid
+from .train_grid import LEAST, Axle, Grid, far, grid
 
 _REACH = 5.0  # the largest offset looked for [s]
 _SCAN = 0.1  # from one that is tried to the next [s]

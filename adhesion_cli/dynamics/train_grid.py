@@ -19,9 +19,8 @@ from ..core.model import (
     Vehicle,
     Wheelset,
 )
-from ..core.physics import CRAWL as CRAWL
+from ..core.physics import CRAWL, GRADIENT, rolling_deceleration, wheelset
 from ..core.physics import FREE as FREE
-from ..core.physics import GRADIENT, rolling_deceleration, wheelset
 from ..core.signals import true_runs
 
 LEAST = 8  # samples on it that show anything

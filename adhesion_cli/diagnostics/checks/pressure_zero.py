@@ -7,8 +7,8 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity
-from ...core.physics import clamping_force, force_line
-from ...dynamics.train_grid import CRAWL, Scene, lasting
+from ...core.physics import CRAWL, clamping_force, force_line
+from ...dynamics.train_grid import Scene, lasting
 from ..registry import About
 
 ABOUT = About("Zero of the pressure", "force", 20)

@@ -12,7 +12,8 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Bools, Floats, Quantity
-from ...dynamics.train_grid import CRAWL, Scene, far, lasting
+from ...core.physics import CRAWL
+from ...dynamics.train_grid import Scene, far, lasting
 from ..registry import About
 
 ABOUT = About("Wheels that leave the train's speed", "wheels", 20)

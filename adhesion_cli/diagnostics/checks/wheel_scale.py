@@ -8,8 +8,9 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
+from ...core.physics import CRAWL
 from ...core.units import UNITS, others
-from ...dynamics.train_grid import CRAWL, LEAST, Grid, Scene, far
+from ...dynamics.train_grid import LEAST, Grid, Scene, far
 from ..registry import About
 from .impossible_values import named
 
