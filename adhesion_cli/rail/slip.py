@@ -56,7 +56,7 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         change = np.interp(t + 0.5, t, rim[s]) - np.interp(t - 0.5, t, rim[s])
-        free = (record.clamping_force[s] < physics.FREE) & (change > -_EVEN) & (change < _GAINS)
+        free = (record.clamping_force[s] < physics.NO_FORCE) & (change > -_EVEN) & (change < _GAINS)
         free &= (rim[s] > _FAST) & (v[s] > _FAST)
         ratios.append(v[s][free] / rim[s][free])
         late.append(unknown[s][free])
@@ -193,7 +193,7 @@ def speed_noise(record: AxleRecord, radius: float) -> Floats:
     """
     assert record.train_speed is not None
     v, rim = record.train_speed, record.wheel_speed * radius
-    braked = (record.clamping_force > physics.FREE) & (v > _MOVES)
+    braked = (record.clamping_force > physics.NO_FORCE) & (v > _MOVES)
     rolls = braked & (np.abs(v - rim) < np.maximum(CAUGHT * v, _NEAR))
     h = float(np.median(np.diff(record.t))) * 1e-9
     train = 0.0

@@ -46,7 +46,6 @@ from .sweep import Beside, beside, interval, on_all_cores
 from .wsp_controller import Settings
 
 _EVERY = 0.1  # between two knots of the demand [s]
-_RELEASED = 0.05  # share of the largest demand below which the brake is released
 _OFFSET = 0.1  # share of it: a smaller least value is a sensor's offset
 _PAUSE = 2.0  # longest time without brake and slide within one brake application [s]
 _DRAWS = 40  # of the fit that are simulated
@@ -293,7 +292,7 @@ def _last_full(asked: Floats) -> int:
     """
     most = float(asked.max())
     least = float(asked.min())
-    none = (least if least < _OFFSET * most else 0.0) + _RELEASED * most
+    none = (least if least < _OFFSET * most else 0.0) + physics.FREE * most
     top = i = max(np.flatnonzero(asked > none).tolist(), default=0)
     if top == len(asked) - 1:
         return top
@@ -391,7 +390,7 @@ def _held(braking: _Braking) -> Bools:
         view = np.lib.stride_tricks.sliding_window_view
         windows = view(K, many, axis=1)
         least, most = windows.min(axis=(0, 2)), windows.max(axis=(0, 2))
-        even = (most - least < _EVEN * most) & (most > _RELEASED * K.max())
+        even = (most - least < _EVEN * most) & (most > physics.FREE * K.max())
         for i in np.flatnonzero(even & ~view(braking.slides, many).any(axis=1)).tolist():
             held[i : i + many] = True
     return held
