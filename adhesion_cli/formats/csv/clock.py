@@ -47,8 +47,7 @@ class Clock:
     def nanoseconds(self, arrays: Sequence[Any]) -> tuple[Times, Bools]:
         """Times [ns] of the rows of one block, and which of them hold; shape (n,).
 
-        Args:
-            arrays: the clock's columns, of one of `types`, nulls where a cell has no value.
+        `arrays` are the clock's columns, of one of `types`, null where a cell has no value.
         """
         array = arrays[0]
         if pa.types.is_timestamp(array.type):
@@ -81,11 +80,7 @@ class Clock:
         """Refuses times whose fraction is a whole number of ms, us or ns without leading zeros.
 
         "5.7" is 5.007 s then. Read as decimals such times fall once a second, as numbers never.
-
-        Args:
-            rows: the cells of the clock's columns, of consecutive rows.
-            name: the column, for the message.
-            path: for the message.
+        `rows` are the cells of the clock's columns, of consecutive rows; `name` is the column.
         """
         pattern = self.pattern or (_SECONDS if self.unit == "s" else "")
         if "(?P<f>" not in pattern:

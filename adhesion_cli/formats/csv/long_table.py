@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Floats, Times
+from .block_parser import Table
 from .dialect import Dialect, is_null
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
-from .parse import Table
 from .rows import Key, read_rows
 from .time_column import column_index, listed, toml
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from ...core.finding import Finding, Severity, Span, merged
 from ...core.model import Bools, Times
+from .block_parser import Part, Rows
 from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
 from .dialect import Dialect, split
-from .parse import Part, Rows
 from .rejects import Rejects
 
 _MOST = 20  # spans of one finding
@@ -37,9 +37,7 @@ _CODES: dict[int, tuple[str, Severity, str]] = {
 class Losses:
     """Counts lines by class, and cells that hold no number.
 
-    Args:
-        dialect: with the lines before the first row.
-        rejects: remembers each row and cell; None where the user does not want them.
+    `rejects` remembers each row and cell; None where the user does not want them.
     """
 
     def __init__(self, dialect: Dialect, rejects: Rejects | None) -> None:
@@ -98,10 +96,8 @@ class Losses:
     def timed(self, part: Part, keep: Bools, before: int | None) -> None:
         """Notes when rows were left out: from the time of the row before to that of the next.
 
-        Args:
-            part: the block.
-            keep: its rows that are used.
-            before: time of the last used row [ns]; None before the first.
+        `keep` are the rows that are used. `before` is the time of the last one before the block
+        [ns], None where there is none.
         """
         t = part.times[keep]
         if before is None and not len(t):

@@ -1,7 +1,7 @@
 """Delimited text logs: their fields, their columns, and findings about their rows and cells.
 
-`sniff` decides the dialect, `time_column` the time, `long_table` which rows belong together.
-`rows` reads the wanted columns.
+`detect_dialect` decides how the log is written, `time_column` which column is the time, and
+`long_table` which rows belong together. `rows` reads the wanted columns.
 """
 
 import re
@@ -20,14 +20,14 @@ from ...core.time_axis import earliest, unwrapped
 from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
+from .block_parser import Table
 from .clock import Clock, backwards
+from .detect_dialect import detect_dialect
 from .dialect import Dialect, is_null, number_grammar
 from .lines import read_head, read_tail
 from .long_table import Series, find_keys, interleaved
 from .losses import quoted
-from .parse import Table
 from .rows import Reading, read_rows
-from .sniff import sniff
 from .time_column import find_clock, listed, toml
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
@@ -46,7 +46,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
         UserError: where the file is no such table, or can be read in more than one way.
     """
     head, complete, size = read_head(path)
-    dialect = sniff(head, complete, options, path)
+    dialect = detect_dialect(head, complete, options, path)
     if complete and len(dialect.rows) < 2:
         raise UserError(
             f"{path}: {len(dialect.rows)} data row, nothing to analyse",

@@ -10,12 +10,7 @@ from .lines import Lines
 
 
 class Rejects:
-    """Rows left out, and cells that hold no number; iterates over them in the file's order.
-
-    Args:
-        lines: a pass over the file.
-        names: its columns.
-    """
+    """Rows left out, and cells that hold no number; iterates over them in the file's order."""
 
     def __init__(self, lines: Lines, names: Sequence[str]) -> None:
         self._lines, self._names = lines, names
@@ -23,13 +18,7 @@ class Rejects:
         self._parts: list[NDArray[np.int64]] = []
 
     def add(self, places: NDArray[np.int64], reason: str, column: int = -1) -> None:
-        """Remembers rows.
-
-        Args:
-            places: first and last line of each, shape (n, 2).
-            reason: why.
-            column: of the cell, -1 for the whole row.
-        """
+        """Remembers rows by their first and last line, shape (n, 2); `column` −1: the whole row."""
         if reason not in self._reasons:
             self._reasons.append(reason)
         part = np.empty((len(places), 4), np.int64)

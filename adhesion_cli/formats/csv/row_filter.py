@@ -7,10 +7,10 @@ import pyarrow as pa
 
 from ...core.model import Bools
 from . import arrow as pc
+from .block_parser import Part, Rows, Table, joined
 from .cells import is_missing
 from .dialect import is_comment, split, uncommented
 from .losses import SKIPPED, Losses
-from .parse import Part, Rows, Table, joined
 
 _FALLS, _AROUND = 3, 20  # falls of the time in a block that are looked at, rows on each side
 _BRACKETS = "[](){}<> "

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
+from .block_parser import Parser, Part, Table
 from .dialect import is_null
 from .lines import Lines
 from .losses import Losses
-from .parse import Parser, Part, Table
 from .rejects import Rejects
 from .row_filter import RowFilter
 

@@ -78,7 +78,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
         dialect: with the first rows.
         options: `time_channel` and `time_unit` have priority over what the rows suggest.
         rows: rows of the whole file, estimated.
-        path: for messages.
+        path: of the file.
 
     Raises:
         UserError: where no column is a time, or its unit or order of day and month is open.
@@ -366,13 +366,7 @@ def _unnumbered(name: str) -> str:
 
 
 class _NumberClock:
-    """A column of numbers as a time.
-
-    Args:
-        search: of the column.
-        i: its index.
-        why: it is looked at.
-    """
+    """A column of numbers as a time; `why` says why it is looked at."""
 
     def __init__(self, search: _Search, i: int, why: str) -> None:
         self.path, self.dialect, self.i, self.why = search.path, search.dialect, i, why

@@ -691,6 +691,16 @@ def test_short_names_are_no_units_row(row):
     assert not is_units_row(row)
 
 
+@pytest.mark.parametrize("unit", ["rads", "radps", "kph", "kmph", "mps"])
+def test_a_unit_at_the_end_of_a_name_stays_there_and_makes_no_time(log, unit):
+    name = f"wheel_speed_1_{unit}"
+    source, columns = read(log, PLAIN.replace(",v\n", f",{name}\n"))
+    assert list(columns) == ["p", name]
+    assert source.fields[1].unit == ""
+    source, _ = read(log, PLAIN.replace("t [s],p,v\n", f"t,p,v\ns,bar,{unit}\n"))
+    assert source.fields[1].unit == unit
+
+
 def test_header_rows_are_joined(log):
     _, columns = read(
         log, ",Axle 1,,Axle 2,\nt,p,v,p,v\ns,bar,km/h,bar,km/h\n0,1,2,3,4\n1,2,3,4,5\n"
