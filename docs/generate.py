@@ -158,7 +158,7 @@ _SECTIONS = {
 }  # fmt: skip
 _PARTS = {
     "message": "Message", "cause": "Cause", "effect": "Effect", "remedy": "Remedy",
-    "limits": "Cannot see", "old": "Former codes",
+    "limits": "Cannot see", "thresholds": "Thresholds", "old": "Former codes",
 }  # fmt: skip
 
 
@@ -168,7 +168,10 @@ def findings_page() -> str:
     for section, of in groupby(catalogue().values(), lambda words: words.section):
         parts.append(f"## {_SECTIONS[section]}\n")
         for words in of:
-            shown = entry(words) | {"old": ", ".join(f"`{code}`" for code in words.old)}
+            shown: dict[str, Any] = entry(words)
+            shown["old"] = ", ".join(f"`{code}`" for code in words.old)
+            limits = (f"`{t['name']}` {t['default']:g}" for t in shown["thresholds"])
+            shown["thresholds"] = ", ".join(limits)
             parts.append(f"### `{words.code}`\n\n{words.title}.\n")
             parts += [f"- {name}: {shown[part]}" for part, name in _PARTS.items() if shown[part]]
             parts.append("")

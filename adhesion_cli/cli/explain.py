@@ -2,6 +2,7 @@
 
 import re
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -55,7 +56,28 @@ def entry(words: "Words") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
     texts = ("title", "message", *_PARTS)
     shown = {name: _plain(getattr(words, name)) for name in texts}
-    return {"code": words.code, "section": words.section, **shown, "old": list(words.old)}
+    thresholds = _thresholds(words.code)
+    return {
+        "code": words.code, "section": words.section, **shown, "thresholds": thresholds,
+        "old": list(words.old),
+    }  # fmt: skip
+
+
+def _thresholds(code: str) -> list[dict[str, object]]:
+    """The thresholds of the checks whose file names this code, with their defaults."""
+    folder = Path(__file__).parents[1] / "diagnostics" / "checks"
+    of = [p.stem for p in folder.glob("[!_]*.py") if f'"{code}"' in p.read_text(encoding="utf-8")]
+    if not of:
+        return []
+    from ..core.methods import parameters
+    from ..diagnostics.registry import registry  # slow to import: only for what has thresholds
+
+    return [
+        {"name": f"{check.name}.{name}", "default": default, "unit": q.unit, "text": q.text}
+        for stem in sorted(of)
+        for check in [registry()[stem]]
+        for name, q, default in parameters(check)
+    ]
 
 
 def _named(code: str) -> "list[Words]":
@@ -88,6 +110,11 @@ def _text(words: "Words") -> str:
         for part in _PARTS
         if shown[part]
     ]
+    if thresholds := _thresholds(words.code):
+        lines.append("Thresholds (change with --set NAME=VALUE):")
+    for t in thresholds:
+        unit = "" if t["unit"] == "-" else f" {t['unit']}"
+        lines.append(folded(f"  {t['name']} = {t['default']:g}{unit}: {t['text']}", "    "))
     return "\n".join(lines)
 
 
