@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -10,6 +10,7 @@ import typer
 
 from . import results
 from .options import (
+    Seed,
     Shared,
     completes,
     draw,
@@ -55,10 +56,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
             "-a", "--algo", metavar="NAME", help="Estimator in the loop.", **completes(estimators)
         ),
     ] = "kalman",
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", min=0, help="Seed of the noise, for the scenario's."),
-    ] = None,
+    seed: Seed = None,
     train_speed: Annotated[
         TrainSpeed | None,
         typer.Option("--train-speed", help="Source of train speed, instead of the scenario's."),
@@ -192,7 +190,8 @@ def _on_own_rail(
         *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
     ]
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
-    _write(paths, shared, source, case, made, settings, document, "\n".join(lines))
+    outcome = _Outcome(case, settings, made, document, "\n".join(lines))
+    _write(paths, shared, source, outcome)
     return 0
 
 
@@ -248,8 +247,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
         (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
         for a in found.values()
     ]
-    _write(paths, shared, log, replayed.scenario, made, settings, answer,
-           "\n".join([head, verdict, _MEANING]), findings)  # fmt: skip
+    text = f"{head}\n{verdict}\n{_MEANING}"
+    _write(paths, shared, log, _Outcome(replayed.scenario, settings, made, answer, text, findings))
     if not shared.json:
         terminal.message(terminal.findings(findings), shared.quiet or not findings)
     return 3 if terminal.lossy(findings) else 0
@@ -271,12 +270,20 @@ def _paths(shared: Shared, name: str) -> list[Path]:
     return [(shared.out or Path()) / n for n in names]
 
 
-def _write(  # noqa: PLR0913
-    paths: Sequence[Path], shared: Shared, source: Path, case: "Scenario",
-    stops: "Sequence[tuple[Stop, dict[str, Any]]]", settings: "Stated",
-    document: dict[str, Any], text: str, findings: "Sequence[Finding]" = (),
-) -> None:  # fmt: skip
-    """Writes the files, each stop with what it was made from, and says what came out."""
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What the stops of one rail are, and what is said of them."""
+
+    case: "Scenario"
+    settings: "Stated"
+    stops: "Sequence[tuple[Stop, dict[str, Any]]]"  # each with the settings its file carries
+    document: dict[str, Any]
+    text: str
+    findings: "Sequence[Finding]" = ()
+
+
+def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> None:
+    """Writes the files and prints the outcome."""
     from ..analysis.document import dumps
     from ..core import controller, estimator
     from ..core.physics import G
@@ -286,8 +293,9 @@ def _write(  # noqa: PLR0913
     from . import terminal
 
     estimators, laws = estimator.registry(), controller.registry()
+    case, stops = of.case, of.stops
     weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
-    drawn, title = {"patent": bands(settings)}, f"{case.name}: axle 1 under every controller"
+    drawn, title = {"patent": bands(of.settings)}, f"{case.name}: axle 1 under every controller"
     every = [*paths, *pictures(shared)]
     with atomic_files.outputs(every, shared.force, inputs=inputs(shared, source)) as (
         recording,
@@ -296,18 +304,16 @@ def _write(  # noqa: PLR0913
         for record, (stop, carried) in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             mcap.write_stop(
-                record, case.name, stop, case.vehicle, carried, dumps(document), sources
+                record, case.name, stop, case.vehicle, carried, dumps(of.document), sources
             )
-        found = terminal.findings(findings).splitlines()
-        verdict = "\n".join([text, *(terminal.folded(f, "  ", terminal.NARROW) for f in found)])
+        verdict = "\n".join([of.text, terminal.findings(of.findings, terminal.NARROW)]).rstrip()
         rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)
         for place in places[len(stops) :]:
             draw(shared, place, title, of_stops(all_stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
-    whole = {**document, "outputs": outputs}
-    told = "\n".join([text, terminal.wrote(*every)])
-    print(dumps(whole) if shared.json else told)
+    whole = {**of.document, "outputs": outputs}
+    print(dumps(whole) if shared.json else f"{of.text}\n{terminal.wrote(*every)}")
     if shared.view:
         from .view import show_recording
 

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
 
 
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", metavar="N", min=0, help="Noise seed, instead of the scenario's."),
+]
+
 _PACKAGE = Path(__file__).parents[1]
 
 

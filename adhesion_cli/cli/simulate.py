@@ -1,11 +1,11 @@
-"""`adhesion simulate`: a log of a brake that never was, with the truth in it."""
+"""`adhesion simulate`: the log of a simulated brake, with the true force."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import Shared, completes, scenarios, shared
+from .options import Seed, Shared, completes, scenarios, shared
 
 
 @shared("json", "force")
@@ -21,16 +21,15 @@ def command(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Log: .csv or .mcap.")
     ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Show the bundled scenarios.")] = False,
-    seed: Annotated[
-        int | None,
-        typer.Option("--seed", metavar="N", min=0, help="Seed of the noise, for the scenario's."),
-    ] = None,
+    seed: Seed = None,
     dt: Annotated[
         float | None,
-        typer.Option("--dt", metavar="S", min=1e-6, max=0.02, help="Step, for the scenario's."),
+        typer.Option(
+            "--dt", metavar="S", min=1e-6, max=0.02, help="Time step, instead of the scenario's."
+        ),
     ] = None,
 ) -> int:
-    """Simulate a scenario and write what its sensors log, with the true force beside it.
+    """Simulate a scenario and write what its sensors log, with the true force.
 
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """

@@ -151,7 +151,7 @@ def write_log(path: Path, log: Log) -> None:
     _write(path, streams, {"adhesion.provenance": _origin(log, shift), **_account(log)}, shift)
 
 
-def write_stop(  # noqa: PLR0913
+def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
     path: Path, name: str, stop: Stop, vehicle: Vehicle, settings: dict[str, Any], metrics: str,
     sources: Sequence[str],
 ) -> None:  # fmt: skip

@@ -51,7 +51,7 @@ class _Frame(NamedTuple):
         return inside & (mu >= self.low) & (mu <= self.high)
 
 
-def send_curve(  # noqa: PLR0913
+def send_curve(  # noqa: PLR0913 (columns of one picture)
     rec: rr.RecordingStream, path: str, times: Clock, t: Times, slip: Floats, mu: Floats,
     bands: Bands | None, peak: tuple[Floats, Floats] | None = None, fitted: Fitted | None = None,
     judged: str = "",
