@@ -157,4 +157,9 @@ def _draw(axes: "Axes", panel: Panel) -> None:
     if panel.x_names:
         axes.set_xticks(range(len(panel.x_names)), panel.x_names, rotation=35, ha="right")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, markerscale=1.6)
+        axes.legend(
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.3 if panel.x_names else -0.2),
+            ncols=3,
+            markerscale=1.6,
+        )
