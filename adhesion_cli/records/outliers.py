@@ -1,57 +1,169 @@
-"""Samples that no wheel and no cylinder can have: drop-outs, spikes, dead stretches.
+"""Samples that no wheel, train or brake cylinder can reach and leave again.
 
-A sensor that fails leaves the signal faster than physics allows, for one sample or for seconds, and
-comes back likewise. What is kept is the largest part of the samples that one wheel, or one
-cylinder, can have gone through in their order.
+A sensor that fails leaves its signal faster than physics allows, for one sample or for seconds, and
+returns as fast. The check keeps the largest part of the samples that one wheel, or one cylinder,
+can have passed through in their order. The rest are outliers.
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import time_axis
-from ..core.model import Bools, Channel, Floats, Times
-from ..core.signals import true_runs
+from ..core.methods import About
+from ..core.model import Bools, Channel, Floats, Quantity, Times
+from ..core.signals import true_runs, white_noise
+from .faults import Fault
 
+ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
+HIGHEST = 12e5  # no brake cylinder has more [Pa]
+_FULL = 5e5  # pressure of the cylinder that the limits are those of [Pa]
+_APPLIED = 1e5  # a brake is, above this [Pa]
 _BACK = 300  # pieces that may lie between two that belong together
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
 _ZERO = 0.3  # of the weight of other values: dead sensors read it
 _CLEAR = 0.65  # of the weight, zeros apart: with less, which part is the wheel's is not known
 _RETURNS = 0.8  # of the impossible steps: with less the signal goes its way, in another unit
 _TURNS = 20  # samples that may not alternate by chance
-STANDS = 0.3  # a signal that reads zero for this long may be at rest [s]
+_NEAR = 10  # samples before and after a single one
+
+
+class Params(NamedTuple):
+    """What a wheel, a train and a cylinder can do."""
+
+    wheel_gains: Annotated[
+        float, Quantity("rad/s²", "rise of a wheel: heavy axle on a dry rail", 1.0, 1e5)
+    ] = 250.0
+    wheel_loses: Annotated[
+        float, Quantity("rad/s²", "fall of a wheel: it locks on wet leaves", 1.0, 1e5)
+    ] = 150.0
+    wheel_steps: Annotated[
+        float, Quantity("rad/s", "change of a wheel that needs no reason", 0.0, 100.0)
+    ] = 2.0
+    wheel_least: Annotated[
+        float, Quantity("rad/s", "wheel sensors read zero below this", 0.0, 100.0)
+    ] = 5.0
+    wheel_single: Annotated[
+        float, Quantity("rad/s²", "no wheel falls and rises like this in two samples", 1.0, 1e5)
+    ] = 100.0
+    train_changes: Annotated[
+        float, Quantity("m/s²", "change of a train: harder than any brake", 0.1, 1e3)
+    ] = 10.0
+    train_steps: Annotated[
+        float, Quantity("m/s", "change of a train that needs no reason", 0.0, 100.0)
+    ] = 1.0
+    train_least: Annotated[
+        float, Quantity("m/s", "train sensors read zero below this", 0.0, 100.0)
+    ] = 2.5
+    fills: Annotated[float, Quantity("Pa/s", "rise: a valve fills 5 bar in 0.25 s", 1e3, 1e9)] = 2e6
+    dumps: Annotated[float, Quantity("Pa/s", "fall: a valve releases 5 bar in 0.1 s", 1e3, 1e9)] = (
+        5e6
+    )
+    pressure_steps: Annotated[
+        float, Quantity("Pa", "change of a pressure that needs no reason", 0.0, 1e6)
+    ] = 2e4
+    pressure_lasts: Annotated[
+        float, Quantity("s", "a longer excursion may be a brake without valves", 0.0, 1e3)
+    ] = 3.0
+    pressure_single: Annotated[
+        float, Quantity("1/s", "of its highest value: no valve in two samples", 0.1, 1e3)
+    ] = 4.0
+    vacuum: Annotated[
+        float, Quantity("Pa", "far below the atmosphere: a broken wire", -1e6, 0.0)
+    ] = -3e4
+    rests: Annotated[
+        float, Quantity("s", "a signal that is zero for this long may be at rest", 0.0, 1e3)
+    ] = 0.3
 
 
 class Limits(NamedTuple):
-    """What a quantity can do, SI."""
+    """What one quantity can do, SI."""
 
     rise: float  # [1/s]
     fall: float  # [1/s]
-    least: float  # what it may differ by without a reason
+    least: float  # change that needs no reason
     start: float  # sensors read zero below this
     longest: float  # a longer excursion may be real [s]
+    rests: float  # zero for this long may be rest [s]
 
 
-# A wheel slides at up to 30 m/s² and is back at once where a heavy axle finds a dry rail.
-WHEEL = Limits(250.0, 150.0, 2.0, 5.0, np.inf)
-# Valves empty a cylinder in 0.1 s and fill it in 0.25 s. A longer step may be a brake's: simulated
-# ones have no valve.
-_CYLINDER = Limits(2e6, 5e6, 2e4, 2e4, 3.0)
-_TRAIN = Limits(10.0, 10.0, 1.0, 2.5, np.inf)
-_FULL = 5e5  # pressure of that cylinder [Pa]
-_APPLIED = 1e5  # a brake is, above this [Pa]
-HIGHEST = 12e5  # no brake cylinder has more [Pa]
+def of_wheel(p: Params, speed: Channel) -> list[Fault]:
+    """Faults of a wheel speed [rad/s]: outliers, or a channel of which no part can be trusted."""
+    if alternates(speed):
+        return [Fault("speed-interleaved", np.ones(len(speed.data.t), dtype=np.bool_))]
+    return _faults("speed", wheel_outliers(p, speed))
 
 
-def of_wheel(speed: Channel) -> Bools:
-    """Samples of a wheel speed [rad/s] that no wheel can reach and leave again, shape (n,)."""
-    return _of(speed, WHEEL)
+def of_train(p: Params, speed: Channel) -> list[Fault]:
+    """Faults of a train speed [m/s]."""
+    limits = Limits(
+        p.train_changes, p.train_changes, p.train_steps, p.train_least, np.inf, p.rests
+    )  # fmt: skip
+    return _faults("train-speed", _excursions(speed, limits))
 
 
-def by_turns(c: Channel) -> bool:
-    """Whether every second sample is another signal's, all log long and neither zero."""
+def of_brake(p: Params, brake: Channel) -> list[Fault]:
+    """Faults of a pressure [Pa] or of K [N]: outliers, and values far below zero."""
+    below = brake.data.value < p.vacuum * max(_scale(brake), 1.0)
+    outliers = brake_outliers(p, brake) & ~below
+    return [Fault("pressure-negative", below), *_faults("pressure", outliers)]
+
+
+def _faults(name: str, outliers: Bools) -> list[Fault]:
+    return [Fault(f"{name}-{'unusable' if outliers.all() else 'outlier'}", outliers)]
+
+
+def wheel_outliers(p: Params, speed: Channel) -> Bools:
+    """Outliers of a wheel speed [rad/s], shape (n,).
+
+    Single samples count at low rates too: zeros, and those far above ten samples on both sides. A
+    slide only goes down.
+    """
+    limits = Limits(p.wheel_gains, p.wheel_loses, p.wheel_steps, p.wheel_least, np.inf, p.rests)
+    y, n = speed.data.value, len(speed.data.t)
+    alone, steep = _single(speed)
+    wide = np.pad(y, _NEAR, constant_values=-np.inf)
+    before = np.lib.stride_tricks.sliding_window_view(wide, _NEAR).max(axis=1)
+    highest = np.maximum(before[:n], before[_NEAR + 1 :])
+    above = y > np.maximum(1.1 * highest, highest + noise(speed) + p.wheel_least)
+    dropped = (y == 0.0) & (highest > p.wheel_least) & (steep > p.wheel_single)
+    found: Bools = _excursions(speed, limits) | alone & (above | dropped)
+    return found | _flickers(speed, limits)
+
+
+def _flickers(speed: Channel, limits: Limits) -> Bools:
+    """Short zeros that no wheel can reach and leave again, however slow it is; shape (n,).
+
+    Near its least speed a sensor may alternate between the speed and zero.
+    """
+    t, y, least = speed.data.t / 1e9, speed.data.value, noise(speed)
+    found = np.zeros(len(y), dtype=np.bool_)
+    for a, b in true_runs(y == 0.0):
+        if a > 0 and b < len(y) and t[b - 1] - t[a] < limits.rests:
+            falls = y[a - 1] - least > limits.fall * (t[a] - t[a - 1])
+            found[a:b] = falls and y[b] - least > limits.rise * (t[b] - t[b - 1])
+    return found
+
+
+def brake_outliers(p: Params, brake: Channel) -> Bools:
+    """Outliers of a pressure [Pa] or of K [N], shape (n,).
+
+    None where more steps stay than return: the signal is no cylinder's, or a slow repeated one.
+    """
+    share, (alone, steep) = _scale(brake), _single(brake)
+    rates = Limits(
+        share * p.fills, share * p.dumps, share * p.pressure_steps, share * p.pressure_steps,
+        p.pressure_lasts, p.rests,
+    )  # fmt: skip
+    single = alone & (steep > p.pressure_single * np.max(brake.data.value, initial=0.0))
+    found: Bools = _excursions(brake, rates) | single
+    return found
+
+
+def alternates(c: Channel) -> bool:
+    """Whether every second sample is another signal's, in the whole log, and neither is zero."""
     x = c.data.value
     if len(x) < _TURNS or np.mean(x == 0.0) > 1.0 - _RETURNS:
         return False
@@ -61,25 +173,11 @@ def by_turns(c: Channel) -> bool:
     return returns > _RETURNS and away > 4.0 * (float(np.median(along)) + c.coarsest)
 
 
-def of_train(speed: Channel) -> Bools:
-    """Samples of a train speed [m/s] that no train can reach and leave again, shape (n,)."""
-    return _of(speed, _TRAIN)
+def _scale(brake: Channel) -> float:
+    """By how much a brake's values are larger than those of the cylinder of the limits.
 
-
-def of_cylinder(brake: Channel) -> Bools:
-    """Samples of a pressure [Pa] or K [N] that no valve can reach and leave again, shape (n,).
-
-    None where more steps stay than return: it is no cylinder's, or a slow one's held.
-    """
-    share = scale(brake)
-    rise, fall, least, start, longest = _CYLINDER
-    return _of(brake, Limits(share * rise, share * fall, share * least, share * start, longest))
-
-
-def scale(brake: Channel) -> float:
-    """By how much a brake's values are larger than that cylinder's.
-
-    Of a pressure 1, but in a unit in which no cylinder has it: its sensor is not accused of that.
+    1 for a pressure, unless its unit is one in which no cylinder has it: the unit is wrong then,
+    not the sensor.
     """
     x = brake.data.value
     if brake.meaning != "pressure":
@@ -89,10 +187,37 @@ def scale(brake: Channel) -> float:
     return usual / _FULL if usual > HIGHEST else 1.0
 
 
-def _of(c: Channel, limits: Limits) -> Bools:
+def _single(c: Channel) -> tuple[Bools, Floats]:
+    """Where one sample departs from neighbours that agree, and how steeply [SI/s]; shape (n,)."""
+    t, y = c.data.t, c.data.value
+    alone, steep = np.zeros(len(t), dtype=np.bool_), np.zeros(len(t))
+    if len(t) < 5:
+        return alone, steep
+    least_leap, away = noise(c), np.diff(y)
+    leaps = np.abs(away) > least_leap
+    at = np.flatnonzero(leaps[1:] & leaps[:-1]) + 1  # few, and only these are looked at
+    there, back = away[at - 1], -away[at]
+    before, after = (t[at] - t[at - 1]) / 1e9, (t[at + 1] - t[at]) / 1e9
+    least = np.minimum(np.abs(there), np.abs(back))
+    found = (np.sign(there) == np.sign(back)) & (np.abs(there - back) < least / 2.0)
+    found &= (before > 0.0) & (after > 0.0)
+    at = at[found]
+    alone[at] = True
+    steep[at] = ((least - least_leap)[found]) / np.maximum(before, after)[found]
+    return alone, steep
+
+
+def noise(c: Channel) -> float:
+    """More than two samples differ by from noise alone."""
+    runs = ((c.data.t[s], c.data.value[s]) for s in time_axis.pieces(c.starts, len(c.data.t)))
+    return 8.0 * math.sqrt(white_noise(runs)) + 6.0 * c.coarsest
+
+
+def _excursions(c: Channel, limits: Limits) -> Bools:
+    """Samples that the largest possible part excludes, shape (n,)."""
     found = np.zeros(len(c.data.t), dtype=np.bool_)
-    noise = by_noise(c, limits.least)
-    limits = limits._replace(least=limits.least + noise, start=limits.start + noise)
+    more = _noise_among_outliers(c, limits.least)
+    limits = limits._replace(least=limits.least + more, start=limits.start + more)
     for piece in time_axis.pieces(c.starts, len(found)):
         found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
     return found
@@ -118,47 +243,52 @@ class _Signal(NamedTuple):
         return can
 
 
+class _Pieces(NamedTuple):
+    """Stretches between large changes, shape (k,)."""
+
+    first: NDArray[np.int64]
+    past: NDArray[np.int64]
+    weight: Floats  # how much each tells of the true signal
+    shows: Bools  # whether it is not zero
+
+
 def _impossible(t: Times, x: Floats, step: float, limits: Limits) -> Bools:
     """The samples that the kept ones exclude, or all, shape (n,)."""
-    found = np.zeros(len(x), dtype=np.bool_)
+    none = np.zeros(len(x), dtype=np.bool_)
     change = np.diff(x)
     if len(x) < 5 or np.abs(change).max() <= limits.least:
-        return found
+        return none
     seconds = (t - t[0]) / 1e9
     refresh = max(float(np.median(np.diff(seconds))), _held(seconds, x, step, limits))
-    signal = _Signal(seconds, x, _rest(seconds, x, step), refresh, limits)
+    signal = _Signal(seconds, x, _rest(seconds, x, step, limits.rests), refresh, limits)
     at = np.arange(len(x) - 1)
-    if signal.possible(at, at + 1).all():
-        return found
-    # Only at large changes can one that is possible by itself belong to an excursion.
-    cut = np.flatnonzero(np.abs(change) > limits.least / 2.0) + 1
-    first = np.concatenate([[0], cut])
-    past = np.append(cut, len(x))
+    possible = signal.possible(at, at + 1)
+    if possible.all():
+        return none
+    pieces = _pieces(x, limits.least / 2.0)
+    kept = _heaviest(signal, pieces)
+    weight, shows = pieces.weight, pieces.shows
+    if weight[kept & shows].sum() < _CLEAR * weight[shows].sum():
+        steps = np.sign(change[~possible])
+        returns = np.mean(steps[1:] != steps[:-1]) if len(steps) > 1 else 0.0
+        return np.full(len(x), returns > _RETURNS)
+    return _left_over(signal, pieces, kept)
+
+
+def _pieces(x: Floats, large: float) -> _Pieces:
+    """Parts between large changes: only at one can a possible change belong to an excursion."""
+    cut = np.flatnonzero(np.abs(np.diff(x)) > large) + 1
+    first, past = np.concatenate([[0], cut]), np.append(cut, len(x))
     changes = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
     weight = changes[past - 1] - changes[first] + _REPEATED * (past - first)
     shows = x[first] != 0.0
     weight[~shows] *= _ZERO
-    kept = _heaviest(signal, first, past - 1, weight)
-    if weight[kept & shows].sum() < _CLEAR * weight[shows].sum():
-        steps = np.sign(change[~signal.possible(at, at + 1)])
-        returns = np.mean(steps[1:] != steps[:-1]) if len(steps) > 1 else 0.0
-        return np.full(len(x), returns > _RETURNS)
-    stays = 0
-    for a, b in true_runs(~kept):
-        inside = slice(first[a], past[b - 1])
-        ends = a == 0 or b == len(kept)
-        lasts = np.inf if ends else seconds[inside.stop - 1] - seconds[inside.start]
-        if lasts > limits.longest:
-            stays += 1
-        else:
-            found[inside] = not ends or not np.ptp(x[inside])
-    return found if stays <= len(true_runs(found)) else np.zeros_like(found)
+    return _Pieces(first, past, weight, shows)
 
 
-def _heaviest(
-    signal: _Signal, first: NDArray[np.int64], last: NDArray[np.int64], weight: Floats
-) -> Bools:
+def _heaviest(signal: _Signal, pieces: _Pieces) -> Bools:
     """The pieces that can follow each other and weigh most together, shape (k,)."""
+    first, last, weight = pieces.first, pieces.past - 1, pieces.weight
     total, before = weight.copy(), np.full(len(weight), -1)
     for k in range(1, len(weight)):
         some = np.arange(max(0, k - _BACK), k)
@@ -175,19 +305,35 @@ def _heaviest(
     return kept
 
 
-def _rest(seconds: Floats, x: Floats, step: float) -> Bools:
+def _left_over(signal: _Signal, pieces: _Pieces, kept: Bools) -> Bools:
+    """The samples of the other pieces, unless more of these last for so long that they stay."""
+    x, t = signal.x, signal.t
+    found = np.zeros(len(x), dtype=np.bool_)
+    stays = 0
+    for a, b in true_runs(~kept):
+        inside = slice(pieces.first[a], pieces.past[b - 1])
+        ends = a == 0 or b == len(kept)
+        lasts = np.inf if ends else t[inside.stop - 1] - t[inside.start]
+        if lasts > signal.limits.longest:
+            stays += 1
+        else:
+            found[inside] = not ends or not np.ptp(x[inside])
+    return found if stays <= len(true_runs(found)) else np.zeros_like(found)
+
+
+def _rest(seconds: Floats, x: Floats, step: float, rests: float) -> Bools:
     """Where a signal reads zero for long, or at its beginning or end; shape (n,)."""
     zero = np.abs(x) <= step / 2.0
     for a, b in true_runs(zero):
-        zero[a:b] = a == 0 or b == len(x) or seconds[b - 1] - seconds[a] >= STANDS
+        zero[a:b] = a == 0 or b == len(x) or seconds[b - 1] - seconds[a] >= rests
     return zero
 
 
-def by_noise(c: Channel, least: float) -> float:
-    """More than two samples differ by from white noise and rounding.
+def _noise_among_outliers(c: Channel, least: float) -> float:
+    """More than two samples differ by from white noise and rounding, whatever outliers there are.
 
-    By the median bend of the samples that lie within it, beginning with `least`: noise brings in
-    more of itself each time, drop-outs stay outside however many they are.
+    By the median second difference of the samples within it, beginning with `least`: noise brings
+    in more of itself each time, outliers stay outside however many they are.
     """
     x, sigma, before = c.data.value, 0.0, -1.0
     bend = np.abs(np.diff(x[np.diff(x, prepend=np.nan) != 0.0], 2))
@@ -201,11 +347,11 @@ def by_noise(c: Channel, least: float) -> float:
 
 
 def _held(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:
-    """How long a signal that goes on changing one way holds each value [s]; 0 where unknown.
+    """How long a signal that goes on changing one way keeps each value [s]; 0 where unknown.
 
-    More than its own rate where a slow signal stands in a fast table. Single steps of a rounded
-    signal do not show it, nor do excursions: they come back. One that never goes on and may be a
-    brake's steps holds each for the least time between two.
+    More than its own rate where a slow signal is repeated in a fast table. Single steps of a
+    rounded signal do not show it. Excursions do not either: they return. A signal that never goes
+    on and may be a brake's steps keeps each for the least time between two.
     """
     change = np.diff(x)
     at = np.flatnonzero(np.abs(change) > 1.5 * step)

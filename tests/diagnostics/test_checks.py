@@ -17,14 +17,13 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, Severity
-from adhesion_cli.core.model import Channel, Column, Result
+from adhesion_cli.core.model import Result
 from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import plausible, registry
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Grid, Scene
 from adhesion_cli.formats.open import open_source
-from adhesion_cli.records import screen
 from adhesion_cli.wsp import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -41,10 +40,10 @@ FORCE = {
 }  # fmt: skip
 CODES = {
     *FORCE, *APART, *DIAMETER, "pressure-delay", "delay-or-vehicle",
-    "speed-frozen", "pressure-frozen", "pressure-saturated", "vehicle-suspect",
-    "train-clock-offset", "axles-swapped", "reference-noise",
-    "speed-spike", "pressure-spike", "pressure-zero",
-    "train-frozen", "train-spike", "train-offset",
+    "speed-stuck", "pressure-stuck", "pressure-saturated", "vehicle-suspect",
+    "train-speed-delay", "axles-swapped", "reference-noise",
+    "speed-outlier", "pressure-outlier", "pressure-zero",
+    "train-speed-stuck", "train-speed-outlier", "train-speed-offset", "train-speed-delay-or-offset",
 }  # fmt: skip
 DEFAULT = settings.load()
 VEHICLES = {
@@ -67,8 +66,8 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 # --- good logs ----------------------------------------------------------------------------------
 
 TRUE = {
-    "leaf-film": {"train-clock-offset"},  # its train speed is 0.1 s late
-    "paper-constant": {"train-clock-offset"},  # its wheel speed is 0.05 s late
+    "leaf-film": {"train-speed-delay"},  # its train speed is 0.1 s late
+    "paper-constant": {"train-speed-delay"},  # its wheel speed is 0.05 s late
 }
 GOOD: dict[str, dict[str, float]] = {
     "as it is": {},
@@ -138,26 +137,26 @@ def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
     )
     some = simulated.single(random, int(random.integers(1, 20)))
     then = simulated.during(at, seconds)
-    stuck = {"pressure-frozen", *FORCE}
+    stuck = {"pressure-stuck", *FORCE}
     drawn = {
         "stuck speed": (
-            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", axle, at, seconds),
+            {"speed-stuck"}, simulated.stuck(log, "wheel_speed", axle, at, seconds),
         ),
         "all speeds stuck": (
-            {"speed-frozen"}, simulated.stuck(log, "wheel_speed", 0, at, seconds),
+            {"speed-stuck"}, simulated.stuck(log, "wheel_speed", 0, at, seconds),
         ),
         "no speed": (
-            {"speed-frozen", "wheel-locked"},
+            {"speed-stuck", "wheel-locked"},
             simulated.put(log, "wheel_speed", axle, then, 0.0),
         ),
         "missing speed": (
             {"gap"}, simulated.put(log, "wheel_speed", axle, then, math.nan),
         ),
         "speed drops": (
-            {"speed-spike"}, simulated.put(log, "wheel_speed", axle, some, 0.0),
+            {"speed-outlier"}, simulated.put(log, "wheel_speed", axle, some, 0.0),
         ),
         "speed spikes": (
-            {"speed-spike", *UNITS}, simulated.put(log, "wheel_speed", axle, some, fast),
+            {"speed-outlier", *UNITS}, simulated.put(log, "wheel_speed", axle, some, fast),
         ),
         "speed unit": (
             FORCE, simulated.mislabelled(log, "wheel_speed", str(random.choice(speeds))),
@@ -169,9 +168,9 @@ def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
         "stuck brake": (stuck, simulated.stuck(log, brake, 0, at, seconds)),
         "no brake": (stuck, simulated.put(log, brake, 0, then, 0.0)),
         "missing brake": ({"gap"}, simulated.put(log, brake, axle, then, math.nan)),
-        "brake drops": ({"pressure-spike"}, simulated.put(log, brake, axle, some, 0.0)),
+        "brake drops": ({"pressure-outlier"}, simulated.put(log, brake, axle, some, 0.0)),
         "brake spikes": (
-            {"pressure-spike", *UNITS}, simulated.put(log, brake, axle, some, high),
+            {"pressure-outlier", *UNITS}, simulated.put(log, brake, axle, some, high),
         ),
         "late brake": (
             {"pressure-delay", *FORCE},
@@ -197,20 +196,20 @@ def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
             {"pressure-absolute", *FORCE}, simulated.scaled(log, "pressure", 0, 1.0, ATMOSPHERE),
         )  # fmt: skip
         drawn["below zero"] = (
-            {"pressure-impossible"}, simulated.scaled(log, "pressure", 0, 1.0, -ATMOSPHERE),
+            {"pressure-negative"}, simulated.scaled(log, "pressure", 0, 1.0, -ATMOSPHERE),
         )  # fmt: skip
         drawn["pressure turned"] = (
-            {"pressure-impossible"}, simulated.scaled(log, "pressure", axle, -1.0),
+            {"pressure-negative"}, simulated.scaled(log, "pressure", axle, -1.0),
         )  # fmt: skip
     if axles > 1:
         one, other = (int(x) + 1 for x in random.permutation(axles)[:2])
         drawn["dead speed"] = (
-            {"speed-frozen"},
+            {"speed-stuck"},
             simulated.put(log, "wheel_speed", axle, ALWAYS, fast * random.random()),
         )
         if brake == "pressure":
             drawn["dead pressure"] = (
-                {"pressure-frozen"},
+                {"pressure-stuck"},
                 simulated.put(log, brake, axle, ALWAYS, high / 3.0 * random.random()),
             )
         drawn["swapped axles"] = ({"axles-swapped"}, simulated.swapped(log, one, other))
@@ -294,15 +293,13 @@ def test_no_fault_ever_is(name: str, seed: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["low-adhesion", "four-axles", "leaf-film"])
 def test_the_train_speeds_clock_is_measured(name: str, seconds: float, tmp_path: Path) -> None:
     (told,) = found(simulated.late(clean(name, 1, "as it is"), "train_speed", seconds), tmp_path)
-    assert (told.code, told.severity) == ("train-clock-offset", "warning")
-    stated = re.search(r"is ([\d.]+) s \(± ([\d.]+)\) (behind|ahead)", told.message)
-    assert stated
-    measured = float(stated[1]) * (1.0 if stated[3] == "behind" else -1.0)
+    assert (told.code, told.severity) == ("train-speed-delay", "warning")
+    measured, doubt = told.values["delay_s"], told.values["delay_u95_s"]
     own = {
         "leaf-film": 0.1,
         "four-axles": -0.025,
     }  # late in the scenario; pulses of a past interval
-    assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + float(stated[2]))
+    assert measured == pytest.approx(seconds + own.get(name, 0.0), abs=0.05 + doubt)
 
 
 @pytest.mark.parametrize("plus", [-1.0, -0.4, 0.4, 1.0])
@@ -311,11 +308,9 @@ def test_a_train_speeds_offset_is_no_other_clock(name: str, plus: float, tmp_pat
     log = simulated.recordings(name, rate=20.0, train=True)
     told = found(simulated.scaled(log, "train_speed", 0, 1.0, plus), tmp_path)
     (offset,) = [f for f in told if f.code.startswith("train-")]
-    assert (offset.code, offset.severity) == ("train-offset", "warning")
-    stated = re.search(r"is ([\d.]+) m/s \(± ([\d.]+)\) (above|below)", offset.message)
-    assert stated
-    measured = float(stated[1]) * (1.0 if stated[3] == "above" else -1.0)
-    assert measured == pytest.approx(plus, abs=float(stated[2]))
+    assert (offset.code, offset.severity) == ("train-speed-offset", "warning")
+    measured, doubt = offset.values["offset_mps"], offset.values["offset_u95_mps"]
+    assert measured == pytest.approx(plus, abs=doubt)
 
 
 @pytest.mark.parametrize("way", ["late", "offset"])
@@ -328,11 +323,10 @@ def test_a_brake_without_beginning_tells_no_offset_from_a_late_clock(
         "offset": simulated.scaled(log, "train_speed", 0, 1.0, 1.0),
     }[way]
     (told,) = [f for f in found(bad, tmp_path) if f.code.startswith("train-")]
-    assert "nothing in the log tells which" in told.message
-    stated = re.search(r"([\d.]+) s \(± ([\d.]+)\) .*([\d.]{4}) m/s \(± ([\d.]+)\)", told.message)
-    assert stated
-    value, doubt = stated.groups()[:2] if way == "late" else stated.groups()[2:]
-    assert float(value) == pytest.approx(1.0, abs=0.05 + float(doubt))
+    assert told.code == "train-speed-delay-or-offset"
+    name, unit = ("delay", "s") if way == "late" else ("offset", "mps")
+    doubt = told.values[f"{name}_u95_{unit}"]
+    assert told.values[f"{name}_{unit}"] == pytest.approx(1.0, abs=0.05 + doubt)
 
 
 def bent(log: Recordings, signal: str, axle: int, of: Callable[[np.ndarray], np.ndarray]
@@ -375,18 +369,6 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
     assert all(f.values["share"] * by > 0.0 for f in told)
-
-
-@pytest.mark.parametrize("share", [0.5, 0.8])
-@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
-def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
-    rate: float, share: float, tmp_path: Path
-) -> None:
-    log = simulated.recordings("service-brake", rate=rate, train=True)
-    cut = simulated.changed(
-        log, "wheel_speed", lambda r: replace(r, value=np.minimum(r.value, share * r.value.max()))
-    )
-    assert ("speed-frozen", "warning") in [(f.code, f.severity) for f in found(cut, tmp_path)]
 
 
 def sliding(
@@ -600,173 +582,6 @@ def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
     assert not np.isfinite(axle.reference.force[braked]).any()
 
 
-# --- sensors, one channel at a time -------------------------------------------------------------
-
-
-def pressure(value: np.ndarray, rate: float, step: float = 0.0) -> Channel:
-    t = np.round(np.arange(len(value)) * 1e9 / rate).astype(np.int64)
-    data = Column(t, value, np.ones(len(t), dtype=np.bool_))
-    gap = round(5e9 / rate)
-    return Channel(
-        "p", "", "pressure", 1, "bar", "", data, len(t), gap_ns=gap, step=step, rate_hz=rate
-    )
-
-
-def application(rate: float, noise: float, step: float) -> np.ndarray:
-    """Cylinder pressure [Pa]: 3 s without brake, a ramp to 4 bar, 14 s of hold, a release."""
-    t = np.arange(0.0, 24.0, 1.0 / rate)
-    p = 4e5 * np.clip((t - 3.0) / 2.0, 0.0, 1.0) * np.clip(22.0 - t, 0.0, 1.0)
-    p += noise * np.random.default_rng(3).standard_normal(len(t))
-    return np.round(p / step) * step if step else p
-
-
-@pytest.mark.parametrize("step", [0.0, 200.0, 1000.0, 5000.0, 20000.0])
-@pytest.mark.parametrize("noise", [0.0, 20.0, 300.0, 1000.0, 5000.0])
-@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0])
-@pytest.mark.parametrize("bottom", [-1e9, 0.0])
-def test_a_steady_pressure_is_not_a_stuck_one(
-    rate: float, noise: float, step: float, bottom: float
-) -> None:
-    channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
-    assert not screen.standing_pressure(channel).stuck.any()
-    assert not screen.standing_pressure(channel).saturated.any()
-
-
-@pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
-def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
-    p = application(100.0, 1000.0, 1000.0)
-    stuck = slice(round(100 * at), round(100 * at) + 300)
-    p[stuck] = p[stuck.start]
-    mask = screen.standing_pressure(pressure(p, 100.0, 1000.0)).stuck
-    assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
-    assert mask[stuck.start + 1 : stuck.stop].all()
-    assert mask[stuck.stop + 2 :].sum() == 0
-
-
-def test_a_pressure_without_noise_is_stuck_when_the_others_go_on() -> None:
-    p = application(10.0, 0.0, 1000.0)
-    dead = p.copy()
-    dead[70:] = dead[70]
-    dead[40:70] = np.linspace(dead[39], dead[70], 30)
-    others = [pressure(p, 10.0, 1000.0), pressure(0.9 * p, 10.0, 900.0)]
-    mask = screen.standing_pressure(pressure(dead, 10.0, 1000.0), others).stuck
-    assert mask[71:].all()
-    assert not mask[:70].any()
-    assert not screen.standing_pressure(pressure(dead, 10.0, 1000.0)).stuck.any()
-
-
-@pytest.mark.parametrize("slide", [True, False])
-def test_full_pressure_beside_vented_axles_is_no_stuck_one_while_their_wheels_slide(
-    slide: bool,
-) -> None:
-    p = application(10.0, 0.0, 1000.0)
-    t = np.arange(len(p)) / 10.0
-    swing = 0.25 + 0.2 * np.sin(2.0 * np.pi * t / 1.5)
-    others = [pressure(p * np.where(t < 20.0, x, 1.0), 10.0, 1000.0) for x in (swing, 0.9 * swing)]
-    rolls = 60.0 - 2.0 * np.maximum(t - 4.0, 0.0)
-    slip = np.where(p > 0.0, 1.0 - 0.3 * np.maximum(np.sin(2.0 * np.pi * t / 1.5), 0.0), 1.0)
-    turns = [rolls, *(2 * [rolls * slip if slide else rolls])]
-    wheels = [replace(pressure(w, 10.0), meaning="wheel_speed") for w in turns]
-    held = np.where((t > 5.0) & (t < 23.0), 4e5, p)  # which all others' is at the end, too
-    stuck = screen.standing_pressure(pressure(held, 10.0, 1000.0), others, wheels).stuck
-    assert stuck.any() != slide
-
-
-def test_a_pressure_is_saturated_or_stuck_but_not_both() -> None:
-    p = application(25.0, 1000.0, 1000.0)
-    cut, others = np.minimum(p, 2e5), [pressure(p, 25.0, 1000.0), pressure(0.95 * p, 25.0, 950.0)]
-    standing = screen.standing_pressure(pressure(cut, 25.0, 1000.0), others)
-    assert standing.saturated.sum() > 300
-    assert not standing.stuck.any()
-    kept = np.where(np.arange(len(p)) > 200, p[200], p)  # at full pressure when all others let go
-    standing = screen.standing_pressure(pressure(kept, 25.0, 1000.0), others)
-    assert standing.stuck[202:].all()
-    assert not standing.saturated.any()
-
-
-# --- sensors that are dead all along ------------------------------------------------------------
-
-MANY = ["four-axles", "low-adhesion", "slippery-stop"]
-
-
-def with_dead(
-    name: str, signal: str, share: float, train: bool
-) -> tuple[simulated.Recordings, simulated.Recordings]:
-    """A log, and the same with axle 2's sensor always at a share of its highest value."""
-    log = simulated.recordings(name, train=train)
-    top = float(log[simulated.which(log, signal, 2)[0]].value.max())
-    return log, simulated.put(log, signal, 2, ALWAYS, share * top)
-
-
-@pytest.mark.parametrize("train", [True, False])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
-@pytest.mark.parametrize("name", MANY)
-def test_a_speed_that_never_changes_is_dead(
-    name: str, share: float, train: bool, tmp_path: Path
-) -> None:
-    log, dead = with_dead(name, "wheel_speed", share, train)
-    told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
-    assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
-        ("speed-frozen", "warning", True)
-    ]
-    without = [r for r in log if r.axle != 2]
-    one, other = (
-        analyze.analyze(simulated.write(tmp_path / "x.csv", x), lambda **_: DEFAULT, ["td"],
-                         train_speed=True)
-        for x in (dead, without)
-    )  # fmt: skip
-    assert [a.record.axle for a in one.axles] == [a.record.axle for a in other.axles]
-    for a, b in zip(one.axles, other.axles, strict=True):  # nothing of the sound axles changes
-        np.testing.assert_array_equal(a.record.train_speed, b.record.train_speed)
-
-
-@pytest.mark.parametrize("train", [True, False])
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
-@pytest.mark.parametrize("name", MANY)
-def test_a_pressure_that_never_changes_is_dead(
-    name: str, share: float, train: bool, tmp_path: Path
-) -> None:
-    _, dead = with_dead(name, "pressure", share, train)
-    assert ("pressure-frozen", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
-    assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
-
-
-def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
-    log = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
-    path = simulated.write(tmp_path / "log.csv", log)
-    with pytest.raises(UserError, match=r"wheel_speed_2.*repeats one value") as told:
-        analyze.analyze(path, lambda **_: DEFAULT, ["td"], axles=[2])
-    assert "check the sensor" in told.value.hint
-
-
-def test_a_gap_hides_no_dead_sensor(tmp_path: Path) -> None:
-    dead = simulated.put(clean("low-adhesion", 1, "as it is"), "wheel_speed", 2, ALWAYS, 50.0)
-    holed = simulated.put(dead, "wheel_speed", 0, simulated.during(12.0, 4.0), math.nan)
-    assert "speed-frozen" in codes(holed, tmp_path)
-
-
-@pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
-@pytest.mark.parametrize("kmh", [0.0, 1.0])
-@pytest.mark.parametrize("name", MANY)
-def test_slow_and_coarse_speeds_in_a_fast_table_are_not_dead(
-    name: str, kmh: float, held: float, tmp_path: Path
-) -> None:
-    def slow(r: simulate.Recording) -> simulate.Recording:
-        last = np.searchsorted(r.t, np.floor(r.t / (held * 1e9)) * held * 1e9)
-        return replace(r, value=r.value[np.minimum(last, len(r.t) - 1)])
-
-    log = simulated.changed(simulated.recordings(name, kmh=kmh), "wheel_speed", slow)
-    assert "speed-frozen" not in codes(log, tmp_path)
-
-
-def test_a_train_that_stands_or_runs_evenly_has_no_dead_sensors(tmp_path: Path) -> None:
-    for speed in (0.0, 60.0):
-        log = clean("low-adhesion", 1, "as it is")
-        even = simulated.put(log, "wheel_speed", 0, ALWAYS, speed)
-        even = simulated.put(even, "train_speed", 0, ALWAYS, speed)
-        assert "speed-frozen" not in codes(even, tmp_path)
-
-
 # --- the page that lists them all ---------------------------------------------------------------
 
 
@@ -813,59 +628,8 @@ def test_every_finding_that_counts_samples_says_when_first() -> None:
 def test_every_finding_is_documented() -> None:
     page = (ROOT / "docs" / "findings.md").read_text("utf-8")
     listed = set(re.findall(r"`([a-z0-9-]+)`", page))
-    assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-frozen"} <= finding_codes()
+    assert {"gap", "csv-bad-cells", "mcap-damaged", "pressure-stuck"} <= finding_codes()
     assert sorted(finding_codes() - listed) == []
-
-
-def losses(log: Recordings) -> dict[str, Recordings]:
-    """Train speeds as receivers lose them."""
-    (v,) = simulated.which(log, "train_speed")
-    some = simulated.single(np.random.default_rng(1), 6)
-    top = float(log[v].value.max())
-    return {
-        "train-frozen, 5 s": simulated.stuck(log, "train_speed", 0, 8.0, 5.0),
-        "train-frozen, to the end": simulated.stuck(log, "train_speed", 0, 8.0, 1e9),
-        "train-frozen, dead": simulated.put(log, "train_speed", 0, lambda _: True, 0.6 * top),
-        "train-frozen, zero": simulated.put(log, "train_speed", 0, lambda _: True, 0.0),
-        "train-spike, no fix": simulated.put(
-            log, "train_speed", 0, simulated.during(8.0, 3.0), 0.0
-        ),
-        "train-spike, before a fix": simulated.put(
-            log, "train_speed", 0, simulated.during(0.0, 5.0), 0.0
-        ),
-        "train-spike, zeros": simulated.put(log, "train_speed", 0, some, 0.0),
-        "train-spike, twice": simulated.put(log, "train_speed", 0, some, 2.0 * top),
-    }
-
-
-@pytest.mark.parametrize("rate", [5.0, 20.0])
-def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: Path) -> None:
-    log = simulated.recordings("low-adhesion", rate=rate)
-    assert not [f for f in simulated.told(log, tmp_path, DEFAULT) if f.severity == "warning"]
-    for fault, bad in losses(log).items():
-        told = [f for f in simulated.told(bad, tmp_path, DEFAULT) if f.severity == "warning"]
-        assert fault.split(",")[0] in {f.code for f in told}, fault
-        assert {f.channel for f in told} == {"train_speed [km/h]"}, (fault, told)
-
-
-def test_a_roller_rig_turns_at_one_speed(tmp_path: Path) -> None:
-    rig = simulated.recordings("roller-rig", rate=20.0)
-    (v,) = simulated.which(rig, "train_speed")
-    even = simulated.put(rig, "train_speed", 0, lambda _: True, float(np.median(rig[v].value)))
-    assert "train-frozen" not in {f.code for f in simulated.told(even, tmp_path, DEFAULT)}
-
-
-def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
-    log = simulated.recordings("low-adhesion", rate=20.0)
-    for fault, bad in losses(log).items():
-        result = analysed(bad, tmp_path)
-        for axle in result.axles:
-            if axle.slip is None:
-                continue
-            true = axle.record.true_slip
-            known = np.isfinite(axle.slip) & np.isfinite(true)
-            far = np.abs(axle.slip - true)[known] > 0.02 + 0.2 * np.abs(true[known])
-            assert far.mean() < 0.05, (fault, axle.record.axle)
 
 
 def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -880,11 +644,3 @@ def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> 
     grid = Grid(0, 1.0, x, x, x, None)
     told = plausible.findings(Scene([], grid, DEFAULT.vehicle, 0, longitudinal.AS_STATED))
     assert [f.code for f in told] == ["info", "warning"]
-
-
-def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
-    """A sensor without noise: about a level while a valve works, then silent while it is held."""
-    t = np.arange(0.0, 200.0, 0.2)
-    works = np.where(t % 50.0 < 25.0, 0.03 * np.sin(2.0 * np.pi * t / 0.71), 0.0)
-    held = np.round((2.0 + works + 0.3 * (t // 50.0)) * 1e5, 2)
-    assert not screen.standing_pressure(pressure(held, 5.0, 0.01)).stuck.any()

@@ -423,7 +423,7 @@ def late_by(name: str, seconds: float, axle: int) -> tuple[Result, slip.Summary]
 @pytest.mark.parametrize("seconds", [-0.5, 0.1, 0.3, 1.0, 2.0])
 def test_a_late_train_speed_is_shifted(seconds: float) -> None:
     result, found = late_by("low-adhesion", seconds, 1)
-    (told,) = [f for f in result.findings if f.code == "train-clock-offset"]
+    (told,) = [f for f in result.findings if f.code == "train-speed-delay"]
     assert told.severity == "warning"
     assert told.channel.startswith("train_speed")
     removed = result.axles[0].record.train_speed_late
@@ -445,7 +445,7 @@ def test_a_late_train_speed_is_shifted(seconds: float) -> None:
 def test_a_train_speed_on_time_is_left_alone() -> None:
     for name in ("low-adhesion", "four-axles"):
         result = analysed(name)
-        assert "train-clock-offset" not in codes(result)
+        assert "train-speed-delay" not in codes(result)
         known = result.axles[0].record.train_speed_late
         assert known is not None
         assert known.value == 0.0

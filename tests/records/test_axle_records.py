@@ -92,8 +92,9 @@ def test_a_frozen_speed_is_found_and_left_out() -> None:
     (record,), findings = plausible.records(
         log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
     )
-    (frozen,) = [f for f in findings if f.code == "speed-frozen"]
-    assert (frozen.count, frozen.severity, frozen.first_s) == (199, "warning", pytest.approx(6.01))
+    (frozen,) = [f for f in findings if f.code == "speed-stuck"]
+    assert (frozen.count, frozen.severity) == (199, "warning")
+    assert frozen.spans == (pytest.approx((6.01, 7.99)),)
     assert len(record.segments) == 2
 
 
@@ -113,7 +114,7 @@ def test_a_speed_in_steps_that_stands_after_the_release_is_not_frozen() -> None:
     y = 60.0 - np.cumsum(K) * 0.01 * 40.0 / np.sum(K * 0.01)
     speed = replace(channel("wheel_speed", t, np.round(y / 0.066) * 0.066), step=0.066)
     _, findings = plausible.records(log(channel("pressure", t, p), speed), Vehicle())
-    assert "speed-frozen" not in {f.code for f in findings}
+    assert "speed-stuck" not in {f.code for f in findings}
 
 
 @pytest.mark.parametrize("drive", [0.3, 0.7, 1.5, 3.0])  # of the wheel [rad/s²]
@@ -146,7 +147,7 @@ def test_axles_keep_apart_and_one_pressure_serves_all() -> None:
     assert [r.axle for r in only] == [2]
 
 
-def test_an_axle_without_pressure_is_told() -> None:
+def test_an_axle_without_pressure_is_reported() -> None:
     t, p, y = brake()
     records, findings = plausible.records(
         log(
@@ -157,7 +158,8 @@ def test_an_axle_without_pressure_is_told() -> None:
         Vehicle(),
     )
     assert [r.axle for r in records] == [1]
-    assert [(f.code, f.severity) for f in findings] == [("axle-incomplete", "warning")]
+    (told,) = findings
+    assert (told.code, told.severity, told.values) == ("axle-incomplete", "warning", {"axle": 2})
 
 
 def test_the_window_counts_from_the_logs_start() -> None:
@@ -177,10 +179,10 @@ def test_refusals_name_the_place_and_the_remedy() -> None:
     assert "[channels]" in error.value.hint
     with pytest.raises(UserError, match="brake-cylinder pressure"):
         plausible.records(log(speed), Vehicle())
-    with pytest.raises(UserError, match="no overlap in time"):
+    with pytest.raises(UserError, match="share no time"):
         plausible.records(log(channel("pressure", t + 1e4, p), speed), Vehicle())
     apart = channel("pressure", t, p, 1), channel("wheel_speed", t, y, 2)
-    with pytest.raises(UserError, match=r"axle 1 has no wheel speed.*axle 2 has no pressure"):
+    with pytest.raises(UserError, match=r"Axle 1 has no wheel speed.*Axle 2 has no pressure"):
         plausible.records(log(*apart), Vehicle())
     with pytest.raises(UserError, match="1 usable"):
         plausible.records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
@@ -232,18 +234,22 @@ def test_a_train_speed_of_the_other_sign_is_taken_without_it(wheel: float) -> No
     assert forward.train_speed is not None
     assert record.train_speed is not None
     np.testing.assert_array_equal(record.train_speed, forward.train_speed)
-    named = "train_speed" if wheel > 0.0 else "wheel_speed"
-    told = [(f.code, f.severity, f.channel) for f in findings if f.code == "reverse-running"]
-    assert told == [("reverse-running", "info", named)]
+    code, named = (
+        ("train-speed-sign", "train_speed") if wheel > 0.0 else ("reverse-running", "wheel_speed")
+    )
+    (told,) = (f for f in findings if f.code in {"train-speed-sign", "reverse-running"})
+    assert (told.code, told.severity, told.channel) == (code, "info", named)
+    assert told.spans == ((0.0, pytest.approx(9.99)),)
 
 
-def test_a_locked_wheel_is_told_from_a_train_that_stands() -> None:
+def test_a_locked_wheel_is_no_train_that_stands() -> None:
     t, p, y = brake()
     slides = np.minimum(y, np.interp(t, [3.5, 4.0, 5.0, 5.5], [43.0, 0.0, 0.0, 39.0]))
     channels = [channel("wheel_speed", t, x, n) for n, x in ((1, slides), (2, y), (3, y))]
     _, findings = plausible.records(log(channel("pressure", t, p), *channels), Vehicle())
     (locked,) = [f for f in findings if f.code == "wheel-locked"]
-    assert (locked.severity, locked.count, locked.first_s) == ("info", 101, pytest.approx(4.0))
+    assert (locked.severity, locked.count) == ("info", 101)
+    assert locked.spans == (pytest.approx((4.0, 5.0)),)
     stops = np.maximum(y - 32.0, 0.0)
     channels = [channel("wheel_speed", t, stops, n) for n in (1, 2)]
     _, findings = plausible.records(log(channel("pressure", t, p), *channels), Vehicle())
@@ -263,7 +269,7 @@ def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
 
 
 @pytest.mark.parametrize(("unit", "total"), [("count", True), ("rad", True), ("rad/s", False)])
-def test_a_speed_made_of_a_logged_total_is_told_to_the_reference(unit: str, total: bool) -> None:
+def test_a_speed_made_of_a_logged_total_is_marked_for_the_reference(unit: str, total: bool) -> None:
     t, p, y = brake()
     wheel = replace(channel("wheel_speed", t, y), unit=unit)
     (record,), _ = plausible.records(log(channel("pressure", t, p), wheel), Vehicle())
@@ -279,9 +285,9 @@ def test_spikes_and_broken_wires_are_left_out() -> None:
     (record,), findings = plausible.records(
         log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
     )
-    counts = {f.code: f.count for f in findings}
-    assert counts["speed-spike"] == 2
-    assert counts["pressure-impossible"] == 20
+    told = {f.code: (f.count, f.spans) for f in findings}
+    assert told["speed-outlier"] == (2, ((3.0, 3.0), (5.0, 5.0)))
+    assert told["pressure-negative"] == (20, (pytest.approx((7.0, 7.19)),))
     assert record.wheel_speed.max() < 51.0
     assert record.pressure is not None
     assert record.pressure.min() >= 0.0

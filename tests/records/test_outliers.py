@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.to_si import quantum
 from adhesion_cli.core.model import Bools, Channel, Column, Floats, Meaning
-from adhesion_cli.records import outliers, screen
+from adhesion_cli.records import outliers
 
+LIMITS = outliers.Params()
 KMH = 1.0 / 3.6 / 0.42  # [rad/s]
 STEPS = [0.0, 1e-3, 0.1 * KMH, KMH]
 
@@ -64,7 +65,7 @@ def test_a_slide_is_none(rate: float, noise: float, step: float) -> None:
     for curve in (STOP, SLIDES):
         for held in (0.0, rate / 10.0):
             t, y = drawn(rate, curve, noise, step, held)
-            assert not screen.speed_spikes(channel(t, y, "wheel_speed")).any(), held
+            assert not outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")).any(), held
 
 
 @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0, 20.0, 100.0, 500.0])
@@ -74,8 +75,10 @@ def test_a_dump_is_none(rate: float, noise: float, step: float) -> None:
     for curve in (BRAKE, DUMPS):
         for held in (0.0, rate / 10.0):
             t, p = drawn(rate, curve, noise, step, held)
-            assert not screen.pressure_spikes(channel(t, p, "pressure")).any(), held
-            assert not screen.pressure_spikes(channel(t, p / 20.0, "clamping_force")).any(), held
+            assert not outliers.brake_outliers(LIMITS, channel(t, p, "pressure")).any(), held
+            assert not outliers.brake_outliers(
+                LIMITS, channel(t, p / 20.0, "clamping_force")
+            ).any(), held
 
 
 def test_simulated_steps_are_none() -> None:
@@ -83,7 +86,7 @@ def test_simulated_steps_are_none() -> None:
         t = np.arange(0.0, 24.0, 0.01)
         K = 21e3 * (np.searchsorted(times, t, side="right") % 2)
         if len(times) != 2 or np.ptp(times) > 3.0:
-            assert not screen.pressure_spikes(channel(t, K, "clamping_force")).any(), times
+            assert not outliers.brake_outliers(LIMITS, channel(t, K, "clamping_force")).any(), times
 
 
 def test_a_sensor_that_reads_zero_below_3_kmh_is_none() -> None:
@@ -91,7 +94,7 @@ def test_a_sensor_that_reads_zero_below_3_kmh_is_none() -> None:
         t, y = drawn(100.0, lines((0, 20), (2, 20), (10, 0), (12, 0)), noise, 0.0)
         y[y < 3.0 * KMH] = 0.0
         for x in (y, y[::-1]):
-            assert not screen.speed_spikes(channel(t, x, "wheel_speed")).any()
+            assert not outliers.wheel_outliers(LIMITS, channel(t, x, "wheel_speed")).any()
 
 
 SECONDS = [0.0, 0.03, 0.2, 1.0, 2.5]
@@ -115,7 +118,7 @@ def test_what_a_dead_speed_sensor_says_is_found(
         t, y = drawn(rate, STOP, noise, step)
         dead = during(t, (3.0, 6.3, 9.7), seconds)  # 60 … 40 rad/s
         y[dead] = value
-        found = screen.speed_spikes(channel(t, y, "wheel_speed"))
+        found = outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed"))
         assert (found == dead).all(), (seconds, found.sum(), dead.sum())
 
 
@@ -131,7 +134,7 @@ def test_what_a_dead_pressure_sensor_says_is_found(
         dead = during(t, (5.0, 10.0, 15.0), seconds)
         p[dead] = value
         for meaning, factor in (("pressure", 1.0), ("clamping_force", 0.05)):
-            found = screen.pressure_spikes(channel(t, factor * p, meaning))  # type: ignore[arg-type]
+            found = outliers.brake_outliers(LIMITS, channel(t, factor * p, meaning))  # type: ignore[arg-type]
             assert (found == dead).all(), (seconds, meaning, found.sum(), dead.sum())
 
 
@@ -140,7 +143,7 @@ def test_a_speed_sensor_that_dies_for_good_is_found() -> None:
     for value in (0.0, 300.0):
         dead = np.where(t > 3.0, value, y)  # for 20 of 23 s
         for x, there in ((dead, t > 3.0), (dead[::-1], (t > 3.0)[::-1])):
-            assert (screen.speed_spikes(channel(t, x, "wheel_speed")) == there).all()
+            assert (outliers.wheel_outliers(LIMITS, channel(t, x, "wheel_speed")) == there).all()
 
 
 @given(st.lists(st.tuples(st.integers(10, 1000), st.integers(1, 8)), max_size=30))
@@ -150,20 +153,20 @@ def test_many_drop_outs_of_any_length_are_found(runs: list[tuple[int, int]]) -> 
     for at, length in runs:
         dead[at : at + length] = True
     y[dead] = 0.0
-    assert (screen.speed_spikes(channel(t, y, "wheel_speed")) == dead).all()
+    assert (outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")) == dead).all()
 
 
 def test_a_filter_behind_a_drop_out_is_part_of_it() -> None:
     t, y = drawn(100.0, STOP, 3e-3, 0.0)
     y[500:506] = [45.0, 20.0, 0.0, 0.0, 15.0, 42.0]
-    (found,) = np.nonzero(screen.speed_spikes(channel(t, y, "wheel_speed")))
+    (found,) = np.nonzero(outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")))
     assert found.tolist() == list(range(500, 506))
 
 
 def test_a_signal_that_is_no_wheels_is_left_alone() -> None:
     t = np.arange(0.0, 20.0, 0.01)
     y = np.random.default_rng(1).uniform(0.0, 400.0, len(t))
-    assert not screen.speed_spikes(channel(t, y, "wheel_speed")).any()
+    assert not outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")).any()
 
 
 @pytest.mark.parametrize("density", [0.01, 0.1, 0.25, 0.35, 0.5, 0.6])
@@ -174,11 +177,11 @@ def test_drop_outs_are_found_however_many(density: float, noise: float) -> None:
     dead = random.random(len(t)) < density
     y[dead] = 0.0
     # A row of zeros of 0.2 s may be a slide, one at the end a release.
-    assert (screen.speed_spikes(channel(t, y, "wheel_speed")) != dead).mean() < 0.03
+    assert (outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")) != dead).mean() < 0.03
     t, p = drawn(50.0, lines((0, 0), (2, 0), (4, 3e5), (24, 3e5)), 1e5 * noise, 1000.0)
     dead = (random.random(len(t)) < density) & (t > 5.0)
     p[dead] = 0.0
-    assert (screen.pressure_spikes(channel(t, p, "pressure")) != dead).mean() < 0.03
+    assert (outliers.brake_outliers(LIMITS, channel(t, p, "pressure")) != dead).mean() < 0.03
 
 
 @pytest.mark.parametrize("every", [2, 3, 6])
@@ -186,7 +189,7 @@ def test_drop_outs_are_found_however_many(density: float, noise: float) -> None:
 def test_regular_drop_outs_are_found(every: int, first: int) -> None:
     t, y = drawn(100.0, lines((0, 60), (20, 30)), 3e-3, 0.0)
     y[first::every] = 0.0
-    found = screen.speed_spikes(channel(t, y, "wheel_speed"))
+    found = outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed"))
     assert (found == (y == 0.0)).all()
 
 
@@ -194,31 +197,31 @@ def test_regular_drop_outs_are_found(every: int, first: int) -> None:
 def test_noise_is_no_drop_out(sigma: float) -> None:
     for rate in (5.0, 100.0, 1000.0):
         t, y = drawn(rate, STOP, sigma, 0.0)
-        assert not outliers.of_wheel(channel(t, y, "wheel_speed")).any()
+        assert not outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed")).any()
 
 
 def test_a_speed_whose_true_half_is_not_known_is_left_out_whole() -> None:
     t, y = drawn(100.0, lines((0, 60), (20, 30)), 3e-3, 0.0)
     half = np.random.default_rng(4).random(len(t)) < 0.5
-    (fault,) = screen.of_speed(channel(t, np.where(half, y / 2.0, y), "wheel_speed"))
-    assert fault.code == "speed-spike"
+    (fault,) = outliers.of_wheel(LIMITS, channel(t, np.where(half, y / 2.0, y), "wheel_speed"))
+    assert fault.code == "speed-unusable"
     assert fault.where.all()
 
 
 @pytest.mark.parametrize("rate", [10.0, 200.0])
 def test_rows_of_two_devices_by_turns_are_told(rate: float) -> None:
     t, y = drawn(rate, STOP, 3e-3, 0.0)
-    (fault,) = screen.of_speed(channel(t, y, "wheel_speed"))
-    assert fault.code == "speed-spike"
+    (fault,) = outliers.of_wheel(LIMITS, channel(t, y, "wheel_speed"))
+    assert fault.code == "speed-outlier"
     y[1::2] = 0.93 * y[1::2]
-    (fault,) = screen.of_speed(channel(t, y, "wheel_speed"))
-    assert fault.code == "interleaved"
+    (fault,) = outliers.of_wheel(LIMITS, channel(t, y, "wheel_speed"))
+    assert fault.code == "speed-interleaved"
     assert fault.where.all()
 
 
 def test_a_sensor_is_not_accused_of_its_unit() -> None:
     t, p = drawn(25.0, DUMPS, 1000.0, 0.0)
-    faults = screen.of_pressure(channel(t, 100.0 * (p - 500.0), "pressure"))  # kPa as bar
+    faults = outliers.of_brake(LIMITS, channel(t, 100.0 * (p - 500.0), "pressure"))  # kPa as bar
     assert not any(f.where.any() for f in faults)
 
 
@@ -243,7 +246,7 @@ def test_the_force_around_a_drop_out_is_as_without_it(
         bad = simulated.put(bad, signal, 1, simulated.during(at, seconds), value)
     some, found, codes = force(bad)
     assert none == ["vehicle-default"]
-    assert f"{signal.removeprefix('wheel_')}-spike" in codes
+    assert f"{signal.removeprefix('wheel_')}-outlier" in codes
     there = np.isfinite(found)
     assert there.sum() > 0.9 * np.isfinite(clean).sum()
     assert np.abs(found - np.interp(some, t, clean))[there].max() < 100.0  # of 3 kN
@@ -256,7 +259,7 @@ def test_a_sensor_that_flickers_to_zero_about_its_least_speed_is_left_out(least:
     t, y = drawn(1000.0, lines((0, 20), (10, 0), (12, 0)), 3e-3, 0.0)
     zero = (y < least) & (y > 0.4) & (random.random(len(t)) < 0.3)
     y[zero | (y < 0.4)] = 0.0
-    found = screen.speed_spikes(channel(t, y, "wheel_speed"))
+    found = outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed"))
     assert found[zero].all()
     assert found[~zero].sum() <= 5  # readings between many zeros may go with them
 
@@ -266,4 +269,4 @@ def test_a_counters_zeros_between_pulses_do_not_flicker(teeth: int) -> None:
     t, y = drawn(1000.0, lines((0, 20), (10, 0.2)), 0.0, 0.0)
     step = 2.0 * np.pi / teeth * 1000.0
     counted = np.diff(np.floor(np.cumsum(y) / step), prepend=0.0) * step
-    assert not screen.speed_spikes(channel(t, counted, "wheel_speed")).any()
+    assert not outliers.wheel_outliers(LIMITS, channel(t, counted, "wheel_speed")).any()

@@ -102,10 +102,10 @@ def test_held_cells_mean_what_empty_ones_do(rate: float, tmp_path: Path) -> None
     a, b = empty.reference, filled.reference
     apart = (a.force[:n] - b.force[:n]) / np.hypot(a.sigma[:n], b.sigma[:n])
     assert np.nanquantile(np.abs(apart), 0.95) < 1.0
-    told = [f for f in results[1].findings if f.code == "pressure-held"]
+    told = [f for f in results[1].findings if f.code == "pressure-repeated"]
     assert [f.severity for f in told] == ["info"]
-    assert f"for {1.0 / rate:g} s" in told[0].message
-    assert "pressure-held" not in {f.code for f in results[0].findings}
+    assert told[0].values["interval_s"] == pytest.approx(1.0 / rate, rel=0.05)
+    assert "pressure-repeated" not in {f.code for f in results[0].findings}
 
 
 @pytest.mark.parametrize(("meaning", "scenario"), [
@@ -138,9 +138,10 @@ def test_repeated_speeds_are_no_measurements(meaning: str, scenario: str, tmp_pa
             assert v is not None
             assert known is not None
             assert np.nanmax(np.abs(v - known)[:-10]) < 0.02
-    told = [f for f in results[1].findings if f.code == "speed-held"]
+    told = [f for f in results[1].findings if f.code == "speed-repeated"]
     assert told
     assert {f.severity for f in told} == {"info"}
-    every = "1 s" if meaning == "train_speed" else "0.1 s"
-    assert all(f"for {every}:" in f.message and f.count > 300 for f in told)
-    assert "speed-held" not in {f.code for f in results[0].findings}
+    every = 1.0 if meaning == "train_speed" else 0.1
+    assert all(f.values["interval_s"] == pytest.approx(every, rel=0.05) for f in told)
+    assert all(f.count > 300 for f in told)
+    assert "speed-repeated" not in {f.code for f in results[0].findings}

@@ -851,7 +851,7 @@ def test_a_late_receiver_of_1_hz_shows_by_the_forces(tmp_path: Path, seed: int) 
     stated = partial(settings.load, folder=False)(None, [])
     one = read(open_source(log, stated.read), (), vehicle)
     records, findings = plausible.records(one, vehicle)
-    assert "train-clock-offset" in {f.code for f in findings}
+    assert "train-speed-delay" in {f.code for f in findings}
     for record in records:
         assert record.train_speed_late is not None
         assert record.train_speed_late.tolerance < 0.1
@@ -874,7 +874,7 @@ def test_a_late_train_speed_shows_where_every_wheel_slides(
         path, "late", replace(stop, measured_train_speed=v), vehicle, carried, "{}", ["a book"]
     )
     result = analyze.analyze(path, partial(settings.load, folder=False), ["kalman"])
-    told = [f.severity for f in result.findings if f.code == "train-clock-offset"]
+    told = [f.severity for f in result.findings if f.code == "train-speed-delay"]
     assert told == (["warning"] if seconds else [])
     late = result.axles[0].record.train_speed_late
     assert late is not None

@@ -1,0 +1,139 @@
+"""Which channels of a log the records are made of, or why there are none."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..core.model import Channel, Log, Meaning
+from .faults import View
+
+Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; None: of the train
+Channels = dict[Key, Channel]
+SHORTEST = 3  # samples: fewer give no derivative with an error
+_LEAVE_OUT = {
+    "speed-interleaved", "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
+    "pressure-outlier", "pressure-stuck", "pressure-unusable",
+}  # fmt: skip
+
+
+class AxleKeys(NamedTuple):
+    """The channels of one axle."""
+
+    axle: int
+    speed: Key
+    brake: Key  # pressure, or K
+
+
+class Choice(NamedTuple):
+    """The channels of a log that have a meaning, and which axles are made of them."""
+
+    channels: Channels
+    axles: tuple[AxleKeys, ...]
+    asked: tuple[int, ...]  # the axles that are analysed; the others help to judge their sensors
+    acceleration: Channel | None  # of the train
+    findings: list[Finding]
+
+    @property
+    def titles(self) -> set[str]:
+        """Names of the channels that the asked axles need."""
+        of_axles = {k for a in self.axles if a.axle in self.asked for k in (a.speed, a.brake)}
+        return {c.title for k, c in self.channels.items() if k in of_axles or k[0] == "train_speed"}
+
+
+def choose(log: Log, axles: Sequence[int]) -> Choice:
+    """The channels that are used.
+
+    Args:
+        log: with its channels' meanings.
+        axles: only these are asked for, all if empty.
+
+    Raises:
+        UserError: where a needed channel is missing, or an axle asked for is not there.
+    """
+    channels: Channels = {}
+    rates = [c for c in log.channels if c.meaning and c.is_rate and len(c.data.t)]
+    for c in log.channels:
+        if c.meaning and len(c.data.t) and not c.is_rate:
+            channels.setdefault((c.meaning, c.axle), c)
+    meanings = {meaning for meaning, _ in channels}
+    if "wheel_speed" not in meanings:
+        raise _missing(log, "wheel speed", 'speed."axle 1" = {channel = "…", unit = "km/h"}')
+    if not meanings & {"pressure", "clamping_force"}:
+        example = 'pressure."axle 1" = {channel = "…", unit = "bar"}'
+        raise _missing(log, "brake-cylinder pressure", example)
+    of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
+    numbers = sorted({a for meaning, a in channels if a and meaning in of_axles}) or [1]
+    if unknown := set(axles) - set(numbers):
+        known = f"the log has axles {', '.join(map(str, numbers))}"
+        raise UserError(f"{log.path}: no axle {min(unknown)}", known, code=2)
+    asked, found, findings = tuple(axles or numbers), [], []
+    for axle in numbers:
+        speed = find(channels, "wheel_speed", axle)
+        brake = find(channels, "pressure", axle) or find(channels, "clamping_force", axle)
+        if speed and brake:
+            found.append(AxleKeys(axle, speed, brake))
+        elif axle in asked and (key := speed or brake):
+            lacking = "pressure or clamping force" if speed else "wheel speed"
+            findings.append(
+                Finding("axle-incomplete", "warning", channel=channels[key].title,
+                        values={"axle": axle}, names={"lacking": lacking})
+            )  # fmt: skip
+    return Choice(channels, tuple(found), asked, rates[0] if rates else None, findings)
+
+
+def find(channels: Channels, meaning: Meaning, axle: int | None) -> Key | None:
+    """The key of an axle's own channel, else of the one that belongs to no axle."""
+    keys: tuple[Key, Key] = ((meaning, axle), (meaning, None))
+    return next((k for k in keys if k in channels), None)
+
+
+def _missing(log: Log, what: str, example: str) -> UserError:
+    names = ", ".join(repr(c.title) for c in log.channels[:8]) or "none"
+    return UserError(
+        f"{log.path}: no channel is a {what} (recognised: {names})",
+        "`adhesion inspect` lists the channels; map one in a TOML given with -c: "
+        f"[channels] {example}",
+    )
+
+
+def nothing(log: Log, choice: Choice, view: View, findings: Iterable[Finding]) -> UserError:
+    """Why there is no record at all.
+
+    Args:
+        log: as read.
+        choice: what was chosen of it.
+        view: the window that was asked for.
+        findings: of all steps.
+    """
+
+    def span(*meanings: Meaning) -> str:
+        chosen = [c.data.t for (meaning, _), c in choice.channels.items() if meaning in meanings]
+        first, last = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
+        return f"{first / 1e9:.3f} to {last / 1e9:.3f} s"
+
+    speeds = [c for (meaning, _), c in choice.channels.items() if meaning == "wheel_speed"]
+    usual = max(len(c.data.t) for c in speeds)
+    if usual < SHORTEST:
+        return UserError(
+            f"{log.path}: {usual} usable wheel-speed samples; at least {SHORTEST} are needed",
+            f"`adhesion inspect {log.path}` shows what was left out and why",
+        )
+    if view.window != (None, None):
+        text = f"{log.path}: no sample between --from and --to"
+        return UserError(text, "seconds after the log's start", code=2)
+    needed = [choice.channels[k].title for a in choice.axles for k in (a.speed, a.brake)]
+    for f in findings:
+        if f.code in _LEAVE_OUT and f.channel in needed:
+            text = f"{log.path}: nothing to analyse: {f.channel}: {f.message}"
+            return UserError(text, f.hint or "")
+    if lacking := [f.message for f in findings if f.code == "axle-incomplete"]:
+        return UserError(
+            f"{log.path}: nothing to analyse: {' '.join(lacking)}",
+            "state which channel is which axle's in [channels]",
+        )
+    brakes = span("pressure", "clamping_force")
+    return UserError(
+        f"{log.path}: wheel speed ({span('wheel_speed')}) and pressure ({brakes}) share no time",
+        'state the clock in [channels], e.g. time = {source = "log"}, or convert one of them',
+    )

@@ -1,0 +1,168 @@
+"""Each axle on the times of its wheel speed: pressure repeated for estimators, interpolated else.
+
+An online estimator may use the last value only. The offline reference may interpolate, and so may
+what is only compared: train speed and truth.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import time_axis, units
+from ..core.finding import Finding, Severity
+from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
+from ..core.physics import clamping_force, force_line
+from ..dynamics.train_grid import Axle
+from . import sample_and_hold
+from .choose import SHORTEST, AxleKeys, Choice, find
+from .faults import Fault, View
+from .screen import Screened
+
+
+class _Sampled(NamedTuple):
+    """The other channels at the wheel speed's times, shape (n,) each."""
+
+    held: Floats  # pressure or K, last value
+    smooth: Floats  # the same, interpolated
+    fresh: Bools  # whether the last value is recent enough
+
+
+def resample(
+    choice: Choice, screened: Screened, vehicle: Vehicle, view: View
+) -> tuple[list[Axle], list[Finding]]:
+    """The axles of which something is left, and what was left out of them.
+
+    Args:
+        choice: which channels are which axle's.
+        screened: these channels.
+        vehicle: for the force line.
+        view: only the samples of its window are used.
+    """
+    axles, findings = [], []
+    for keys in choice.axles:
+        if keys.speed in screened.channels and keys.brake in screened.channels:
+            found, told = _axle(keys, screened, vehicle, view)
+            findings += told if keys.axle in choice.asked else []
+            axles += [found] if found else []
+    return axles, findings
+
+
+def _axle(
+    keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
+) -> tuple[Axle | None, list[Finding]]:
+    """One axle, None where too little is left; and its findings."""
+    channels = screened.channels
+    speed, brake = channels[keys.speed], channels[keys.brake]
+    findings = []
+    straight = brake
+    if every := sample_and_hold.interval(brake):
+        straight = sample_and_hold.straightened(brake, every)
+        found = Finding("pressure-repeated", "info", channel=brake.title,
+                        values={"interval_s": every})  # fmt: skip
+        findings.append(found)
+    at = _sampled(speed, brake, straight)
+    inside = view.holds(speed.data.t)
+    segments, kept = _segments(speed, inside & at.fresh)
+    findings += _left_out(speed, brake, inside & ~at.fresh, inside & at.fresh & ~kept, view)
+    if not segments:
+        return None, findings
+    train, truth, slip = (
+        channels[key] if (key := find(channels, meaning, keys.axle)) else None
+        for meaning in ("train_speed", "truth", "true_slip")
+    )
+    is_pressure = brake.meaning == "pressure"
+    K = clamping_force(at.held, vehicle) if is_pressure else at.held
+    smooth = K
+    if at.smooth is not at.held:  # their times are not the same
+        smooth = clamping_force(at.smooth, vehicle) if is_pressure else at.smooth
+    rows = slice(None) if kept.all() else kept  # all of them need no copy
+    limit, unit = screened.ranges.get(keys.brake), units.unit(speed.unit)
+    record = AxleRecord(
+        keys.axle, speed.data.t[rows], K[rows], smooth[rows], speed.data.value[rows], segments,
+        wheel_speed_step=speed.step,
+        pressure=at.held[rows] if is_pressure else None,
+        train_speed=_interpolated(speed, train)[rows] if train else None,
+        truth=_interpolated(speed, truth)[rows] if truth else None,
+        true_slip=_interpolated(speed, slip)[rows] if slip else None,
+        clamping_force_step=brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
+        train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
+        of_totals=unit is not None and unit.dimension in ("count", "angle"),
+        of_rim=unit is not None and unit.dimension == "speed",
+        saturated=at.held[kept] >= limit if limit is not None else None,
+        wheel_period_step=speed.period_step,
+    )  # fmt: skip
+    return Axle(record, speed, brake, train), findings
+
+
+def _pieces(speed: Channel) -> Iterator[time_axis.Over]:
+    """The times of a wheel speed, where neither of its jumps of the clock interrupts them."""
+    parts = time_axis.pieces(speed.starts, len(speed.data.t))
+    for k, part in enumerate(parts):
+        yield time_axis.Over(speed.data.t[part], k, len(parts))
+
+
+def _sampled(speed: Channel, brake: Channel, straight: Channel) -> _Sampled:
+    """A brake at the wheel speed's times.
+
+    Args:
+        speed: whose times they are.
+        brake: pressure or K.
+        straight: the same with straight lines between its own samples.
+    """
+    parts = []
+    for at in _pieces(speed):
+        last, fresh = time_axis.hold(at, brake)
+        smooth = time_axis.interpolated(at, straight)
+        if not np.isfinite(smooth).all():
+            smooth = np.where(np.isfinite(smooth), smooth, last)
+        parts.append(_Sampled(last, smooth, fresh))
+    if len(parts) == 1:
+        return parts[0]
+    return _Sampled(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _interpolated(speed: Channel, other: Channel) -> Floats:
+    parts = [time_axis.interpolated(at, other) for at in _pieces(speed)]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _left_out(
+    speed: Channel, brake: Channel, stale: Bools, short: Bools, view: View
+) -> list[Finding]:
+    """What is reported of samples without a recent pressure, and of segments that are too short."""
+    t, quantity = speed.data.t, str(brake.meaning).replace("_", " ")
+    between = stale & (t >= brake.data.t.min()) & (t <= brake.data.t.max())
+    at_ends = stale.sum() * np.median(np.diff(t, append=t[-1])) <= 2 * max(
+        brake.gap_ns, speed.gap_ns
+    )
+    severity: Severity = "info" if at_ends and not between.any() else "warning"
+    missing = Fault("no-pressure", stale, severity=severity)
+    return [
+        *view.report(missing, speed, names={"quantity": quantity}),
+        *view.report(Fault("too-short", short), speed, {"needed": SHORTEST}),
+    ]
+
+
+def _segments(speed: Channel, keep: Bools) -> tuple[tuple[slice, ...], Bools]:
+    """Runs of kept samples without a jump of the clock or a gap, and the mask of their samples.
+
+    The slices count kept samples only.
+    """
+    t: Times = speed.data.t
+    jump = np.diff(t, prepend=t[0]) > speed.gap_ns
+    jump[list(speed.starts)] = True
+    index = np.flatnonzero(keep)
+    if not len(index):
+        return (), keep
+    new = np.diff(np.cumsum(jump)[index], prepend=-1) != 0
+    new[1:] |= np.diff(t[index]) > speed.gap_ns
+    run = np.cumsum(new) - 1
+    length = np.bincount(run)
+    long = length >= SHORTEST
+    kept = np.zeros(len(t), dtype=np.bool_)
+    kept[index[long[run]]] = True
+    stops = np.cumsum(length[long])
+    return tuple(
+        slice(int(stop - n), int(stop)) for stop, n in zip(stops, length[long], strict=True)
+    ), kept

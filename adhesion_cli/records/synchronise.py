@@ -1,0 +1,147 @@
+"""All axles and the train speed on one clock, and the delay of the pressure.
+
+A log without a train speed gets one from the acceleration of the car body, if it has that.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import time_axis
+from ..core.finding import Finding
+from ..core.model import Z95, Channel, Parameter, Vehicle
+from ..dynamics import acceleration, longitudinal, train_clock
+from ..dynamics.pressure_comparison import late
+from ..dynamics.train_grid import Axle, Explanation, Grid, Scene, grid
+from .faults import View
+
+_SIGMAS = 3.0  # from zero is a train speed that is delayed
+_COUNTED = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
+
+
+class Synchronised(NamedTuple):
+    """The axles with what their clocks differ by."""
+
+    axles: list[Axle]
+    scene: Scene | None  # all axles together; None where a clock jumps back
+    findings: list[Finding]
+
+
+def synchronise(
+    axles: list[Axle], accelerometer: Channel | None, vehicle: Vehicle, view: View
+) -> Synchronised:
+    """The axles on one clock.
+
+    Args:
+        axles: all of a log, resampled.
+        accelerometer: the train's acceleration, where the log has no train speed.
+        vehicle: for the equations.
+        view: for the log's start.
+    """
+    findings: list[Finding] = []
+    if accelerometer and all(a.train is None for a in axles):
+        axles, told = _integrated(axles, accelerometer, vehicle)
+        findings += told
+    together = grid(axles, vehicle)
+    axles, told = _on_one_clock(axles, together, vehicle, view)
+    findings += told
+    if told:  # the train speed is another one
+        together = grid(axles, vehicle)
+    if not together:
+        return Synchronised(axles, None, findings)
+    why = _explained(axles, together, vehicle)
+    axles = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in axles]
+    return Synchronised(axles, Scene(axles, together, vehicle, view.start_ns, why), findings)
+
+
+def _explained(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> Explanation:
+    """What explains how the train slows; a pressure with a delay of its own does not count."""
+    alone = late(axles, g)
+    alike = [a for k, a in enumerate(axles) if k not in alone]
+    return longitudinal.explained(alike, grid(alike, vehicle) if alone else g, vehicle)
+
+
+def _integrated(
+    axles: list[Axle], a: Channel, vehicle: Vehicle
+) -> tuple[list[Axle], list[Finding]]:
+    """The axles with a train speed by its acceleration, or why there is none."""
+    g = grid(axles, vehicle, acceleration.FINE)
+    v = acceleration.integrated(g, a) if g else "the clock jumps back"
+    if isinstance(v, str):
+        unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
+        return axles, [unused]
+    made, highest = [], 0.0
+    for x in axles:
+        speed, sigma = v.at(x.record.t)
+        highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
+        record = replace(
+            x.record, train_speed=speed, train_speed_sigma=sigma,
+            train_speed_late=Parameter(0.0, acceleration.LATE),
+        )  # fmt: skip
+        made.append(x._replace(record=record))
+    values = {
+        "sigma_mps": highest, "bias_low_mps2": float(v.bias.min()),
+        "bias_high_mps2": float(v.bias.max()), "anchored_s": v.anchored,
+    }  # fmt: skip
+    names = {"axis": "forwards" if v.sign > 0 else "backwards"}
+    found = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
+    return made, [found]
+
+
+def _on_one_clock(
+    axles: list[Axle], g: Grid | None, vehicle: Vehicle, view: View
+) -> tuple[list[Axle], list[Finding]]:
+    """The axles with a train speed shifted by its delay, where that is sure.
+
+    Where an offset explains the same, the time stamps stay: slip's error includes the delay.
+    """
+    train = axles[0].train
+    if not g or train is None:
+        return axles, []
+    delay, offset = train_clock.beside(axles, g, vehicle)
+    values = {}
+    if offset is not None:
+        values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
+    if delay is None:
+        return axles, _found("train-speed-offset", train, values, view) if offset else []
+    interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
+    findings: list[Finding] = []
+    unknown = Parameter(0.0, math.hypot(*delay))  # what remains where nothing is shifted
+    if abs(delay.value) <= max(_SIGMAS * delay.tolerance, _COUNTED * interval):
+        delay = unknown
+    else:
+        values |= {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
+        code = "train-speed-delay-or-offset" if offset else "train-speed-delay"
+        findings = _found(code, train, values, view)
+        delay = unknown if offset else delay
+    moved = [_shifted(a, delay) if a.train and _same(a.train, train) else a for a in axles]
+    return moved, findings
+
+
+def _found(code: str, train: Channel, values: dict[str, float], view: View) -> list[Finding]:
+    first, last = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
+    return [
+        Finding(code, "warning", channel=train.title, count=train.rows, spans=((first, last),),
+                values=values)
+    ]  # fmt: skip
+
+
+def _same(one: Channel, other: Channel) -> bool:
+    """Whether two channels hold the same samples: a result of this program repeats one per axle."""
+    a, b = one.data, other.data
+    return one is other or (np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value))
+
+
+def _shifted(axle: Axle, delay: Parameter) -> Axle:
+    """An axle whose train speed is that much earlier."""
+    record, train = axle.record, axle.train
+    assert train is not None
+    record = replace(record, train_speed_late=delay)
+    if delay.value:
+        data = replace(train.data, t=train.data.t - round(delay.value * 1e9))
+        v = time_axis.interpolated(time_axis.Over(record.t, 0, 1), replace(train, data=data))
+        record = replace(record, train_speed=v)
+    return axle._replace(record=record)

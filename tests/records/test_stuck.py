@@ -1,0 +1,249 @@
+"""Sensors that are stuck, saturated or lost: found where they are, and no sound one accused."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import simulated
+from simulated import Recordings
+
+from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Channel, Column, Result
+from adhesion_cli.records import stuck_pressure
+from adhesion_cli.wsp import simulate
+
+DEFAULT = settings.load()
+PARAMS = stuck_pressure.Params()
+SENSORS = {
+    "speed-stuck", "speed-outlier", "speed-unusable", "pressure-stuck", "pressure-outlier",
+    "pressure-saturated", "train-speed-stuck", "train-speed-outlier",
+}  # fmt: skip
+ALWAYS = simulated.during(0.0, math.inf)
+
+
+def found(log: Recordings, folder: Path) -> list[Finding]:
+    """What the checks of single channels report."""
+    return [f for f in simulated.told(log, folder, DEFAULT) if f.code in SENSORS]
+
+
+def codes(log: Recordings, folder: Path) -> set[str]:
+    return {f.code for f in found(log, folder)}
+
+
+def analysed(log: Recordings, folder: Path) -> Result:
+    path = simulated.write(folder / "log.csv", log)
+    return analyze.analyze(path, lambda **_: DEFAULT, algos=["leso"])
+
+
+@cache
+def clean(name: str) -> Recordings:
+    return simulated.recordings(name, seed=1)
+
+
+# --- sensors, one channel at a time -------------------------------------------------------------
+
+
+def pressure(value: np.ndarray, rate: float, step: float = 0.0) -> Channel:
+    t = np.round(np.arange(len(value)) * 1e9 / rate).astype(np.int64)
+    data = Column(t, value, np.ones(len(t), dtype=np.bool_))
+    gap = round(5e9 / rate)
+    return Channel(
+        "p", "", "pressure", 1, "bar", "", data, len(t), gap_ns=gap, step=step, rate_hz=rate
+    )
+
+
+def application(rate: float, noise: float, step: float) -> np.ndarray:
+    """Cylinder pressure [Pa]: 3 s without brake, a ramp to 4 bar, 14 s of hold, a release."""
+    t = np.arange(0.0, 24.0, 1.0 / rate)
+    p = 4e5 * np.clip((t - 3.0) / 2.0, 0.0, 1.0) * np.clip(22.0 - t, 0.0, 1.0)
+    p += noise * np.random.default_rng(3).standard_normal(len(t))
+    return np.round(p / step) * step if step else p
+
+
+@pytest.mark.parametrize("step", [0.0, 200.0, 1000.0, 5000.0, 20000.0])
+@pytest.mark.parametrize("noise", [0.0, 20.0, 300.0, 1000.0, 5000.0])
+@pytest.mark.parametrize("rate", [1.0, 10.0, 100.0])
+@pytest.mark.parametrize("bottom", [-1e9, 0.0])
+def test_a_steady_pressure_is_not_a_stuck_one(
+    rate: float, noise: float, step: float, bottom: float
+) -> None:
+    channel = pressure(np.maximum(application(rate, noise, step), bottom), rate, step)
+    assert not stuck_pressure.standing(PARAMS, channel).stuck.any()
+    assert not stuck_pressure.standing(PARAMS, channel).saturated.any()
+
+
+@pytest.mark.parametrize("at", [1.0, 4.0, 10.0])
+def test_a_stuck_pressure_is_found_to_the_sample(at: float) -> None:
+    p = application(100.0, 1000.0, 1000.0)
+    stuck = slice(round(100 * at), round(100 * at) + 300)
+    p[stuck] = p[stuck.start]
+    mask = stuck_pressure.standing(PARAMS, pressure(p, 100.0, 1000.0)).stuck
+    assert not mask[: stuck.start - 2].any()  # one or two before may read the same by chance
+    assert mask[stuck.start + 1 : stuck.stop].all()
+    assert mask[stuck.stop + 2 :].sum() == 0
+
+
+def test_a_saturated_pressure_is_not_a_stuck_one() -> None:
+    p = application(25.0, 1000.0, 1000.0)
+    standing = stuck_pressure.standing(PARAMS, pressure(np.minimum(p, 2e5), 25.0, 1000.0))
+    assert standing.saturated.sum() > 300
+    assert not standing.stuck.any()
+
+
+# --- sensors that are dead all along ------------------------------------------------------------
+
+MANY = ["four-axles", "low-adhesion", "slippery-stop"]
+
+
+def with_dead(
+    name: str, signal: str, share: float, train: bool
+) -> tuple[simulated.Recordings, simulated.Recordings]:
+    """A log, and the same with axle 2's sensor always at a share of its highest value."""
+    log = simulated.recordings(name, train=train)
+    top = float(log[simulated.which(log, signal, 2)[0]].value.max())
+    return log, simulated.put(log, signal, 2, ALWAYS, share * top)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0, 1.4])
+@pytest.mark.parametrize("name", MANY)
+def test_a_speed_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    log, dead = with_dead(name, "wheel_speed", share, train)
+    told = [f for f in found(dead, tmp_path) if f.channel.startswith("wheel_speed_2")]
+    assert [(f.code, f.severity, f.first_s < 0.5) for f in told] == [
+        ("speed-stuck", "warning", True)
+    ]
+    without = [r for r in log if r.axle != 2]
+    one, other = (
+        analyze.analyze(simulated.write(tmp_path / "x.csv", x), lambda **_: DEFAULT, ["td"],
+                         train_speed=True)
+        for x in (dead, without)
+    )  # fmt: skip
+    assert [a.record.axle for a in one.axles] == [a.record.axle for a in other.axles]
+    for a, b in zip(one.axles, other.axles, strict=True):  # nothing of the sound axles changes
+        np.testing.assert_array_equal(a.record.train_speed, b.record.train_speed)
+
+
+@pytest.mark.parametrize("train", [True, False])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_a_pressure_that_never_changes_is_dead(
+    name: str, share: float, train: bool, tmp_path: Path
+) -> None:
+    _, dead = with_dead(name, "pressure", share, train)
+    assert ("pressure-stuck", "warning") in [(f.code, f.severity) for f in found(dead, tmp_path)]
+    assert [a.record.axle for a in analysed(dead, tmp_path).axles] == [1, 3, 4]
+
+
+def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
+    log = simulated.put(clean("low-adhesion"), "wheel_speed", 2, ALWAYS, 50.0)
+    path = simulated.write(tmp_path / "log.csv", log)
+    with pytest.raises(UserError, match=r"nothing to analyse: wheel_speed_2") as told:
+        analyze.analyze(path, lambda **_: DEFAULT, ["td"], axles=[2])
+    assert "sensor" in told.value.hint
+
+
+def test_a_gap_hides_no_dead_sensor(tmp_path: Path) -> None:
+    dead = simulated.put(clean("low-adhesion"), "wheel_speed", 2, ALWAYS, 50.0)
+    holed = simulated.put(dead, "wheel_speed", 0, simulated.during(12.0, 4.0), math.nan)
+    assert "speed-stuck" in codes(holed, tmp_path)
+
+
+@pytest.mark.parametrize("held", [0.2, 0.5, 2.0])
+@pytest.mark.parametrize("kmh", [0.0, 1.0])
+@pytest.mark.parametrize("name", MANY)
+def test_slow_and_coarse_speeds_in_a_fast_table_are_not_dead(
+    name: str, kmh: float, held: float, tmp_path: Path
+) -> None:
+    def slow(r: simulate.Recording) -> simulate.Recording:
+        last = np.searchsorted(r.t, np.floor(r.t / (held * 1e9)) * held * 1e9)
+        return replace(r, value=r.value[np.minimum(last, len(r.t) - 1)])
+
+    log = simulated.changed(simulated.recordings(name, kmh=kmh), "wheel_speed", slow)
+    assert "speed-stuck" not in codes(log, tmp_path)
+
+
+def test_a_train_that_stands_or_runs_evenly_has_no_dead_sensors(tmp_path: Path) -> None:
+    for speed in (0.0, 60.0):
+        log = clean("low-adhesion")
+        even = simulated.put(log, "wheel_speed", 0, ALWAYS, speed)
+        even = simulated.put(even, "train_speed", 0, ALWAYS, speed)
+        assert "speed-stuck" not in codes(even, tmp_path)
+
+
+def losses(log: Recordings) -> dict[str, Recordings]:
+    """Train speeds as receivers lose them."""
+    (v,) = simulated.which(log, "train_speed")
+    some = simulated.single(np.random.default_rng(1), 6)
+    top = float(log[v].value.max())
+    return {
+        "train-speed-stuck, 5 s": simulated.stuck(log, "train_speed", 0, 8.0, 5.0),
+        "train-speed-stuck, to the end": simulated.stuck(log, "train_speed", 0, 8.0, 1e9),
+        "train-speed-stuck, dead": simulated.put(log, "train_speed", 0, lambda _: True, 0.6 * top),
+        "train-speed-stuck, zero": simulated.put(log, "train_speed", 0, lambda _: True, 0.0),
+        "train-speed-outlier, no fix": simulated.put(
+            log, "train_speed", 0, simulated.during(8.0, 3.0), 0.0
+        ),
+        "train-speed-outlier, before a fix": simulated.put(
+            log, "train_speed", 0, simulated.during(0.0, 5.0), 0.0
+        ),
+        "train-speed-outlier, zeros": simulated.put(log, "train_speed", 0, some, 0.0),
+        "train-speed-outlier, twice": simulated.put(log, "train_speed", 0, some, 2.0 * top),
+    }
+
+
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+def test_a_train_speed_that_a_receiver_loses_is_left_out(rate: float, tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=rate)
+    assert not [f for f in simulated.told(log, tmp_path, DEFAULT) if f.severity == "warning"]
+    for fault, bad in losses(log).items():
+        told = [f for f in simulated.told(bad, tmp_path, DEFAULT) if f.severity == "warning"]
+        assert fault.split(",")[0] in {f.code for f in told}, fault
+        assert {f.channel for f in told} == {"train_speed [km/h]"}, (fault, told)
+
+
+def test_a_roller_rig_turns_at_one_speed(tmp_path: Path) -> None:
+    rig = simulated.recordings("roller-rig", rate=20.0)
+    (v,) = simulated.which(rig, "train_speed")
+    even = simulated.put(rig, "train_speed", 0, lambda _: True, float(np.median(rig[v].value)))
+    assert "train-speed-stuck" not in {f.code for f in simulated.told(even, tmp_path, DEFAULT)}
+
+
+def test_slip_is_right_beside_a_train_speed_that_was_lost(tmp_path: Path) -> None:
+    log = simulated.recordings("low-adhesion", rate=20.0)
+    for fault, bad in losses(log).items():
+        result = analysed(bad, tmp_path)
+        for axle in result.axles:
+            if axle.slip is None:
+                continue
+            true = axle.record.true_slip
+            known = np.isfinite(axle.slip) & np.isfinite(true)
+            far = np.abs(axle.slip - true)[known] > 0.02 + 0.2 * np.abs(true[known])
+            assert far.mean() < 0.05, (fault, axle.record.axle)
+
+
+def test_what_valves_do_is_no_noise_of_a_pressure_that_stands() -> None:
+    """A sensor without noise: about a level while a valve works, then silent while it is held."""
+    t = np.arange(0.0, 200.0, 0.2)
+    works = np.where(t % 50.0 < 25.0, 0.03 * np.sin(2.0 * np.pi * t / 0.71), 0.0)
+    held = np.round((2.0 + works + 0.3 * (t // 50.0)) * 1e5, 2)
+    assert not stuck_pressure.standing(PARAMS, pressure(held, 5.0, 0.01)).stuck.any()
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("rate", [1.0, 5.0, 50.0])
+def test_wheel_speeds_at_the_end_of_their_range_are_left_out(
+    rate: float, share: float, tmp_path: Path
+) -> None:
+    log = simulated.recordings("service-brake", rate=rate, train=True)
+    cut = simulated.changed(
+        log, "wheel_speed", lambda r: replace(r, value=np.minimum(r.value, share * r.value.max()))
+    )
+    assert ("speed-stuck", "warning") in [(f.code, f.severity) for f in found(cut, tmp_path)]
