@@ -314,7 +314,7 @@ def test_a_log_of_three_trains(run: Run, tmp_path: Path) -> None:
     (tmp_path / "trains.csv").write_text(three_trains())
     mapping = ROOT / "tests" / "data" / "three-trains.toml"
     seen = json.loads(run("inspect", "trains.csv", "-c", mapping, "--json").stdout)["logs"][0]
-    frozen = next(f for f in seen["findings"] if f["code"] == "speed-frozen")
+    frozen = next(f for f in seen["findings"] if f["code"] == "speed-stuck")
     assert frozen["first_s"] == pytest.approx(91.0)
     interleaved = next(f for f in seen["findings"] if f["code"] == "one-device-read")
     assert "'3', '4', '5'" in interleaved["message"]

@@ -110,7 +110,7 @@ def test_a_logged_speed_is_used_and_the_acceleration_told_as_not_needed(tmp_path
 def test_without_a_wheel_that_surely_rolls_there_is_no_speed(tmp_path: Path) -> None:
     record, told = taken(logged(), tmp_path, (6.0, 25.0))
     assert record.train_speed is None
-    assert told["acceleration-unused"].severity == "warning"
+    assert told["acceleration-not-usable"].severity == "warning"
 
 
 def test_what_no_train_feels_makes_no_speed(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_what_no_train_feels_makes_no_speed(tmp_path: Path) -> None:
         ]
         record, told = taken(some, tmp_path)
         assert record.train_speed is None
-        assert told["acceleration-unused"].severity == "warning"
+        assert told["acceleration-not-usable"].severity == "warning"
 
 
 def test_locked_wheels_are_no_train_that_stands(tmp_path: Path) -> None:
