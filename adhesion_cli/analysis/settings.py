@@ -21,7 +21,7 @@ from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.methods import Method
 from ..core.model import Parameter, Quantity, Vehicle, quantities
-from ..diagnostics.registry import registry
+from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, checked
 
@@ -76,7 +76,7 @@ class Settings:
     bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
     checks: dict[str, Any] = field(
-        default_factory=lambda: {name: c.Params() for name, c in registry().items()}
+        default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
     )
 
     def params(self, est: Estimator) -> Any:
@@ -284,7 +284,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
 
 def _thresholds(stated: dict[str, Any]) -> dict[str, Any]:
     """The thresholds of every check: its defaults and what `[diagnostics.CHECK]` states."""
-    known = registry()
+    known = tunable()
     given: dict[str, dict[str, float]] = {}
     for name, value in stated.items():
         if name not in known:

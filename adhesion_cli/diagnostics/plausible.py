@@ -10,6 +10,7 @@ from ..core.finding import Finding
 from ..core.model import AxleRecord, Log, Vehicle
 from ..dynamics.train_grid import Scene
 from ..records import axle_records
+from ..records.screen import Thresholds
 from .registry import registry
 
 
@@ -49,7 +50,8 @@ def records(
     Raises:
         UserError: as `axle_records.prepare`.
     """
-    made = axle_records.prepare(log, vehicle, axles, window)
+    of_sensors = {k: p for k, p in (params or {}).items() if k in Thresholds._fields}
+    made = axle_records.prepare(log, vehicle, axles, window, Thresholds(**of_sensors))
     if made.scene is None:
         return made.records, made.findings
     odd = [f for f in findings(made.scene, params) if f.channel in made.channels]

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from ..core.finding import Finding
 from ..dynamics.train_grid import Scene
+from ..records.screen import DEFAULT
 
 
 class About(NamedTuple):
@@ -53,3 +54,16 @@ def registry() -> Mapping[str, Check]:
         found.append(Check(name, module.ABOUT, module.Params, module.check))
     found.sort(key=lambda c: (c.about.group, c.about.rank))
     return {c.name.partition(".")[2]: c for c in found}
+
+
+class Sensors(NamedTuple):
+    """A check of single channels, as `records.screen` makes it."""
+
+    name: str  # as settings have it: "diagnostics.outliers"
+    Params: type[Any]
+
+
+def tunable() -> Mapping[str, Check | Sensors]:
+    """Every check that has thresholds, by name: those of single channels first."""
+    alone = {k: Sensors(f"diagnostics.{k}", type(p)) for k, p in DEFAULT._asdict().items()}
+    return alone | dict(registry())
