@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord, Channel, Column, Log, Meaning, Vehicle
 from adhesion_cli.core.physics import clamping_force, rolling_deceleration, wheelset
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.records import axle_records
 
 BAR = 1e5
 
@@ -28,6 +29,17 @@ def log(*channels: Channel) -> Log:
     return Log("a.csv", "csv", "", False, 0, channels, ())
 
 
+def records(
+    log: Log,
+    vehicle: Vehicle,
+    axles: Sequence[int] = (),
+    window: axle_records.Window = (None, None),
+) -> tuple[list[AxleRecord], list[Finding]]:
+    """The records of a log, and what was found on the way to them."""
+    made = axle_records.prepare(log, vehicle, axles, window)
+    return made.records, made.findings
+
+
 def brake(rate: float = 100.0, seconds: float = 10.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s], pressure [Pa] that rises and wheel speed [rad/s] that falls."""
     t = np.arange(0.0, seconds, 1.0 / rate)
@@ -36,7 +48,7 @@ def brake(rate: float = 100.0, seconds: float = 10.0) -> tuple[np.ndarray, np.nd
 
 def test_same_stamps_give_the_log_row_by_row() -> None:
     t, p, y = brake()
-    (record,), findings = plausible.records(
+    (record,), findings = records(
         log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
     )
     assert record.axle == 1
@@ -48,7 +60,7 @@ def test_same_stamps_give_the_log_row_by_row() -> None:
 
 def test_a_slower_pressure_is_held_for_estimators_and_interpolated_for_the_reference() -> None:
     t, p, y = brake()
-    record = plausible.records(
+    record = records(
         log(channel("pressure", t[::10], p[::10]), channel("wheel_speed", t, y)), Vehicle()
     )[0][0]
     assert record.pressure is not None
@@ -63,9 +75,7 @@ def test_changing_later_pressures_changes_no_earlier_clamping_force() -> None:
     changed = p.copy()
     changed[500:] *= 0.5
     first, second = (
-        plausible.records(log(channel("pressure", t, q), channel("wheel_speed", t, y)), Vehicle())[
-            0
-        ][0]
+        records(log(channel("pressure", t, q), channel("wheel_speed", t, y)), Vehicle())[0][0]
         for q in (p, changed)
     )
     np.testing.assert_array_equal(first.clamping_force[:500], second.clamping_force[:500])
@@ -76,9 +86,7 @@ def test_a_gap_in_either_channel_parts_segments() -> None:
     cut = (t < 4.0) | (t > 5.0)
     for keep_p, keep_y in ((cut, t >= 0), (t >= 0, cut)):
         speed = channel("wheel_speed", t[keep_y], y[keep_y])
-        (record,), _ = plausible.records(
-            log(channel("pressure", t[keep_p], p[keep_p]), speed), Vehicle()
-        )
+        (record,), _ = records(log(channel("pressure", t[keep_p], p[keep_p]), speed), Vehicle())
         assert len(record.segments) == 2
         first, second = record.segments
         assert first.stop == second.start
@@ -89,7 +97,7 @@ def test_a_frozen_speed_is_found_and_left_out() -> None:
     t, p, y = brake()
     y = y + 0.003 * np.sin(1e3 * t)
     y[600:800] = y[600]
-    (record,), findings = plausible.records(
+    (record,), findings = records(
         log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
     )
     (frozen,) = [f for f in findings if f.code == "speed-stuck"]
@@ -101,7 +109,7 @@ def test_a_frozen_speed_is_found_and_left_out() -> None:
 def test_a_constant_speed_without_brake_is_not_frozen() -> None:
     t, p, y = brake()
     y[:] = 50.0
-    _, findings = plausible.records(
+    _, findings = records(
         log(channel("pressure", t, 0 * p), channel("wheel_speed", t, y)), Vehicle()
     )
     assert not findings
@@ -113,7 +121,7 @@ def test_a_speed_in_steps_that_stands_after_the_release_is_not_frozen() -> None:
     K = clamping_force(p, Vehicle())
     y = 60.0 - np.cumsum(K) * 0.01 * 40.0 / np.sum(K * 0.01)
     speed = replace(channel("wheel_speed", t, np.round(y / 0.066) * 0.066), step=0.066)
-    _, findings = plausible.records(log(channel("pressure", t, p), speed), Vehicle())
+    _, findings = records(log(channel("pressure", t, p), speed), Vehicle())
     assert "speed-stuck" not in {f.code for f in findings}
 
 
@@ -124,9 +132,7 @@ def test_a_train_that_starts_and_stops_is_no_suspect(drive: float) -> None:
     K, w = clamping_force(p, Vehicle()), wheelset(Vehicle(), 1)
     gained = np.where((t > 2.0) & (t < 40.0), drive, 0.0) - rolling_deceleration(w) * K
     y = 20.0 + np.cumsum(gained) * 0.05
-    _, findings = plausible.records(
-        log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
-    )
+    _, findings = records(log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle())
     assert not findings
 
 
@@ -134,22 +140,22 @@ def test_quantised_speed_is_not_frozen() -> None:
     t, p, y = brake()
     y = np.round(y / 0.5) * 0.5
     speed = replace(channel("wheel_speed", t, y), step=0.5)
-    assert not plausible.records(log(channel("pressure", t, p), speed), Vehicle())[1]
+    assert not records(log(channel("pressure", t, p), speed), Vehicle())[1]
 
 
 def test_axles_keep_apart_and_one_pressure_serves_all() -> None:
     t, p, y = brake()
     speeds = [channel("wheel_speed", t, y - n, n) for n in (1, 2, 3)]
-    records, _ = plausible.records(log(channel("pressure", t, p), *speeds), Vehicle())
-    assert [r.axle for r in records] == [1, 2, 3]
-    assert [r.wheel_speed[0] for r in records] == [49.0, 48.0, 47.0]
-    only, _ = plausible.records(log(channel("pressure", t, p), *speeds), Vehicle(), axles=[2])
+    found, _ = records(log(channel("pressure", t, p), *speeds), Vehicle())
+    assert [r.axle for r in found] == [1, 2, 3]
+    assert [r.wheel_speed[0] for r in found] == [49.0, 48.0, 47.0]
+    only, _ = records(log(channel("pressure", t, p), *speeds), Vehicle(), axles=[2])
     assert [r.axle for r in only] == [2]
 
 
 def test_an_axle_without_pressure_is_reported() -> None:
     t, p, y = brake()
-    records, findings = plausible.records(
+    found, findings = records(
         log(
             channel("pressure", t, p, 1),
             channel("wheel_speed", t, y, 1),
@@ -157,14 +163,14 @@ def test_an_axle_without_pressure_is_reported() -> None:
         ),
         Vehicle(),
     )
-    assert [r.axle for r in records] == [1]
+    assert [r.axle for r in found] == [1]
     (told,) = findings
     assert (told.code, told.severity, told.values) == ("axle-incomplete", "warning", {"axle": 2})
 
 
 def test_the_window_counts_from_the_logs_start() -> None:
     t, p, y = brake()
-    (record,), _ = plausible.records(
+    (record,), _ = records(
         log(channel("pressure", t + 100.0, p), channel("wheel_speed", t + 100.0, y)),
         Vehicle(), window=(2.0, 3.0),
     )  # fmt: skip
@@ -175,19 +181,19 @@ def test_refusals_name_the_place_and_the_remedy() -> None:
     t, p, y = brake()
     pressure, speed = channel("pressure", t, p), channel("wheel_speed", t, y)
     with pytest.raises(UserError, match="wheel speed") as error:
-        plausible.records(log(pressure), Vehicle())
+        records(log(pressure), Vehicle())
     assert "[channels]" in error.value.hint
     with pytest.raises(UserError, match="brake-cylinder pressure"):
-        plausible.records(log(speed), Vehicle())
+        records(log(speed), Vehicle())
     with pytest.raises(UserError, match="share no time"):
-        plausible.records(log(channel("pressure", t + 1e4, p), speed), Vehicle())
+        records(log(channel("pressure", t + 1e4, p), speed), Vehicle())
     apart = channel("pressure", t, p, 1), channel("wheel_speed", t, y, 2)
     with pytest.raises(UserError, match=r"Axle 1 has no wheel speed.*Axle 2 has no pressure"):
-        plausible.records(log(*apart), Vehicle())
+        records(log(*apart), Vehicle())
     with pytest.raises(UserError, match="1 usable"):
-        plausible.records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
+        records(log(pressure, channel("wheel_speed", t[:1], y[:1])), Vehicle())
     with pytest.raises(UserError, match="no axle 7"):
-        plausible.records(log(pressure, speed), Vehicle(), axles=[7])
+        records(log(pressure, speed), Vehicle(), axles=[7])
 
 
 def test_two_passes_through_one_time_keep_their_own_pressure() -> None:
@@ -195,7 +201,7 @@ def test_two_passes_through_one_time_keep_their_own_pressure() -> None:
     twice = np.concatenate([t, t])
     pressure = channel("pressure", twice, np.concatenate([0.0 * p, p]))
     speed = channel("wheel_speed", twice, np.concatenate([y, y]))
-    (record,), _ = plausible.records(log(pressure, speed), Vehicle())
+    (record,), _ = records(log(pressure, speed), Vehicle())
     assert record.pressure is not None
     first, second = record.segments
     assert not record.pressure[first].any()
@@ -205,7 +211,7 @@ def test_two_passes_through_one_time_keep_their_own_pressure() -> None:
 def test_the_pressures_resolution_reaches_the_clamping_force() -> None:
     t, p, y = brake()
     coarse = replace(channel("pressure", t, np.round(p / 1e4) * 1e4), step=1e4)
-    (record,), _ = plausible.records(log(coarse, channel("wheel_speed", t, y)), Vehicle())
+    (record,), _ = records(log(coarse, channel("wheel_speed", t, y)), Vehicle())
     force = clamping_force(np.array([3e5, 3.1e5]), Vehicle())
     assert record.clamping_force_step == pytest.approx(force[1] - force[0])
 
@@ -213,7 +219,7 @@ def test_the_pressures_resolution_reaches_the_clamping_force() -> None:
 def test_running_backwards_brakes_all_the_same() -> None:
     t, p, y = brake()
     forward, backward = (
-        plausible.records(log(channel("pressure", t, p), channel("wheel_speed", t, x)), Vehicle())
+        records(log(channel("pressure", t, p), channel("wheel_speed", t, x)), Vehicle())
         for x in (y, -y)
     )
     np.testing.assert_array_equal(forward[0][0].wheel_speed, backward[0][0].wheel_speed)
@@ -227,7 +233,7 @@ def test_a_train_speed_of_the_other_sign_is_taken_without_it(wheel: float) -> No
 
     def made(of_wheel: float, of_train: float) -> tuple[AxleRecord, list[Finding]]:
         speeds = channel("wheel_speed", t, of_wheel * y), channel("train_speed", t, of_train * y)
-        (record,), findings = plausible.records(log(pressure, *speeds), Vehicle())
+        (record,), findings = records(log(pressure, *speeds), Vehicle())
         return record, findings
 
     forward, (record, findings) = made(1.0, 1.0)[0], made(wheel, -1.0)
@@ -246,13 +252,13 @@ def test_a_locked_wheel_is_no_train_that_stands() -> None:
     t, p, y = brake()
     slides = np.minimum(y, np.interp(t, [3.5, 4.0, 5.0, 5.5], [43.0, 0.0, 0.0, 39.0]))
     channels = [channel("wheel_speed", t, x, n) for n, x in ((1, slides), (2, y), (3, y))]
-    _, findings = plausible.records(log(channel("pressure", t, p), *channels), Vehicle())
+    _, findings = records(log(channel("pressure", t, p), *channels), Vehicle())
     (locked,) = [f for f in findings if f.code == "wheel-locked"]
     assert (locked.severity, locked.count) == ("info", 101)
     assert locked.spans == (pytest.approx((4.0, 5.0)),)
     stops = np.maximum(y - 32.0, 0.0)
     channels = [channel("wheel_speed", t, stops, n) for n in (1, 2)]
-    _, findings = plausible.records(log(channel("pressure", t, p), *channels), Vehicle())
+    _, findings = records(log(channel("pressure", t, p), *channels), Vehicle())
     assert "wheel-locked" not in {f.code for f in findings}
 
 
@@ -263,7 +269,7 @@ def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
     for stops, told in ((np.inf, []), (5.0, [5.0])):
         wheel = replace(channel("wheel_speed", t, np.where(t < stops, counted, 0.0)), step=step)
         others = channel("train_speed", t, 0.4 * y)
-        _, findings = plausible.records(log(channel("pressure", t, p), wheel, others), Vehicle())
+        _, findings = records(log(channel("pressure", t, p), wheel, others), Vehicle())
         first = [f.first_s for f in findings if f.code == "wheel-locked"]
         assert first == pytest.approx(told, abs=0.1)
 
@@ -272,7 +278,7 @@ def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
 def test_a_speed_made_of_a_logged_total_is_marked_for_the_reference(unit: str, total: bool) -> None:
     t, p, y = brake()
     wheel = replace(channel("wheel_speed", t, y), unit=unit)
-    (record,), _ = plausible.records(log(channel("pressure", t, p), wheel), Vehicle())
+    (record,), _ = records(log(channel("pressure", t, p), wheel), Vehicle())
     assert record.of_totals == total
     assert record.cut(slice(0, 100)).of_totals == total
 
@@ -282,7 +288,7 @@ def test_spikes_and_broken_wires_are_left_out() -> None:
     y, p = y + 0.003 * np.sin(1e3 * t), p.copy()
     y[300], y[500] = 9999.0, 0.0
     p[700:720] = -1.25 * BAR
-    (record,), findings = plausible.records(
+    (record,), findings = records(
         log(channel("pressure", t, p), channel("wheel_speed", t, y)), Vehicle()
     )
     told = {f.code: (f.count, f.spans) for f in findings}
