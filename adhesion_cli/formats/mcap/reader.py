@@ -138,15 +138,15 @@ class McapSource:
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see Source."""
         by_topic = {(s.topic, s.group): s for s in self._series}
-        paths: dict[tuple[str, str], list[str]] = {}
-        for f in dict.fromkeys(wanted):
+        paths: dict[tuple[str, str], dict[str, None]] = {}  # in order, each once
+        for f in wanted:
             s = by_topic.get((f.channel, f.group))
             if s is None or f.path not in s.leaves:
                 raise UserError(
                     f"{self.path}: no field {f.path!r} in {f.channel!r}",
                     "`adhesion inspect` lists the fields of a log",
                 )
-            paths.setdefault((f.channel, f.group), []).append(f.path)
+            paths.setdefault((f.channel, f.group), {})[f.path] = None
         series = [by_topic[key] for key in paths]
         if series:
             self._take_clock(series)
@@ -157,7 +157,9 @@ class McapSource:
                     f"{self.path}: {s.topic}: messages carry no stamp",
                     "state another time source, log or publish",
                 )
-        collectors = [Collector(by_topic[key], self._source, own) for key, own in paths.items()]
+        collectors = [
+            Collector(by_topic[key], self._source, list(own)) for key, own in paths.items()
+        ]
         self._collect(collectors)
         by_field: dict[tuple[str, str, str], Column] = {}
         for one in collectors:

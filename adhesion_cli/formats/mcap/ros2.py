@@ -285,12 +285,10 @@ def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
     ]
     places: list[tuple[str, int] | None] = []
     for steps in wanted.leaves:
-        k = steps[-1] if isinstance(steps[-1], int) else 0
-        code, begin, count = message.numbers.get(
-            steps[:-1] if k is steps[-1] else steps, ("", 0, 0)
-        )
-        size = struct.calcsize(f"<{code}")
-        places.append((message.order + code, begin + k * size) if k < count else None)
+        array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
+        code, begin, count = message.numbers.get(array, ("", 0, 0))
+        offset = begin + k * struct.calcsize(f"<{code}")
+        places.append((message.order + code, offset) if k < count else None)
     ends = [at + size for at, size in decide] + [place[1] + 8 for place in places if place]
     width = -(-max(ends) // 8) * 8
     if width > _WIDEST:

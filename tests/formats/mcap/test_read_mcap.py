@@ -143,8 +143,12 @@ def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-text-change", 2)]
 
 
-def test_messages_laid_out_alike_and_otherwise_in_one_block(tmp_path: Path) -> None:
-    """Those like the first are read at its places: also its faults must be found in each."""
+@pytest.mark.parametrize("layouts", [256, 1])
+def test_messages_laid_out_alike_and_otherwise_in_one_block(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layouts: int
+) -> None:
+    """Read by layouts or one by one: the numbers and the faults are the same."""
+    monkeypatch.setattr("adhesion_cli.formats.mcap.ros2._MOST_LAYOUTS", layouts)
     two = {"position": [1.5, 2.5], "velocity": [0.0, -1.0]}
     plain = joints(START, ["left", "r"], **two)
     text = plain.index(b"wagon\0") + 6
@@ -154,6 +158,7 @@ def test_messages_laid_out_alike_and_otherwise_in_one_block(tmp_path: Path) -> N
         (plain[:text] + b"\x07\xff" + plain[text + 2 :], [1.5, 2.5, 0.0, -1.0]),
         (plain.replace(b"wagon", b"train"), [1.5, 2.5, 0.0, -1.0]),  # nobody asks for it
         (plain + b"more", [1.5, 2.5, 0.0, -1.0]),
+        (plain + b"many more", [1.5, 2.5, 0.0, -1.0]),
         (plain[:-5], [np.nan] * 4),
         (joints(START, ["left", "q"], **two), [np.nan] * 4),
         (
@@ -172,10 +177,11 @@ def test_messages_laid_out_alike_and_otherwise_in_one_block(tmp_path: Path) -> N
     np.testing.assert_array_equal(got, np.array([cases[k][1] for k in order], float))
     count = Counter(order)
     assert sorted(codes(source)) == [
-        ("mcap-array-length", count[6]),
-        ("mcap-bad-message", count[4]),
-        ("mcap-bad-message", count[9]),
-        ("mcap-text-change", count[5]),
+        ("mcap-array-length", count[7]),
+        ("mcap-bad-message", count[5]),
+        ("mcap-bad-message", count[10]),
+        ("mcap-long-message", count[4]),
+        ("mcap-text-change", count[6]),
     ]
 
 
