@@ -5,6 +5,7 @@ in all later blocks too.
 """
 
 import re
+import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,9 @@ from ..source import ReadOptions
 from .cells import floats
 from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
-from .lines import Block, count
+from .lines import Block
 
+_MOST_ASKED = 50  # rows of another width in a block, about which the parser asks
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
@@ -97,8 +99,15 @@ class Parser:
             text = block.data[: block.size].decode("utf-8", "replace")
             block.data = text.replace("\ufeff", "").encode()  # a file joined to another begins so
             block.size = len(block.data)
-        fit, wrong, kept = self._sieved(block)
-        arrays, checked, refused = self._typed(fit, block.quotes and _line_ends(block)[1] > 0)
+        multiline = block.quotes and _line_ends(block)[1] > 0
+        wrong: dict[str, Rows] = {}
+        kept = None
+        found = self._typed(block, multiline, sys.maxsize if block.quotes else _MOST_ASKED)
+        if found is None:
+            fit, wrong, kept = self._sieved(block)
+            found = self._typed(fit, multiline, sys.maxsize)
+        assert found is not None
+        arrays, checked, refused = found
         for kind, rows in refused.items():
             numbers = np.array(rows, np.int64)
             numbers = numbers if kept is None else kept[numbers]
@@ -123,14 +132,11 @@ class Parser:
     def _sieved(self, block: Block) -> tuple[Block, dict[str, Rows], Rows | None]:
         """The block without rows of another width, those, and which rows of the block are left.
 
-        The parser asks about each of them, which takes as long as a hundred sound rows. It gets
+        The parser asks about each of them, which takes as long as a hundred sound rows. So it gets
         only those that may be blank, comments or holes. None where the block is as it was.
         """
         text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
         width = self.table.dialect.width
-        marks = 0 if block.quotes else count(block.data, block.size, mark)
-        if block.quotes or marks == block.lines * (width - 1):
-            return block, {}, None
         feeds = np.flatnonzero(text == 10)
         starts = np.append(0, feeds[:-1] + 1)
         starts, ends = starts[feeds > starts], feeds[feeds > starts]
@@ -154,16 +160,21 @@ class Parser:
         return replace(block, data=data, size=len(data)), found, np.flatnonzero(~wrong)
 
     def _typed(
-        self, block: Block, multiline: bool
-    ) -> tuple[dict[int, Any], dict[int, tuple[Floats, Any]], dict[str, list[int]]]:
-        """Arrow arrays, checked numbers, and the rows that the parser refused, by class."""
+        self, block: Block, multiline: bool, most: int
+    ) -> tuple[dict[int, Any], dict[int, tuple[Floats, Any]], dict[str, list[int]]] | None:
+        """Arrow arrays, checked numbers, and the rows that the parser refused, by class.
+
+        None where it refuses more than `most`.
+        """
         while True:
             types = {i: self.table.types[i][0] for i in (*self.table.clock.columns, *self.indices)}
             types |= {i: types.get(i, pa.string()) for i in self.keys}
             refused: dict[str, list[int]] = {}
             try:
-                table = self._table(block, types, multiline, refused)
+                table = self._table(block, types, multiline, refused, most)
             except pa.ArrowInvalid as error:
+                if sum(map(len, refused.values())) > most:
+                    return None
                 self._demote(block, str(error), types)
                 continue
             arrays = {i: _flat(table[f"c{i}"]) for i in types}
@@ -191,7 +202,12 @@ class Parser:
         return not (state.any() and np.isinf(value).any())
 
     def _table(
-        self, block: Block, types: dict[int, Any], multiline: bool, refused: dict[str, list[int]]
+        self,
+        block: Block,
+        types: dict[int, Any],
+        multiline: bool,
+        refused: dict[str, list[int]],
+        most: int,
     ) -> Any:
         def skip(row: Any) -> str:
             few = row.actual_columns < row.expected_columns
@@ -203,7 +219,7 @@ class Parser:
             elif is_comment(row.text):
                 kind = "comment"
             refused.setdefault(kind, []).append(row.number - 1)
-            return "skip"
+            return "skip" if sum(map(len, refused.values())) <= most else "error"
 
         return pyarrow.csv.read_csv(
             pa.BufferReader(pa.py_buffer(block.data).slice(0, block.size)),

@@ -115,7 +115,7 @@ class Lines:
                 self._source.seek(-len(rest), os.SEEK_CUR)  # cheaper than joining it to the next
                 rest = b""
             if cut:
-                lines = count(data, cut, 10)
+                lines = _lines_in(data, cut)
                 if holes:
                     data = _without_holes(data[:cut])
                     cut = len(data)
@@ -265,11 +265,11 @@ class Lines:
                 self.damage = str(error)
 
 
-def count(data: bytes, size: int, byte: int) -> int:
-    """How often a byte occurs in the first `size` of `data`."""
+def _lines_in(data: bytes, size: int) -> int:
+    """How many line feeds the first `size` bytes hold."""
     text = np.frombuffer(data, np.uint8, size)
     pieces = (text[i : i + _PIECE] for i in range(0, size, _PIECE))
-    return sum(int(np.count_nonzero(piece == byte)) for piece in pieces)
+    return sum(int(np.count_nonzero(piece == 10)) for piece in pieces)
 
 
 def _without_holes(rows: bytes) -> bytes:
