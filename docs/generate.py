@@ -18,7 +18,7 @@ from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import controller, estimator, methods, units
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Quantity, Vehicle, quantities
-from adhesion_cli.diagnostics.registry import registry
+from adhesion_cli.diagnostics.registry import tunable
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.rail.slope import Bands, Params
 from adhesion_cli.wsp.wsp_controller import SLOPE_IN_LOOP
@@ -111,7 +111,7 @@ def settings_page() -> str:
         ),
         *(
             f"## [{c.name}]\n\n{c.about.title}.\n\n{_table(_of_method(c))}"
-            for c in registry().values()
+            for c in tunable().values()
         ),
     ]  # fmt: skip
     return "\n".join(parts).rstrip() + "\n"

@@ -65,17 +65,21 @@ def entry(words: "Words") -> dict[str, object]:
 
 def _thresholds(code: str) -> list[dict[str, object]]:
     """The thresholds of the checks whose file names this code, with their defaults."""
-    folder = Path(__file__).parents[1] / "diagnostics" / "checks"
-    of = [p.stem for p in folder.glob("[!_]*.py") if f'"{code}"' in p.read_text(encoding="utf-8")]
+    package = Path(__file__).parents[1]
+    files = [*(package / "diagnostics" / "checks").glob("[!_]*.py")]
+    files += [
+        package / "records" / f"{x}.py" for x in ("outliers", "stuck_pressure", "stuck_speed")
+    ]
+    of = [p.stem for p in files if f'"{code}"' in p.read_text(encoding="utf-8")]
     if not of:
         return []
     from ..core.methods import parameters
-    from ..diagnostics.registry import registry  # slow to import: only for what has thresholds
+    from ..diagnostics.registry import tunable  # slow to import: only for what has thresholds
 
     return [
         {"name": f"{check.name}.{name}", "default": default, "unit": q.unit, "text": q.text}
         for stem in sorted(of)
-        for check in [registry()[stem]]
+        for check in [tunable()[stem]]
         for name, q, default in parameters(check)
     ]
 

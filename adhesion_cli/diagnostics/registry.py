@@ -17,9 +17,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..core import methods
 from ..core.finding import Finding
 from ..dynamics.train_grid import Scene
-from ..records.screen import DEFAULT
+from ..records.screen import Thresholds
 
 
 class About(NamedTuple):
@@ -57,13 +58,17 @@ def registry() -> Mapping[str, Check]:
 
 
 class Sensors(NamedTuple):
-    """A check of single channels, as `records.screen` makes it."""
+    """A check of single channels: its file lies in `records/`, and `records.screen` makes it."""
 
     name: str  # as settings have it: "diagnostics.outliers"
+    about: methods.About
     Params: type[Any]
 
 
 def tunable() -> Mapping[str, Check | Sensors]:
     """Every check that has thresholds, by name: those of single channels first."""
-    alone = {k: Sensors(f"diagnostics.{k}", type(p)) for k, p in DEFAULT._asdict().items()}
+    alone = {}
+    for name in Thresholds._fields:
+        module = importlib.import_module(f"..records.{name}", __package__)
+        alone[name] = Sensors(f"diagnostics.{name}", module.ABOUT, module.Params)
     return alone | dict(registry())

@@ -1,7 +1,9 @@
 """A log to one record per axle, on the time of its wheel speed.
 
-choose: which channels are which axle's. screen: samples that a working sensor cannot give are left
-out. resample: each axle on its wheel speed's times. synchronise: one clock for all.
+1. choose: which channels are which axle's.
+2. screen: samples that a working sensor cannot give are left out.
+3. resample: each axle gets one time axis, the times of its wheel speed.
+4. synchronise: all channels get one clock.
 """
 
 from collections.abc import Sequence

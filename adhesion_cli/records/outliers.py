@@ -33,49 +33,21 @@ _NEAR = 10  # samples before and after a single one
 class Params(NamedTuple):
     """What a wheel, a train and a cylinder can do."""
 
-    wheel_gains: Annotated[
-        float, Quantity("rad/s²", "rise of a wheel: heavy axle on a dry rail", 1.0, 1e5)
-    ] = 250.0
-    wheel_loses: Annotated[
-        float, Quantity("rad/s²", "fall of a wheel: it locks on wet leaves", 1.0, 1e5)
-    ] = 150.0
-    wheel_steps: Annotated[
-        float, Quantity("rad/s", "change of a wheel that needs no reason", 0.0, 100.0)
-    ] = 2.0
-    wheel_least: Annotated[
-        float, Quantity("rad/s", "wheel sensors read zero below this", 0.0, 100.0)
-    ] = 5.0
-    wheel_single: Annotated[
-        float, Quantity("rad/s²", "no wheel falls and rises like this in two samples", 1.0, 1e5)
-    ] = 100.0
-    train_changes: Annotated[
-        float, Quantity("m/s²", "change of a train: harder than any brake", 0.1, 1e3)
-    ] = 10.0
-    train_steps: Annotated[
-        float, Quantity("m/s", "change of a train that needs no reason", 0.0, 100.0)
-    ] = 1.0
-    train_least: Annotated[
-        float, Quantity("m/s", "train sensors read zero below this", 0.0, 100.0)
-    ] = 2.5
-    fills: Annotated[float, Quantity("Pa/s", "rise: a valve fills 5 bar in 0.25 s", 1e3, 1e9)] = 2e6
-    dumps: Annotated[float, Quantity("Pa/s", "fall: a valve releases 5 bar in 0.1 s", 1e3, 1e9)] = (
-        5e6
-    )
-    pressure_steps: Annotated[
-        float, Quantity("Pa", "change of a pressure that needs no reason", 0.0, 1e6)
-    ] = 2e4
-    pressure_lasts: Annotated[
-        float, Quantity("s", "a longer excursion may be a brake without valves", 0.0, 1e3)
-    ] = 3.0
-    pressure_single: Annotated[
-        float, Quantity("1/s", "of its highest value: no valve in two samples", 0.1, 1e3)
-    ] = 4.0
-    vacuum: Annotated[
-        float, Quantity("Pa", "far below the atmosphere: a broken wire", -1e6, 0.0)
-    ] = -3e4
-    rests: Annotated[
-        float, Quantity("s", "a signal that is zero for this long may be at rest", 0.0, 1e3)
-    ] = 0.3
+    wheel_gains: Annotated[float, Quantity("rad/s²", "rise of a heavy axle on dry rail")] = 250.0
+    wheel_loses: Annotated[float, Quantity("rad/s²", "fall of a wheel that locks")] = 150.0
+    wheel_steps: Annotated[float, Quantity("rad/s", "change that needs no reason")] = 2.0
+    wheel_least: Annotated[float, Quantity("rad/s", "wheel sensors read zero below this")] = 5.0
+    wheel_single: Annotated[float, Quantity("rad/s²", "no wheel falls and rises so fast")] = 100.0
+    train_changes: Annotated[float, Quantity("m/s²", "harder than any brake of a train")] = 10.0
+    train_steps: Annotated[float, Quantity("m/s", "change that needs no reason")] = 1.0
+    train_least: Annotated[float, Quantity("m/s", "train sensors read zero below this")] = 2.5
+    fills: Annotated[float, Quantity("Pa/s", "rise: a valve fills 5 bar in 0.25 s", 1.0)] = 2e6
+    dumps: Annotated[float, Quantity("Pa/s", "fall: a valve releases 5 bar in 0.1 s", 1.0)] = 5e6
+    pressure_steps: Annotated[float, Quantity("Pa", "change that needs no reason")] = 2e4
+    pressure_lasts: Annotated[float, Quantity("s", "a longer one may be a brake's step")] = 3.0
+    pressure_single: Annotated[float, Quantity("1/s", "of the highest value: no valve's")] = 4.0
+    vacuum: Annotated[float, Quantity("Pa", "far below zero: a broken wire", -1e6, 0.0)] = -3e4
+    rests: Annotated[float, Quantity("s", "zero for this long may be rest")] = 0.3
 
 
 class Limits(NamedTuple):
@@ -93,7 +65,7 @@ def of_wheel(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a wheel speed [rad/s]: outliers, or a channel of which no part can be trusted."""
     if alternates(speed):
         return [Fault("speed-interleaved", np.ones(len(speed.data.t), dtype=np.bool_))]
-    return _faults("speed", wheel_outliers(p, speed))
+    return [_fault("speed-outlier", "speed-unusable", wheel_outliers(p, speed))]
 
 
 def of_train(p: Params, speed: Channel) -> list[Fault]:
@@ -101,18 +73,21 @@ def of_train(p: Params, speed: Channel) -> list[Fault]:
     limits = Limits(
         p.train_changes, p.train_changes, p.train_steps, p.train_least, np.inf, p.rests
     )  # fmt: skip
-    return _faults("train-speed", _excursions(speed, limits))
+    return [_fault("train-speed-outlier", "train-speed-unusable", _excursions(speed, limits))]
 
 
 def of_brake(p: Params, brake: Channel) -> list[Fault]:
     """Faults of a pressure [Pa] or of K [N]: outliers, and values far below zero."""
     below = brake.data.value < p.vacuum * max(_scale(brake), 1.0)
     outliers = brake_outliers(p, brake) & ~below
-    return [Fault("pressure-negative", below), *_faults("pressure", outliers)]
+    return [
+        Fault("pressure-negative", below),
+        _fault("pressure-outlier", "pressure-unusable", outliers),
+    ]
 
 
-def _faults(name: str, outliers: Bools) -> list[Fault]:
-    return [Fault(f"{name}-{'unusable' if outliers.all() else 'outlier'}", outliers)]
+def _fault(some: str, every: str, outliers: Bools) -> Fault:
+    return Fault(every if outliers.all() else some, outliers)
 
 
 def wheel_outliers(p: Params, speed: Channel) -> Bools:

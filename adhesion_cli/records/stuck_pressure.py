@@ -24,27 +24,13 @@ _ENOUGH = 20  # samples that show noise
 class Params(NamedTuple):
     """Thresholds."""
 
-    chance: Annotated[
-        float, Quantity("-", "of a stretch as long in a log of this length", 1e-12, 1.0)
-    ] = 1e-3
-    small: Annotated[
-        float, Quantity("-", "of the highest pressure: a smaller change may be noise", 0.0, 1.0)
-    ] = 0.02
-    level: Annotated[
-        float, Quantity("-", "small changes: noise about one level keeps within them", 1.0, 1e3)
-    ] = 4.0
-    near: Annotated[
-        float, Quantity("s", "before and after, in which a level must hold", 0.0, 1e3)
-    ] = 0.4
-    longer: Annotated[
-        float, Quantity("-", "times the usual long stretch: valves keep a pressure, too", 1.0)
-    ] = 4.0
-    rises: Annotated[
-        float, Quantity("-", "of itself in half a second before a single flat top", 0.0, 1.0)
-    ] = 0.05
-    varies: Annotated[
-        float, Quantity("-", "of the highest pressure, by which all others vary", 0.0, 1.0)
-    ] = 0.3
+    chance: Annotated[float, Quantity("-", "of equal samples in a log", 1e-12, 1.0)] = 1e-3
+    small: Annotated[float, Quantity("-", "of the highest value: may be noise", 0.0, 1.0)] = 0.02
+    level: Annotated[float, Quantity("-", "small changes: range of noise about a level")] = 4.0
+    near: Annotated[float, Quantity("s", "before and after, in which a level holds")] = 0.4
+    longer: Annotated[float, Quantity("-", "times the usual: valves keep a value, too")] = 4.0
+    rises: Annotated[float, Quantity("-", "of itself, in half a second before a top")] = 0.05
+    varies: Annotated[float, Quantity("-", "of the highest value: all others vary", 0.0, 1.0)] = 0.3
 
 
 class Standing(NamedTuple):

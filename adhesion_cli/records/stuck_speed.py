@@ -1,7 +1,7 @@
 """Speed sensors that are stuck, and wheels that are locked.
 
-A sensor is stuck only where repeating its last value is impossible for one that works: by what the
-rest of the train does meanwhile, or by what the brake does to this wheel.
+A sensor is stuck only where a working one could not repeat its last value. The rest of the train
+shows that, or else the brake of this wheel.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,57 +20,27 @@ from .outliers import noise
 from .repeats import Runs, runs
 
 ABOUT = About("Stuck speeds", "the other speeds of the train, or the usual effect of its brake")
-
-
 Indices = NDArray[np.int64]
 
 
 class Params(NamedTuple):
     """Thresholds."""
 
-    lasts: Annotated[
-        float, Quantity("s", "a wheel that turns from sliding to recovering stays as long", 0.0)
-    ] = 0.4
-    stays: Annotated[
-        float, Quantity("-", "times the usual number of samples with one value", 1.0, 1e3)
-    ] = 2.5
-    steps: Annotated[
-        float, Quantity("-", "quantisation steps by which others must have changed", 1.0, 1e3)
-    ] = 4.0
-    steps_alone: Annotated[
-        float, Quantity("-", "quantisation steps by which the brake must have changed it", 1.0, 1e3)
-    ] = 6.0
-    moves: Annotated[
-        float, Quantity("-", "share of itself: a smaller change is none", 0.0, 1.0)
-    ] = 0.02
-    moves_much: Annotated[
-        float, Quantity("-", "the same at the end of a range or without any change", 0.0, 1.0)
-    ] = 0.1
-    leaps: Annotated[
-        float, Quantity("-", "of the expected change, by which a stuck value is left", 0.0, 1.0)
-    ] = 0.3
-    slow: Annotated[
-        float, Quantity("rad/s", "a slower wheel is about to stand; of a train m/s", 0.0, 100.0)
-    ] = 1.0
-    zero: Annotated[float, Quantity("rad/s", "a slower wheel stands", 0.0, 100.0)] = 0.1
-    fast: Annotated[
-        float, Quantity("rad/s", "faster others turn a wheel without brake; of a train m/s", 0.0)
-    ] = 5.0
-    unbraked: Annotated[
-        float, Quantity("s", "longer, no wheel stands without brake while others turn", 0.0)
-    ] = 2.0
-    applied: Annotated[
-        float, Quantity("-", "of the highest clamping force: the brake is applied", 0.0, 1.0)
-    ] = 0.2
-    early: Annotated[
-        float, Quantity("s", "by which the clock of a train speed may be early", 0.0, 1e3)
-    ] = 5.0
-    rollers: Annotated[
-        float, Quantity("-", "of its speed, by which a wheel on rollers is slowed", 0.0, 1.0)
-    ] = 0.35
-    pulses: Annotated[
-        float, Quantity("-", "pulses of a counter that are missing: the wheel stands", 0.0, 1e3)
-    ] = 2.0
+    lasts: Annotated[float, Quantity("s", "a wheel that recovers stays as long at one value")] = 0.4
+    stays: Annotated[float, Quantity("-", "times the usual number of equal samples", 1.0)] = 2.5
+    steps: Annotated[float, Quantity("-", "quantisation steps: others changed more", 1.0)] = 4.0
+    steps_alone: Annotated[float, Quantity("-", "the same, by the brake alone", 1.0)] = 6.0
+    moves: Annotated[float, Quantity("-", "of itself: a smaller change is none", 0.0, 1.0)] = 0.02
+    moves_much: Annotated[float, Quantity("-", "of one that never changes", 0.0, 1.0)] = 0.1
+    leaps: Annotated[float, Quantity("-", "of the expected change, at the end", 0.0, 1.0)] = 0.3
+    slow: Annotated[float, Quantity("rad/s", "slower, it is about to stand; train m/s")] = 1.0
+    zero: Annotated[float, Quantity("rad/s", "a slower wheel stands")] = 0.1
+    fast: Annotated[float, Quantity("rad/s", "others turn a free wheel; train m/s")] = 5.0
+    unbraked: Annotated[float, Quantity("s", "no free wheel stands longer while others turn")] = 2.0
+    applied: Annotated[float, Quantity("-", "of the highest force: a brake is on", 0.0, 1.0)] = 0.2
+    early: Annotated[float, Quantity("s", "by which a train speed's clock may be early")] = 5.0
+    rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35
+    pulses: Annotated[float, Quantity("-", "of a counter are missing: the wheel stands")] = 2.0
 
 
 def of_wheel(p: Params, speed: Channel, clamping: Floats, others: Sequence[Channel]) -> list[Fault]:
@@ -114,8 +84,8 @@ def stuck(
 ) -> Bools:  # fmt: skip
     """Samples at which a stuck speed sensor repeats its last value, shape (n,).
 
-    The speed would have moved meanwhile: by as much as the other axles and the train, or, where the
-    log has none, as it usually does with the brake applied. Then it leaps by a good part of that,
+    The speed should have changed as much as the other axles and the train. Where the log has none,
+    the usual effect of the brake counts. Then the speed leaps by a good part of that,
     or never changes again. A wheel that turns from sliding to recovering leaves its value gently.
     The highest value of all may be the end of the sensor's range: there the train speed counts.
 
