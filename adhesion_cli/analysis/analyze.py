@@ -41,7 +41,7 @@ def checked(settings: Settings) -> Settings:
     """The settings, if the methods they name exist.
 
     Raises:
-        UserError: for a reference nobody knows.
+        UserError: for an unknown reference.
     """
     if settings.analysis.reference not in force.METHODS:
         raise unknown("reference", settings.analysis.reference, list(force.METHODS))
@@ -61,12 +61,12 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
 
     Args:
         path: raw log or result file; a result file's own settings are its defaults.
-        load: gives the settings; takes `base`, settings weaker than every stated one.
+        load: gives the settings; takes `base`, which every stated setting overrides.
         algos: estimators to run, all if empty.
         axles: axles to analyse, all if empty.
         window: seconds after the log's start, from and to.
-        tell: is told what is being done.
-        train_speed: whether a log that has none gets one made of its axles.
+        tell: receives a line at each step.
+        train_speed: whether a log without a train speed gets a reference speed of its axles.
 
     Raises:
         UserError: where the log cannot be read or holds nothing to analyse.
@@ -111,7 +111,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
 
 
 def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
-    """Which values of the vehicle are the paper's: of (1), and of (15) where K is by pressure."""
+    """The vehicle values that are defaults; those of the brake only if K is by pressure."""
     wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
     papers, named = Vehicle(), []
     for name, q in quantities(Vehicle).items():
@@ -155,7 +155,7 @@ def _axle(
 
 
 def _drowned(ref: Reference, application: slice) -> bool:
-    """Whether a brake application's force is mostly less than the 95 % noise of it."""
+    """Whether the force of a brake application is mostly smaller than its 95 % noise."""
     known = np.isfinite(ref.force[application])
     force, noise = np.abs(ref.force[application][known]), Z95 * ref.sigma[application][known]
     return bool(known.any() and np.median(noise) > np.median(force))
@@ -164,7 +164,7 @@ def _drowned(ref: Reference, application: slice) -> bool:
 def _refused(
     record: AxleRecord, ref: Reference, lost: Sequence[slice], start_ns: int
 ) -> tuple[Reference, Finding]:
-    """The reference without these applications: a figure less sure than large is none."""
+    """The reference without these applications, whose noise exceeds the force."""
     force, sigma, tolerance = (c.copy() for c in (ref.force, ref.sigma, ref.tolerance))
     for s in lost:
         force[s] = sigma[s] = tolerance[s] = np.nan

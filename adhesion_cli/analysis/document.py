@@ -53,7 +53,7 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
     axles = []
     for axle in result.axles:
         ref = axle.reference
-        # Where the wheel only rolls, force and errors are next to nothing: of no interest.
+        # While the wheel only rolls, force and errors are almost zero.
         braked = np.r_[axle.applications] if axle.applications else slice(None)
         axles.append(
             {
@@ -222,7 +222,7 @@ def stop_settings(
     from ..wsp import wsp_controller  # slow to import, and only this needs it
     from .settings import Settings, tree
 
-    unused = ("vehicle", "sensor", "wsp", "limit")  # the first has a section of its own
+    unused = ("vehicle", "sensor", "wsp", "limit")  # the vehicle has its own section
     loop: dict[str, Any] = {"controller": stop.controller, "estimator": stop.algo, **more}
     scenario = {k: v for k, v in asdict(case).items() if k not in unused}
     if track:  # its last knot is at infinity
@@ -325,7 +325,7 @@ def _median(values: Floats) -> float | None:
 
 
 def dumps(document: dict[str, Any]) -> str:
-    """A document as JSON in ASCII, for any terminal; a NaN in it is a mistake of ours and raises.
+    """A document as JSON in ASCII, for any terminal; a NaN in it is an error and raises.
 
     A file name that is not UTF-8 has codes for the bytes that are none, as no JSON holds them.
     """

@@ -1,4 +1,4 @@
-"""What is in a log, without judging it: the `adhesion.inspect/1` document."""
+"""What is in a log: the `adhesion.inspect/1` document."""
 
 import traceback
 from collections.abc import Callable
@@ -45,7 +45,7 @@ def inspect(
         source = open_source(path, settings.read)
         log = survey(source, settings.mappings, settings.vehicle)
         findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
-    except Exception as error:  # a fault of ours in one log must not stop the others either
+    except Exception as error:  # an internal error in one log must not stop the others
         if debug:
             traceback.print_exc()
         told = as_told(error)

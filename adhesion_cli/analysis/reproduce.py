@@ -1,9 +1,9 @@
-"""The paper's sections 3 and 4 in numbers beside the printed ones, and the reading behind each.
+"""Sections 3 and 4 of the paper: our numbers, the printed ones, and the reading behind each.
 
-Wu, Peng, Li print the parameters (Table 1), the vehicle and the results (Table 2), but not the
-sample interval, what "noise power" and "maximum error" mean, or how the methods start. What is
-taken here stands in `READINGS`, what another reading would give in `ALTERNATIVES`; both are
-measured in the same way, from logs of the same simulated brake.
+Wu, Peng, Li print the parameters (Table 1), the vehicle and the results (Table 2). They do not
+print the sample interval, how the methods start, or the meaning of "noise power" and "maximum
+error". `READINGS` lists our choices, `ALTERNATIVES` other ones. Both are measured in the same
+way, from logs of the same simulated brake.
 """
 
 import tempfile
@@ -125,7 +125,7 @@ def reproduce(
 
     Args:
         seeds: of the noise; fewer of them are used where the noise matters little.
-        tell: is told what is being done.
+        tell: receives a line at each step.
     """
     tell("constant adhesion")
     alternatives = [
@@ -184,7 +184,7 @@ def printed(algo: str, interval: float) -> dict[str, float]:
 def _table_2(
     algo: str, seeds: Sequence[int], alternatives: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """One row of Table 2 beside the printed one, and a reading under which its error is found."""
+    """One row of Table 2 with the printed one, and a reading that gives its error."""
     row = _measured(AS_READ, algo, seeds)
     response, error = PUBLISHED[algo]
     tried = [{"reading": AS_READ.text, **row}, *(a for a in alternatives if a["algo"] == algo)]
@@ -260,7 +260,7 @@ def _estimate(
     assert np.array_equal(speed.t, brake.t)
     est = registry()[algo]
     w = wheelset(scenario.vehicle, 1)
-    # Not `validated`: readings that fail need values that nobody should set.
+    # Not `validated`: some readings need values out of range.
     F = compiled.batch(
         est, est.Params(**parameters), w, speed.t, brake.value, speed.value, np.zeros(1, np.int64)
     )

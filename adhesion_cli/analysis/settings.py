@@ -96,8 +96,8 @@ def load(
     Args:
         config: the `-c` file; what it does not state, `./adhesion.toml` does where there is one.
         assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
-        base: settings a result file carries, weaker than every other; how its log was read and
-            what was taken of it is on record there, but nothing of that concerns the result.
+        base: settings that a result file carries; every other overrides them. Those on reading
+            its log are ignored: the result is another file.
         folder: whether `./adhesion.toml` counts.
         read: reading options from flags.
 
@@ -297,7 +297,7 @@ def _thresholds(stated: dict[str, Any]) -> dict[str, Any]:
 def _checked(
     section: str, tree: dict[str, Any], of: type, kinds: dict[str, type]
 ) -> dict[str, Any]:
-    """A section's entries, numbers within the range that stands beside each."""
+    """The entries of a section, with numbers checked against their range."""
     hints = quantities(of)
     values = _fields(section, tree.get(section, {}), kinds)
     for name, value in values.items():

@@ -8,7 +8,7 @@ from .options import EVERY, Logs, Shared, shared
 def command(logs: Logs, shared: Shared) -> int:
     """Compute reference and estimates of each log; write .adhesion.mcap and .adhesion.rrd.
 
-    Of several logs all are analysed before anything is written: one that fails leaves no results.
+    All logs are analysed before anything is written: if one fails, there are no results.
 
     Example: adhesion analyze leaf-film.mcap --set vehicle.phi=0.28
     """

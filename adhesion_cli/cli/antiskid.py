@@ -71,12 +71,11 @@ def command(  # noqa: PLR0913 (one parameter per option)
 ) -> int:
     """Stop a train under the patent's law, a rule-based WSP and none, on the same rail.
 
-    With --from-log the rail is fitted to a log's slides, and each controller stops the log's train
-    on it; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log, and
-    <name>.antiskid.rrd. --figure draws the first axle's stops; with --rails, what came out.
+    --from-log fits the rail to the slides of a log. Each controller then stops the log's train on
+    that rail; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log,
+    and <name>.antiskid.rrd. --figure draws the stops of the first axle; with --rails, the table.
 
-    Settings are those of [patent], [rule], [slope] and of the estimator; with --from-log also the
-    log's.
+    Settings: [patent], [rule], [slope] and the estimator; with --from-log also those of logs.
 
     Example: adhesion antiskid slippery-stop --set patent.slip_high=0.05
     """
@@ -88,7 +87,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     if scenario is None:
         assert from_log is not None
         if rails:
-            raise UserError("--rails has rails of its own", "leave --from-log out", code=2)
+            raise UserError("--rails has its own rails", "leave out --from-log", code=2)
         return _replay(from_log, shared, algo, seed or 0, train_speed)
     stated = _check_settings(shared)
     from ..wsp.scenario import load
@@ -124,10 +123,10 @@ def _check_settings(shared: Shared) -> "Stated":
     stated = loader(shared)()
     settings: Stated = stated.overrides
     if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
-        hint = "name one with --from-log; a scenario's TOML states its train and rail"
-        raise UserError(f"{', '.join(of_log)}: of a log, and there is none", hint, code=2)
+        hint = "give a log with --from-log; the TOML of a scenario states its train and rail"
+        raise UserError(f"{', '.join(of_log)}: only for --from-log", hint, code=2)
     if stated.vehicle != Vehicle():
-        text = "note: [vehicle] is that of logs; a scenario's TOML states the vehicle of its train"
+        text = "note: [vehicle] has no effect here: the TOML of a scenario states its vehicle"
         terminal.message(text, shared.quiet)
     return settings
 
@@ -206,7 +205,7 @@ def _given(shared: Shared, names: "Mapping[str, str]") -> list[str]:
 
 
 def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str]:
-    """What `--set` states that is no setting of a stop; `settings` holds those that are."""
+    """What `--set` states that has no effect on a stop; `settings` holds what has."""
     from ..analysis.settings import stated_sections
 
     return [f"--set {section}" for section in sorted(stated_sections(set_) - set(settings))]
@@ -255,7 +254,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
 
 
 def _tells_of_compiling(shared: Shared) -> None:
-    """One line on stderr when machine code is to be made, which may take longer than the stops."""
+    """One line on stderr before loops are compiled, which may take longer than the stops."""
     from ..core import compiled
     from . import terminal
 

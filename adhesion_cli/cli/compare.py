@@ -16,7 +16,7 @@ def command(
         list[Path] | None, typer.Argument(metavar="LOG", help="Logs and results.")
     ] = None,
 ) -> int:
-    """Rank the estimators against truth where the log has it, else against the reference.
+    """Rank the estimators against truth if the log has it, else against the reference.
 
     With no LOG: the newest *.adhesion.mcap here, else the bundled sample.
 

@@ -1,4 +1,4 @@
-"""`adhesion estimators`: the registry, and how its members answer."""
+"""`adhesion estimators`: the registry, and the frequency response of its members."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,8 +21,8 @@ def command(
 ) -> int:
     """Show every online estimator: method, source, parameters as set, with unit, range, default.
 
-    With --response: how each answers to sines, at the settings stated; writes response.svg.
-    Only then --out, --axle and --force mean something.
+    --response measures the response to sines with the settings stated; writes response.svg.
+    --out, --axle and --force need --response.
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
@@ -34,7 +34,7 @@ def command(
     if response:
         return _response(known, settings, shared)
     if shared.out or shared.axle or shared.force:
-        text = "--out, --axle and --force say nothing without --response"
+        text = "--out, --axle and --force have no effect without --response"
         raise UserError(text, "add --response, or leave them out", code=2)
     if shared.json:
         listed = [_entry(e, settings.params(e)._asdict()) for e in known]

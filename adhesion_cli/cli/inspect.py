@@ -61,7 +61,7 @@ def _text(doc: dict[str, Any]) -> str:
 
 
 def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
-    """A row each, with a column for each fault that some have; then why they are taken for that."""
+    """A row each, with a column for each fault that occurs; then the reason for each meaning."""
     from ..core.text import printable
     from . import terminal
 

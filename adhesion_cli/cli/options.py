@@ -76,7 +76,7 @@ class Shared:
     force: bool = _option(False, "--force", None, "Replace existing results.")
     strict: bool = _option(False, "--strict", None, "Damaged data is an error, not a finding.")
     rejects: Path | None = _option(
-        None, "--rejects", "FILE.csv", "Write each row and cell left out of CSV logs here.")
+        None, "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")
     figure: Path | None = _option(
         None, "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")
     quiet: bool = _option(False, "-q --quiet", None, "No messages but errors.")
@@ -91,7 +91,7 @@ EVERY = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"
 
 
 def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Gives a command these of the shared options, and no others: what it ignored would mislead.
+    """Gives a command these of the shared options, and only these.
 
     The command receives them as one `Shared` named `shared`; those it does not have are unset.
 
@@ -130,7 +130,7 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @contextmanager
 def _folder(out: Path | None) -> Iterator[None]:
-    """Makes the folder of --out; what was made and stays empty goes again.
+    """Makes the folder of --out; removes it again if it stays empty.
 
     Raises:
         UserError: where it cannot be made.
@@ -164,10 +164,10 @@ def loader(shared: Shared) -> Callable[..., Any]:
 
 
 def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
-    """Everything a run will write: its results and, if asked for, what was left out, a picture.
+    """Everything a run will write: results, and on request rejected rows and a picture.
 
     Raises:
-        UserError: for a picture of a name that says something else.
+        UserError: for a picture with another suffix.
     """
     if shared.figure:
         from ..results.charts import kind
@@ -185,12 +185,12 @@ def inputs(shared: Shared, *logs: Path) -> list[Path]:
 def places(
     shared: Shared, sets: Sequence[Sequence[Path]], logs: "Iterable[Log]", read: Sequence[Path]
 ) -> Iterator[list[list[Path]]]:
-    """Where to write each set of outputs; what was left out of the logs appears with them.
+    """Where to write each set of outputs; the rejected rows of the logs appear with them.
 
     Args:
-        shared: where to that goes, and whether older results are replaced.
+        shared: the file for rejected rows, and whether older results are replaced.
         sets: the names of each set.
-        logs: whose rows were left out.
+        logs: the logs with their rejected rows.
         read: the files of the logs.
 
     Raises:
@@ -225,10 +225,10 @@ def draw(shared: Shared, place: Path, title: str, panels: "Sequence[Panel]") -> 
 
 
 def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
-    """The `loader`, after what needs no work was checked: options, settings, that logs open.
+    """The `loader`, after a check of options and settings, and that every log opens.
 
     Raises:
-        UserError: for an unknown name, a value out of range, a log that is none.
+        UserError: for an unknown name, a value out of range, a file that is not a log.
     """
     from ..analysis import analyze
     from ..core.errors import UserError
@@ -238,13 +238,15 @@ def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
     first, last = shared.from_, shared.to
     for flag, value in (("--from", first), ("--to", last)):
         if value is not None and not math.isfinite(value):
-            raise UserError(f"{flag} {value:g} is no time", "seconds after the log's start", code=2)
+            raise UserError(
+                f"{flag} {value:g} is not a time", "give seconds after the log's start", code=2
+            )
     if last is not None and last <= (first or 0.0):
         text = f"--to {last:g} is not after --from {first or 0.0:g}"
         raise UserError(text, "both are seconds after the log's start", code=2)
     load = loader(shared)
     settings = analyze.checked(load())
-    if len(logs) > 1:  # of several, none is worked on if one cannot be
+    if len(logs) > 1:  # before the work on the first
         for log in logs:
             open_source(log, settings.read)
     return load

@@ -1,4 +1,4 @@
-"""`adhesion recover`: what is whole in a damaged log."""
+"""`adhesion recover`: the undamaged parts of a damaged log."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,9 +15,9 @@ def command(
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE", help="MCAP to write.")],
     shared: Shared,
 ) -> int:
-    """Write what is whole in a damaged MCAP as a valid one; exit code 3 where something was lost.
+    """Write the undamaged parts of an MCAP as a valid file; exit code 3 if data was lost.
 
-    With --strict: refuse where something was lost.
+    With --strict: an error if data was lost.
 
     Example: adhesion recover leaf-film.mcap -o whole.mcap
     """
@@ -27,7 +27,7 @@ def command(
 
     options = loader(shared)().read
     if out.suffix.lower() != ".mcap":
-        raise UserError(f"{out}: what is recovered is an MCAP", "-o FILE.mcap", code=2)
+        raise UserError(f"{out}: the output is an MCAP file", "-o FILE.mcap", code=2)
     atomic_files.check([out], shared.force, inputs=inputs(shared, log))
     source = McapSource(log, options)
     found = source.findings

@@ -1,4 +1,4 @@
-"""`adhesion reproduce`: the paper's tables and figures beside ours."""
+"""`adhesion reproduce`: the paper's tables and figures compared with ours."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from .options import Shared, shared
 def command(shared: Shared) -> int:
     """Reproduce the paper's sections 3 and 4; write reproduce.mcap, .rrd and .svg.
 
-    Says which reading of the text each number rests on, and what another one would give.
+    States the reading of the text behind each number, and what another reading would give.
 
     Example: adhesion reproduce
     """
@@ -66,8 +66,8 @@ def report(doc: dict[str, Any]) -> list[str]:
         tried = [("as read", row), *((a["reading"], a) for a in other if a["algo"] == algo)]
         numbers = "; ".join(f"{text}: {number(x['max_error_n'], 1)}" for text, x in tried)
         parts.append(
-            f"{algo}: the printed maximum error, {row['paper_max_error_n']:.0f} N, comes out under "
-            f"no reading tried [N]: {numbers}"
+            f"{algo}: no reading gives the printed maximum error, "
+            f"{row['paper_max_error_n']:.0f} N. Tried [N]: {numbers}"
         )
     alive = [a for a in doc["alternatives"] if a["condition"] == "varying"]
     both = [*varying.items(), *((f"{a['algo']}, {a['reading']}", a) for a in alive)]

@@ -1,4 +1,4 @@
-"""What commands that analyse logs share: all are analysed, then everything is written."""
+"""Shared by the commands that analyse logs: analyse all, then write everything."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -34,16 +34,16 @@ def named(files: Sequence[Path]) -> dict[str, str]:
 def analysed(
     shared: Shared, logs: Sequence[Path], paths: Iterable[Path], train_speed: bool = False
 ) -> "list[Result]":
-    """Every log analysed, after what needs no work was checked: options, settings, outputs.
+    """Every log analysed, after a check of options, settings and outputs.
 
     Args:
         shared: what to analyse, and how.
         logs: the logs.
         paths: everything that will be written.
-        train_speed: whether a log that has none gets one made of its axles.
+        train_speed: whether a log without a train speed gets a reference speed of its axles.
 
     Raises:
-        UserError: for what would fail afterwards, and for a log that holds nothing to analyse.
+        UserError: for what would fail later, and for a log with nothing to analyse.
     """
     from ..analysis.analyze import analyze
     from ..results import atomic_files
@@ -60,14 +60,14 @@ def write(
     slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
     draw: "Callable[[Path], None]" = lambda _: None,
 ) -> None:  # fmt: skip
-    """Writes both files of each result, and a picture; none gets its name before all are written.
+    """Writes both files of each result, and a picture; names appear when all are written.
 
     Args:
-        shared: whether existing ones are replaced, and where to what was left out goes.
+        shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
         pairs: the files of each.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
-        draw: of the one log there is with `--figure`, to the place given.
+        draw: writes the picture of `--figure` to the path given.
     """
     from ..core import estimator
     from ..results import mcap, rrd

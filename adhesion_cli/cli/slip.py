@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def command(logs: Logs, shared: Shared) -> int:
     """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
 
-    Without a train speed, one is made of all axles. Of several logs all are analysed before
-    anything is written: one that fails leaves no results. --figure draws curve, slope and
+    Without a train speed, all axles together give a reference speed. All logs are analysed before
+    anything is written: if one fails, there are no results. --figure draws curve, slope and
     confidence of the axles that slid.
 
     Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15

@@ -75,7 +75,7 @@ def folded(text: str, indent: str = "", width: int | None = None) -> str:
 
 
 def number(value: float | None, digits: int = 0) -> str:
-    """A number with fixed digits, a dash where there is none."""
+    """A number with fixed digits; a dash for None."""
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 

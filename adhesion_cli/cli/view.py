@@ -21,7 +21,7 @@ def command(
 ) -> int:
     """Open a result in the Rerun viewer, in its saved layout.
 
-    The .rrd of an analysis is made anew where it is missing or was not made from this result.
+    The .rrd of an analysis is written again if it is missing or belongs to another result.
 
     Example: adhesion view leaf-film.adhesion.mcap
     """
@@ -36,10 +36,10 @@ def command(
 
 
 def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
-    """Writes the recording of one analysed log again, as the result says that it was made.
+    """Writes the recording of one analysed log again, with the settings that the result holds.
 
     Raises:
-        UserError: for a file that is no such result: its recording shows something else.
+        UserError: for another kind of file, whose recording shows something else.
     """
     from ..analysis import analyze, settings
     from ..core.errors import UserError
@@ -54,7 +54,7 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
     ran = {f.channel.rpartition("/")[2] for f in source.fields if _ESTIMATE.match(f.channel)}
     if not carried or not ran:
         raise UserError(
-            f"{result}: {recording.name} is missing, or not known to be made from it",
+            f"{result}: {recording.name} is missing, or was not made from it",
             f"write both again by the command that wrote it, with --force; or view {recording}",
         )
     load = functools.partial(settings.load, folder=False)
@@ -65,7 +65,7 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
 
 
 def show_recording(recording: Path) -> None:
-    """Starts the viewer on a recording and returns; it goes on by itself.
+    """Starts the viewer on a recording and returns; the viewer keeps running.
 
     Raises:
         UserError: where the recording is missing.

@@ -82,7 +82,7 @@ def _median5(x: Floats) -> Floats:
 
 
 def started(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
-    """Start-ups: the first `START_UP` of every application in the midst of which a segment begins.
+    """Start-ups: the first `START_UP` of every application during which a segment begins.
 
     Estimators start there at F̂ = 0 because the log does; on the train they would be running.
     """
@@ -97,7 +97,7 @@ def started(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """An estimate beside its target, one column per brake application; at least one sample each.
+    """An estimate and its target, one column per brake application; at least one sample each.
 
     Only samples at which both are finite.
     """
@@ -199,9 +199,9 @@ def response(c: Comparison) -> float | None:
     """Time from a step of the target until the estimate has made 95 % of it for good.
 
     Of each application the largest step; the median of those the estimate made. It may overshoot.
-    A step is over within 0.1 s or one interval, is at least a fifth of the largest target, comes
-    from a steady force, which the estimate knew, and leads to one. A release is none: seldom does
-    a log go on for as long as a slow estimator needs.
+    A step takes at most 0.1 s or one interval and is at least a fifth of the largest target. The
+    force is steady before and after it, and the estimate has reached the force before it. A
+    release is not a step: most logs end before a slow estimator has followed it.
     """
     peak = max(float(np.max(np.abs(y))) for y in c.target)
     found = []
@@ -247,8 +247,8 @@ def _step(t: Floats, y: Floats, peak: float) -> tuple[int, int, float, float] | 
 def ripple(c: Comparison) -> float | None:
     """What moves in the estimate quicker than 0.5 s and is not in the target, rms.
 
-    What is left of the error after a centred moving mean over that time, median over stretches as
-    long, so that a step or a slide does not count.
+    The error less its centred moving mean over that time; the median over stretches of that
+    length, so that a step or a slide does not count.
     """
     squares = []
     for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
@@ -281,7 +281,7 @@ METRICS: dict[str, Callable[[Comparison], float | None]] = {  # names as in `Sco
 def compared(
     record: AxleRecord, estimate: Floats, target: Floats, applications: Iterable[slice]
 ) -> Comparison | None:
-    """Estimate [N] beside target [N], shape (n,), in the applications; None without a sample."""
+    """Estimate [N] and target [N], shape (n,), in the applications; None without a sample."""
     used = [
         (s, known)
         for s in applications

@@ -1,9 +1,9 @@
-"""Frequency response of an estimator, measured by running it on sines; needs no formula of its.
+"""Frequency response of an estimator, measured by running it on sines.
 
-Input is what (1) gives for a force F = φK + A sin 2πft at constant K: a wheel speed that swings by
-Y = aA/(2πf). Of the answer the harmonic at f is kept (harmonic balance). For a linear estimator
-that is its frequency response; for another one its describing function, which depends on A. As
-only the wheel speed moves, F̂/Y is also what noise of the wheel speed at f turns into.
+The input follows from the wheelset equation (1) for a force F = φK + A sin 2πft at constant K: a
+wheel speed that swings by Y = aA/(2πf). The result is the harmonic of the estimate at f (harmonic
+balance). For a linear estimator that is its frequency response. For another one it is its
+describing function, which depends on A. F̂/Y is the gain from noise of the wheel speed at f.
 """
 
 import math
@@ -69,7 +69,7 @@ def responses(
 def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
     """Amplitude and phase of x at a frequency, as those of sin 2πft; whole periods, shape (n,).
 
-    Least squares beside a mean and a slope.
+    Least squares, together with a mean and a slope.
     """
     angle = 2.0 * math.pi * frequency * t
     columns = np.stack([np.sin(angle), np.cos(angle), np.ones_like(t), t - np.mean(t)], axis=1)

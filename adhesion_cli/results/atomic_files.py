@@ -1,22 +1,22 @@
 """The output files of a run appear complete under their names, or not at all.
 
-What is written has no name until everything is written, checked and on the disk: on Linux the files
-are anonymous (O_TMPFILE), so that even a killed run leaves nothing; elsewhere, as on many network
-shares and sticks, they are hidden files beside the target, removed at the end of the run, or by the
-next one if it was killed.
+A file has no name until everything is written, checked and on the disk. On Linux the files are
+anonymous (O_TMPFILE), so that a killed run leaves nothing. Elsewhere, as on many network shares and
+sticks, they are hidden files in the folder of the target. The end of the run removes them; if it
+was killed, the next run does.
 
-A run may write several sets, one for each log, and a file of a set may lie in another folder; the
-manifest stands in that of the set's first file and names the others from there.
+A run may write several sets, one for each log, and a file of a set may lie in another folder. The
+manifest lies in the folder of the set's first file and names the others from there.
 
-Several files cannot get their names in one stroke. The first of all is the record. When older
-files are replaced, their manifests and all of them but the record go first, then the record is
-replaced in one stroke, then the others appear, the manifests last:
+Several files cannot get their names at once. The first file of all is the record. To replace older
+files, first their manifests go and all of them except the record. Then the record is replaced,
+then the others appear, and the manifests last:
 
     old record, old others, manifest → old record → new record → new record, new others, manifest
 
-A run killed in between leaves one of these states: never new beside old, never a part of a file,
-and no manifest (`<stem>.sha256`, which `sha256sum -c` reads) unless all of the run is whole. A
-signal that ends a run waits meanwhile; where the disk refuses a name, those just given go again.
+A killed run leaves one of these states. New and old files are never mixed, no file is incomplete,
+and a manifest (`<stem>.sha256`, for `sha256sum -c`) exists only if the whole run is complete. A
+signal that ends a run waits meanwhile. If the disk refuses a name, the names just given are removed.
 """
 
 import hashlib
@@ -103,7 +103,7 @@ def outputs(
 ) -> Iterator[list[Path]]:
     """Places to write to; on leaving without an exception they get their names, all or none.
 
-    With several files a manifest of their SHA-256 is written beside them.
+    With several files a manifest of their SHA-256 is written to the same folder.
 
     Args:
         paths: final names; the first is the record the others are made from.
@@ -277,7 +277,7 @@ class _Unnamed:
 
 
 def _sweep(folder: Path) -> None:
-    """Remove the hidden files of runs that were killed: nobody holds them, and they are not new."""
+    """Remove the hidden files of killed runs: no process holds them, and they are not new."""
     for path in folder.glob(f"{_HIDDEN}*.part"):
         with suppress(OSError), path.open("r+b") as file:
             if time.time() - path.stat().st_mtime > _NEW and _lock(file.fileno()):
@@ -285,7 +285,7 @@ def _sweep(folder: Path) -> None:
 
 
 def _lock(descriptor: int) -> bool:
-    """Whether nobody else held the file; on leaving it is ours until it is closed."""
+    """Whether no other process held the file; then this one holds it until it is closed."""
     if fcntl is None:
         return False
     try:
@@ -315,7 +315,7 @@ def _locked(folders: Sequence[Path]) -> Iterator[list[int]]:
 
 
 def belong_together(paths: Sequence[Path]) -> bool:
-    """Whether a manifest of ours lists these files of one set with the content they have now."""
+    """Whether a manifest lists these files of one set with the content they have now."""
     try:
         told = os.fsdecode(manifest(paths[0]).read_bytes())
         listed = set(told.removeprefix(_OURS).splitlines(keepends=True))

@@ -24,7 +24,7 @@ _NO_DATE: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None},
 }
 _PANEL = (4.4, 3.3)  # width and height [inch]
-_MANY = 300  # more points become one image: each is an element of its own in SVG
+_MANY = 300  # more points become one image, else each is an element in SVG
 _STYLE: dict[str, Any] = {
     "svg.hashsalt": "adhesion",  # names inside the file are the same at each run
     "svg.fonttype": "none",  # text stays text

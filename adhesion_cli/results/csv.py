@@ -117,7 +117,7 @@ def _rows(
 ) -> tuple[Times, dict[int, NDArray[np.int64]]]:
     """One row per distinct time stamp, and the row of each sample of each axis.
 
-    A stamp that an axis repeats, or comes back to, gets a row of its own: rows are told apart by
+    A stamp that an axis repeats, or comes back to, gets its own row. A row is identified by
     (how often the time has jumped back, stamp, how often it repeated just now).
     """
     table = np.concatenate([_keys(axes[key], part) for key, part in parts.items()], axis=1)

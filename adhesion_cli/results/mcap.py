@@ -367,7 +367,7 @@ def _stop_events(stop: Stop, i: int) -> Iterator[tuple[int, Any]]:
 
 
 def _told(found: Sequence[tuple[int, Any]], prefix: str) -> list[_Stream]:
-    """The topic of events, none where nothing happened; pairs as of `_stop_events`."""
+    """The topic of events, or nothing if there are none; pairs from `_stop_events`."""
     if not found:
         return []
     ordered = sorted(found, key=lambda e: e[0])

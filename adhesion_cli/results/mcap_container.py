@@ -234,7 +234,7 @@ def copy(path: Path, whole: Whole) -> None:
 
 
 def verify(path: Path) -> None:
-    """Read a file of ours back: its CRCs cover every byte of it.
+    """Read a written file back: its CRCs cover every byte of it.
 
     Raises:
         UserError: the file is not what was written.

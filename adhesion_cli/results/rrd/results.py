@@ -54,7 +54,7 @@ _EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the c
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
-_NO_NOTE: Note = "`adhesion slip` tells peak, rail and slides.", None
+_NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
 def write_result(
@@ -76,7 +76,7 @@ def write_result(
 
 
 def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
-    """Write several analysed logs into one recording, each in a tab of its own.
+    """Write several analysed logs into one recording, each in its own tab.
 
     Time counts from each log's own brake start, so that they lie over one another.
 

@@ -144,7 +144,7 @@ class _Stops:
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
         wheel, judged, i, every = [], [], axle - 1, self.stops
-        speed = span_of([x.train_speed * 3.6 for x in every], [])  # the same beside one another
+        speed = span_of([x.train_speed * 3.6 for x in every], [])  # the same range in each
         pressure = span_of([x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])], [])
         forces = [s.force[:, i] for s in every]
         top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
