@@ -545,7 +545,9 @@ def reported(test: Test, folder: Path) -> list[Finding]:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
         _, findings = plausible.records(log, test.vehicle)
     except UserError as error:
-        return [Finding("refused", "error", str(error))]
+        return [
+            Finding("not-analysable", "error", names={"reason": error.text, "hint": error.hint})
+        ]
     return [*log.findings, *findings]
 
 
@@ -569,7 +571,7 @@ def judged(case: tuple[str, int]) -> Verdict:
         findings = reported(drawn(kind, seed), Path(where))
     counted = [f for f in findings if f.severity != "info" and f.code not in LAYOUT]
     codes = tuple(sorted({f.code for f in counted}))
-    seen = (*FAULTS[kind].seen.split(), "refused", "interleaved") if kind else ()
+    seen = (*FAULTS[kind].seen.split(), "not-analysable", "interleaved") if kind else ()
     said = tuple(f"{f.code}: {f.channel}: {f.message}" for f in counted)
     return Verdict(kind, seed, codes, said, bool(seen) and any(c.startswith(seen) for c in codes))
 
@@ -586,7 +588,7 @@ def verdicts(sound: int, faults: int, seed: int, jobs: int) -> Iterator[Verdict]
 
 
 def _alone(v: Verdict, code: str) -> bool:
-    seen = (*FAULTS[v.kind].seen.split(), "refused", "interleaved")
+    seen = (*FAULTS[v.kind].seen.split(), "not-analysable", "interleaved")
     return v.found and [c for c in v.codes if c.startswith(seen)] == [code]
 
 

@@ -94,8 +94,14 @@ def result(
         for a in computed
     )  # fmt: skip
     findings = (
-        Finding("gap", "warning", "no samples for 1.8 s", "speed 2", 1, 0.55 * n / rate),
-        Finding("unit-guessed", "info", "km/h from the header", "speed 1", 1, None),
+        Finding(
+            "gap",
+            "warning",
+            "speed 2",
+            spans=((0.55 * n / rate, 0.55 * n / rate + 1.8),),
+            values={"longest_s": 1.8},
+        ),
+        Finding("no-application", "info", "speed 1"),
     )
     log = Log(str(Path("logs") / name), "csv", "0" * 64, start >= EPOCH, n, channels, findings)
     settings = {

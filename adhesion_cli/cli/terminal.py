@@ -137,8 +137,8 @@ def _grouped(found: Sequence[Finding]) -> list[tuple[list[Finding], str]]:
         if len(by_message) <= _ALIKE:
             groups += [(of, message) for message, of in by_message.items()]
         else:
-            title = catalogue()[code].title if code in catalogue() else next(iter(by_message))
-            groups.append(([f for of in by_message.values() for f in of], title))
+            every = [f for of in by_message.values() for f in of]
+            groups.append((every, catalogue()[code].title))
     return groups
 
 

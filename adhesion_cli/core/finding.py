@@ -51,41 +51,36 @@ class Finding:
 
     code: str  # stable, kebab-case, an entry of the catalogue
     severity: Severity
-    text: str = ""  # a message of its own, while its code has no entry in the catalogue
     channel: str = ""
     count: int = 1
-    started: float | None = None  # seconds after the log's start, where there are no spans
     spans: tuple[Span, ...] = ()  # from and to, seconds after the log's start
     values: Mapping[str, float] = field(default_factory=dict)  # the name ends with the unit
     names: Mapping[str, str] = field(default_factory=dict)  # texts: a column, a unit
 
     @classmethod
     def of_document(cls, f: Mapping[str, Any]) -> "Finding":
-        """A finding as `--json` states it, with its message as it stands there."""
+        """A finding as `--json` states it."""
         own = {k: f[k] for k in ("code", "severity", "channel", "count", "values", "names")}
         spans = tuple((a, b) for a, b in f["spans"])
-        return cls(text=f["message"], started=f["first_s"], spans=spans, **own)
+        return cls(spans=spans, **own)
 
     def __hash__(self) -> int:
-        return hash((self.code, self.severity, self.text, self.channel, self.count, self.spans))
+        return hash((self.code, self.severity, self.channel, self.count, self.spans))
 
     @property
     def first_s(self) -> float | None:
         """Seconds after the log's start; None where it has no time."""
-        return self.spans[0][0] if self.spans else self.started
+        return self.spans[0][0] if self.spans else None
 
     @property
     def message(self) -> str:
         """One line that says what is wrong."""
-        if self.text:
-            return self.text
         return catalogue()[self.code].message.format(**self.values, **self.names)
 
     @property
     def hint(self) -> str | None:
         """What to do, None where nothing need be done."""
-        words = None if self.text else catalogue()[self.code]
-        return (words.remedy.format(**self.values, **self.names) or None) if words else None
+        return catalogue()[self.code].remedy.format(**self.values, **self.names) or None
 
 
 def merged(spans: Sequence[Span], most: int = 20) -> tuple[Span, ...]:

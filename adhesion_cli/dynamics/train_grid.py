@@ -209,7 +209,7 @@ class Scene(NamedTuple):
         since = (t - self.start_ns) / 1e9
         spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
         return Finding(
-            code, severity, "", channel.title, max(int(on.sum()), 1), None, spans,
+            code, severity, channel.title, max(int(on.sum()), 1), spans,
             values or {}, names or {},
         )  # fmt: skip
 

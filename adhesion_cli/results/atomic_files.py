@@ -16,7 +16,7 @@ then the others appear, and the manifests last:
 
 A killed run leaves one of these states. New and old files are never mixed, no file is incomplete,
 and a manifest (`<stem>.sha256`, for `sha256sum -c`) exists only if the whole run is complete. A
-signal that ends a run waits meanwhile. If the disk refuses a name, the names just given are removed.
+signal that ends a run waits meanwhile. If the disk refuses a name, the run removes those it gave.
 """
 
 import hashlib

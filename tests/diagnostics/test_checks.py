@@ -635,7 +635,7 @@ def test_every_finding_is_documented() -> None:
 def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     def telling(rank: int, severity: Severity) -> registry.Check:
         about = registry.About("", "one", rank)
-        one = [Finding(severity, severity, "")]
+        one = [Finding(severity, severity)]
         return registry.Check(str(rank), about, tuple, lambda *_: iter(one))
 
     checks = telling(1, "info"), telling(2, "warning"), telling(3, "error")

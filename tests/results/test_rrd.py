@@ -110,7 +110,7 @@ def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path:
 def test_events_and_summary(small: Path, tmp_path: Path) -> None:
     (batch,) = batches(small, "/events")
     texts = [cell[0] for cell in batch["TextLog:text"].to_pylist()]
-    assert texts[0] == "-0.19 s  unit-guessed: speed 1: km/h from the header"
+    assert texts[0] == "-0.19 s  no-application: speed 1: No brake application found."
     assert "+0.00 s  axle 1: brake applied" in texts
     (text,) = static(small, "/summary", "text")
     assert "| neso | truth |" in text
@@ -119,11 +119,13 @@ def test_events_and_summary(small: Path, tmp_path: Path) -> None:
     assert "Rauch, Tung, Striebel" in about
     assert "| neso.beta1 | 216.0 |" in about
 
-    hostile = Finding("x", "info", "![](http://evil/) <b> | \x1b[2J", "*\u202e")
+    evil = {"reason": "![](http://evil/) <b> | \x1b[2J", "hint": ""}
+    hostile = Finding("not-analysable", "info", "*\u202e", names=evil)
     analysed = replace(result(1, 50), findings=(hostile,))
     rrd.write_result(tmp_path / "a.rrd", analysed, ALGORITHMS)
     (text,) = static(tmp_path / "a.rrd", "/summary", "text")
-    assert "x\\: \\*\\\\u202e\\: \\!\\[\\]\\(http\\://evil/\\) \\<b\\> \\| \\\\x1b\\[2J" in text
+    assert "not\\-analysable\\: \\*\\\\u202e\\: " in text
+    assert "\\!\\[\\]\\(http\\://evil/\\) \\<b\\> \\| \\\\x1b\\[2J" in text
 
 
 def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
