@@ -125,9 +125,9 @@ RECOVER = """
 import zstandard
 from adhesion_cli.formats.mcap.reader import McapSource
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.results import container
+from adhesion_cli.results import mcap_container
 before = begin()
-container.copy(Path(f"{path}.copy"), McapSource(path, ReadOptions(max_record=4 << 20)).walk)
+mcap_container.copy(Path(f"{path}.copy"), McapSource(path, ReadOptions(max_record=4 << 20)).walk)
 print(peak() - before)
 """
 
