@@ -1,5 +1,6 @@
 """What each part of the package may import."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,28 @@ def test_the_contracts_between_packages_hold() -> None:
     command = [sys.executable, "-c", code, "--no-cache"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
+
+
+def test_no_function_is_longer_than_a_screen() -> None:
+    long = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"
+        for path in sorted(ROOT.glob("adhesion_cli/**/*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= 60
+    ]
+    assert not long
+
+
+def test_few_modules_lie_at_the_top_and_no_folder_is_large() -> None:
+    folders: dict[Path, list[Path]] = {}
+    for path in ROOT.glob("adhesion_cli/**/*.py"):
+        folders.setdefault(path.parent, []).append(path)
+    assert len(folders[ROOT / "adhesion_cli"]) <= 6
+    lines = {
+        str(folder): sum(p.read_text(encoding="utf-8").count("\n") for p in paths)
+        for folder, paths in folders.items()
+    }
+    assert not {folder: n for folder, n in lines.items() if n > 4000}
 
 
 @pytest.mark.parametrize("command", [c.name for c in app.registered_commands])
