@@ -368,58 +368,7 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     told = [f for f in plausible.records(one, DEFAULT.vehicle)[1] if f.code in APART]
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
-    assert all(f.values["share"] * by > 0.0 for f in told)
-
-
-def sliding(
-    folder: Path, rate: float, seed: int, wrong: Callable[[np.ndarray], np.ndarray]
-) -> Path:
-    """A train speed and two wheels that slide from the brake's first second on, by (1) and (15).
-
-    Args:
-        folder: for the log.
-        rate: of all channels [Hz].
-        seed: of the slides.
-        wrong: what is added to both pressures over time [Pa].
-    """
-    random, t = np.random.default_rng(seed), np.arange(0.0, 50.0, 1.0 / rate)
-    on = np.sin(np.clip((t - 6.0) / 4.0, 0.0, 1.0) * math.pi / 2.0) ** 2
-    slows = on * (0.5 + 0.1 * np.sin(t / 3.0 + seed))
-    v = 40.0 - (np.cumsum(slows) - slows / 2.0) / rate
-    w, columns = wheelset(DEFAULT.vehicle, 1), [t, v + random.normal(0.0, 0.01, len(t))]
-    for axle in (1, 2):
-        rim = v * (1.0 - on * (0.12 + 0.04 * np.sin(1.3 * t + axle + seed)))
-        K = (w.mass * slows - w.inertia / w.radius**2 * np.gradient(rim, t)) / w.phi
-        p = cylinder_pressure(force_line(DEFAULT.vehicle), np.maximum(K, 0.0)) * np.clip(
-            t - 5, 0, 1
-        )
-        columns += [
-            rim / w.radius,
-            np.maximum(p + wrong(t), 0.0) + random.normal(0.0, 500.0, len(t)),
-        ]
-    head = "time [s],train_speed [m/s],wheel_speed_1 [rad/s],bc_pressure_1 [Pa],"
-    rows = "".join(",".join(f"{x:.4f}" for x in row) + "\n" for row in zip(*columns, strict=True))
-    path = folder / "log.csv"
-    path.write_text(head + "wheel_speed_2 [rad/s],bc_pressure_2 [Pa]\n" + rows)
-    return path
-
-
-@pytest.mark.parametrize("rate", [2.0, 20.0])
-@pytest.mark.parametrize(("plus", "way"), [(0.0, ""), (3.7e5, "less"), (-5e5, "more")])
-def test_pressures_that_err_while_every_wheel_slides_are_told_by_the_forces(
-    plus: float, way: str, rate: float, tmp_path: Path
-) -> None:
-    for seed in range(3):
-        path = sliding(
-            tmp_path, rate, seed, lambda t: plus * np.clip(4.0 - np.abs(t - 22.0) / 2.0, 0.0, 1.0)
-        )
-        one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        told = [f for f in plausible.records(one, DEFAULT.vehicle)[1] if f.severity == "warning"]
-        if way:
-            sign = -1.0 if way == "less" else 1.0
-            assert [f for f in told if sign * f.values.get("difference_mps2", 0.0) > 0.0]
-        else:
-            assert told == []
+    assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
 
 
 @pytest.mark.parametrize("scale", [0.9, 0.96, 1.04, 1.1])
