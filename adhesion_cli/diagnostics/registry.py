@@ -3,8 +3,8 @@
 A check is a file in `diagnostics/checks/`; its name is the file's. The file holds
 
 - `ABOUT`, of the type here;
-- `Params`, a NamedTuple of every threshold; each field has a default and is annotated
-  `Annotated[float, Quantity(unit, text, low, high)]`, and the text says why;
+- `Params`, a NamedTuple of every threshold. Each field has a default and is annotated
+  `Annotated[float, Quantity(unit, text, low, high)]`. The text says why;
 - `check(p, scene) -> Iterator[Finding]`, which changes nothing.
 
 A file whose name starts with `_` is a helper of checks.

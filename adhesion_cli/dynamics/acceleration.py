@@ -1,20 +1,20 @@
 """The train's speed from the acceleration of its body, where no speed is logged.
 
-An accelerometer along the track reads a = ±dv/dt and besides what changes slowly, its own zero, its
-tilt and the gradient, so
+An accelerometer along the track reads a = ±dv/dt, plus slow errors: its own zero, its tilt and the
+gradient. Together they are b, so
 
     v(t) = v0 + ∫ ±a dt − ∫ b dt.
 
-Where wheels roll, v is theirs: there v0 and b are found, and between they are carried on. b is a
-random walk: a gradient changes on the way, the body pitches with a, and so does what the gain is
-off by. A Kalman filter of (v, b) and its smoother find them, on an even grid, for several
-roughnesses of that walk, whose mean counts by how likely each is. The sigma of v grows from where
-wheels roll, and with the noise of a.
+Where wheels roll, v is theirs. There v0 and b are estimated, and between they are carried on. b is
+a random walk: the gradient changes on the way, the body pitches with a, and the gain has an error.
+A Kalman filter of (v, b) and its smoother estimate both on an even grid, for several sizes of that
+walk. The result is their mean, weighted by likelihood. The sigma of v grows with the time since
+wheels rolled, and with the noise of a.
 
-Wheels roll surely where no brake is on, nor was just before, and they do not catch up; and stand
-where the train does, if that agrees with v and b so far: locked wheels stand, too. A braked wheel
-tells nothing: it may creep by a percent or two for as long as the brake is on, and b would take
-that up.
+Wheels roll where no brake is on, nor was just before, and where they do not catch up. The train
+stands where all wheels stand, if v and b so far agree with that: locked wheels stand, too. Braked
+wheels are not used. They may creep by a percent or two for as long as the brake is on, and b would
+absorb that.
 
 Sources: Rauch, Tung, Striebel, AIAA J. 3 (1965) 1445.
 """
@@ -40,13 +40,13 @@ _TIMES = 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0  # that, as it may be on th
 _UNSURE = 0.9  # 1 sigma of the logarithm of it
 _LOST = 1.0  # 1 sigma of a in a gap of it, per √s [m/s²]
 _PITCH = 0.03  # share of a change of a by which b changes: gain, pitch
-_WHEEL = 0.02  # 1 sigma of a wheel's speed that lasts for `_ALIKE`, noise apart [m/s]
+_WHEEL = 0.02  # 1 sigma of a wheel's speed that lasts for `_ALIKE`, without noise [m/s]
 _ALIKE = 1.0  # [s]
 _CREEP = 0.004  # 1 sigma of the creep of a wheel that a motor drives, at 1 m/s² [s²/m]
 _GATE = 12.0  # χ² of two errors, in v and b, beyond which it is not the train that stands
 _SLOWS = 0.05, 3.0  # a brake makes of a what lies between, or it is not the train's [m/s²]
-_USELESS = 3.0  # a larger sigma tells no speed [m/s]
-LATE = 0.05  # 1 sigma by which a filter makes an accelerometer late [s]
+_USELESS = 3.0  # no speed is known with a larger sigma [m/s]
+LATE = 0.05  # 1 sigma delay of an accelerometer by its filter [s]
 _UNKNOWN = 100.0  # 1 sigma of a speed before anything is known [m/s]
 
 
@@ -61,7 +61,7 @@ class Integrated(NamedTuple):
     own: Floats  # times of the accelerometer's samples, after `first` (m,) [s]
     gained: Floats  # ∫ ±a dt at them (m,) [m/s]
     sign: int  # of the axis: 1 where it reads a braked train below zero
-    anchored: float  # time in which wheels tell the speed [s]
+    anchored: float  # time in which wheels give the speed [s]
 
     def at(self, t: Times) -> tuple[Floats, Floats]:
         """Speed and its 1 sigma at these times, shape (m,) [m/s]; NaN where nothing was read."""

@@ -4,22 +4,25 @@ While every wheel rolls, the wheelset equation and the force line give the rim s
 pressure. In each piece of a log, up to 12 s long,
 
     u(t) = α + γt² + (β − r) t − s c ∫ k dt − u s c k / (g κ),
-    k(t) = (1 + f (u − ū)) max(K(t + τ) − o, 0),
+    k(t) = (1 + f (u − ū)) max(K(t + τ) − o, 0).
 
-with K the clamping force as a share of its highest value, c the deceleration by that, and
+K is the clamping force as a share of its highest value, c the deceleration by that.
 
-- s, o: factor and offset of the force line;
-- τ: delay of the pressure;
-- κ = dµ/ds: creep stiffness; a braked wheel that rolls turns slower than the train by µ/κ;
-- f: how friction changes with speed;
-- r, β: running resistance of the train, gradient of the piece.
+| symbol | parameter |
+|---|---|
+| s, o | factor and offset of the force line |
+| τ | delay of the pressure |
+| κ = dµ/ds | creep stiffness: a braked wheel that rolls turns slower than the train by µ/κ |
+| f | change of the friction with speed |
+| r, β | running resistance of the train, gradient of the piece |
 
-Delay and creep look alike within one application: both make the wheel react earlier. So each
-parameter has a prior, and the fit gives the posterior of all together: the maximum by Gauss and
-Newton's method, its covariance by Laplace's. α and γ are eliminated in every piece. Every piece has
-its own error variance, which is estimated with the rest: a slide that was not recognised follows
-another law, so its piece gets a large variance and little weight. Errors that are correlated from
-sample to sample count as fewer samples.
+Delay and creep look the same within one application: both make the wheel react earlier. So each
+parameter has a prior, and the fit gives the posterior of all together. Its maximum is found by
+Gauss and Newton's method, its covariance is Laplace's. α and γ are eliminated in every piece.
+
+Every piece has its own error variance, which is estimated as well. A slide that was not recognised
+gives its piece a large variance and so little weight. Errors that are correlated from sample to
+sample count as fewer samples.
 
 The rows are pieces, the parameters are shared: `fit` takes the designs of one or many logs.
 
@@ -70,8 +73,8 @@ _CONVERGED = 0.05  # a smaller gain of a step ends the search
 _SINGULAR = 1e-9  # a smaller share left by the other parameters is rounding
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
 
-CLEARLY = 12.0  # so much better must another cause be: twice the log of the likelihood
-AS_GOOD = 8.0  # two causes with less between them cannot be told apart
+CLEARLY = 12.0  # gain of another cause that is clear: twice the log of the likelihood
+AS_GOOD = 8.0  # two causes with less between them cannot be separated
 SIGMAS = 3.5  # of the stated tolerances are no other vehicle
 _NOISY = 2.0  # times its noise is left of a speed that is explained
 _SURE = 4.0  # sigma from zero is a delay
@@ -217,7 +220,7 @@ def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tu
 def _pieces(
     on: Floats, v: Floats, known: Bools, coarse: Grid, fine: Grid
 ) -> tuple[list[NDArray[np.int64]], list[int]]:
-    """Samples of brakes, and beside them, where all wheels roll; and each piece's run."""
+    """Samples of brakes and around them where all wheels roll; and each piece's run."""
     t: Floats = fine.step * np.arange(len(on), dtype=np.float64)
     change = np.abs(np.interp(t + 0.5, t, on) - np.interp(t - 0.5, t, on))
     near = ~far((change < _CHANGE) & (on < FREE), round(_AROUND / fine.step))
@@ -396,7 +399,7 @@ def fit(
 
     Args:
         designs: of one log or of many.
-        telling: independent samples of each piece, from `telling`.
+        telling: independent samples of each piece, from `independent`.
         prior: of each shared parameter; an infinite tolerance frees it.
         starts: points to begin at: shared parameters, or these and the gradients.
     """
@@ -492,7 +495,7 @@ def _likeliest_scale(d: Design, x: Floats) -> float:
 
 
 def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
-    """What explains best how the train slows; that it is as stated, where the log tells nothing.
+    """The best explanation of how the train slows; the stated vehicle where the log shows none.
 
     Args:
         axles: all axles of the log, on one clock each.
@@ -615,7 +618,7 @@ def _judged(
         telling: independent samples of each.
         fits: the posterior of each cause.
         vehicle: what is stated of it.
-        clearly: so much better must a cause be.
+        clearly: gain of another cause that is clear.
     """
     late, line, both = fits["late"], fits["line"], fits["both"]
     no_brake = float(telling[0] @ np.log(_sums(d, _sloped(d, d.v) ** 2) / d.size + d.floor**2))

@@ -30,7 +30,7 @@ _REACH = 5.0  # the largest offset of clocks that is looked for [s]
 _LATE = 0.25  # smaller ones may be the cylinder's [s]
 _INTERVALS = 0.75  # and the sampling's
 _BETTER = 0.25  # so much less must a shift leave than anything else
-_SLIGHT = 0.02  # of the highest pressure is left of alike ones
+_SLIGHT = 0.02  # of the highest pressure is left between equal ones
 _APPLIED = 0.3  # of the highest pressure above that: a brake
 
 
@@ -51,12 +51,12 @@ class Odd(NamedTuple):
 
 
 def late(axles: Sequence[Axle], g: Grid) -> list[int]:
-    """Places of the axles whose own pressure is late, or early, beside two others or more."""
+    """Places of the axles whose own pressure is delayed or early against two others or more."""
     return [o.axle for o, either in odd(axles, g) if o.late and not either]
 
 
 def odd(axles: Sequence[Axle], g: Grid) -> Iterator[tuple[Odd, bool]]:
-    """What departs, the most first; and whether only one is left beside it, which may be wrong."""
+    """What departs, the largest first; and whether only one other is left, which may be wrong."""
     measured = np.isfinite(g.pressure).any(axis=1).all()
     x = g.pressure if measured else g.clamping
     slid = _slid(g, x)
@@ -93,7 +93,7 @@ def _departs(
     level = np.where(known, beside, np.nan)
     top = float(np.nanmax(level))
     if top <= _APPLIED * max(float(np.nanmax(x)), 0.0):
-        return None  # with the brake on every other axle had slid: nothing beside it is known
+        return None  # with the brake on every other axle had slid: there is nothing to compare with
     ratio = _ratio(x[i], level, known & ~slid[i] & (level > 0.3 * top))
     level *= ratio if _RATIOS[0] < ratio < _RATIOS[1] else 1.0
     off = x[i] - level
@@ -135,7 +135,7 @@ def _ratio(x: Floats, level: Floats, used: Bools) -> float:
 
 
 def _late(g: Grid, x: Floats, level: Floats, used: Bools, axle: Axle) -> float:
-    """By what x is behind the others [s], 0 where a shift does not explain best how it differs.
+    """Delay of x against the others [s], 0 where a delay is not the best explanation.
 
     A cylinder that fills and vents more slowly is later the longer it takes: x + T ẋ is the others'
     then, or theirs with their own T is x.

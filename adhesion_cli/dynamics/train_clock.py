@@ -1,27 +1,28 @@
-"""How late the train speed is beside the wheels: one number per log, with its error.
+"""Time offset of the train speed against the wheels: one number per log, with its error.
 
-A receiver tells what was, T(t) = v(t − τ); GNSS is one to two seconds late. Of a wheel i that rolls
+A receiver delivers an older speed, T(t) = v(t − τ). GNSS is delayed by one to two seconds. For a
+wheel i that rolls,
 
     T(t + τ) − ωR = c_i ωR + q (−v̇) ωR,
 
-with c_i by what its radius is off and q (−v̇) its creep, which on the rising flank of (3) goes with
-the force. What tells τ from both is that a late speed is off by τ (−v̇), slow or fast, and begins to
-fall late. A speed that is off by an offset o, T − o, is so whether braked or not: where it explains
-what is seen as well as τ does, nothing tells which. A wheel that slides is slower than that, and
-left out with the second around it, in which its creep rises and falls: τ is where most samples of
-all axles fit. Slides that a controller makes alike all along fit, too, but by a q that no creep
-has, or by a c that wheels without brake, which roll, do not show: they tell nothing. Its error is
-that of the least squares, the train speed's noise being the same in every axle and slow.
+with c_i the error of its radius and q (−v̇) its creepage, which grows with the force on the rising
+flank of the creep curve (3). A delay differs from both: its error is τ (−v̇) at every speed, and it
+begins and ends later than the braking. A constant offset o of the train speed is the same with and
+without brake. Where τ and o explain the log equally well, both are reported.
 
-Where the wheels hardly roll, the train slows all the same as the adhesion of its wheels makes it,
+Wheels that slide are left out, with one second around each slide. τ is where most samples of all
+axles fit. Slides that a controller repeats all along fit as well. They need a q that no creepage
+has, or a c that the wheels do not show without brake, and then nothing is reported. The error of τ
+is that of the least squares. The noise of the train speed is slow and the same for every axle.
+
+Where the wheels hardly roll, the train still slows by the adhesion of its wheels,
 
     T(t + τ) = v₀ − b ∫ mean_i(F_i/m) dt − c t,
 
-F by (1), whose ∫ I ω̇ needs no derivative, b for the vehicle's constants, v₀ and c for each piece's
-start and gradient. T is taken at its own samples: lines between those of 1 Hz miss what wheels do
-meanwhile, and where a controller repeats itself nearly as often they are another train's. The
-steps at each build-up, slide and release tell τ, the better the fewer vehicles of the train are not
-in the log.
+with F by the wheelset equation (1). Its ∫ I ω̇ needs no derivative. b stands for the constants of the
+vehicle, v₀ and c for the start and the gradient of each piece. T is taken at its own samples, since
+straight lines between samples of 1 Hz miss what wheels do meanwhile. The steps at each build-up,
+slide and release determine τ. Vehicles that are not in the log make it less certain.
 """
 
 import math
@@ -47,13 +48,13 @@ _CREEP = 0.002, 0.004  # q and its 1 sigma: creep of 0.2 % at 1 m/s² [s²/m]
 _NO_CREEP = 3.0  # sigma of q: a fit farther off is one of slides
 _SLOWING = 0.2  # a train that does is braked [m/s²]
 _NEAR = 1.0  # before and behind a slide creep is no straight line of force [s]
-_LEAST = 3.0  # so long must a wheel roll while braked [s]
+_LEAST = 3.0  # shortest rolling of a braked wheel [s]
 _SHARE = 0.5  # and for this share of the braking
-_ALIKE = 0.85  # and an axle that counts, for this share of the time that the best one rolls
-_BLOCK = 3.0  # within it errors are alike [s]
+_ALIKE = 0.85  # of the time that the best axle rolls: an axle that rolls less does not count
+_BLOCK = 3.0  # within it errors are correlated [s]
 _SLOW = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
 _SYSTEMATIC = 0.015  # 1 sigma of τ by creep that does not go with the force [s]
-_SUREST = 0.2  # a larger 1 sigma of τ tells nothing [s]
+_SUREST = 0.2  # τ is not known with a larger 1 sigma [s]
 _OFF = 0.05, 0.3  # the same two of o: by what a slow wheel's sensor leaves out [m/s]
 _CERTAIN = 3.0  # sigma from zero is an offset
 _APART, _AS_GOOD = 0.5, 1.1  # nearest other τ or o [s, m/s], and its loss over the best one's
@@ -85,7 +86,7 @@ class _Fit(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """What the train speed is beside the wheels; None where it is not clear."""
+    """How the train speed differs from the wheels; None where that is not clear."""
 
     late: Parameter | None  # τ [s]
     offset: Parameter | None = None  # o [m/s], where τ is none or does not explain it better
@@ -119,7 +120,7 @@ class _Scan(NamedTuple):
 
 
 def beside(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> Beside:
-    """How late the train speed is, above 0 where it is behind, and by what it is off.
+    """Delay of the train speed, negative where it is early, and its offset.
 
     Args:
         axles: all axles, with the same train speed.
@@ -226,14 +227,14 @@ def _flat(x: Floats, t: Floats, piece: NDArray[np.int64]) -> Floats:
 
 
 class _Cause(NamedTuple):
-    """One thing that may be the matter with the train speed, by a number."""
+    """One possible error of the train speed, by its size."""
 
     tried: Floats
     true: Callable[[float], Floats]  # the train's speed then, (n,) [m/s]
     slope: Callable[[float], Floats]  # by how much the logged one is above it, per unit; (n,)
     start: Callable[[float], Floats]  # c and q from which to look
     sure: float  # its 1 sigma where everything else is known
-    tells: float  # a larger 1 sigma tells nothing
+    tells: float  # the cause is not known with a larger 1 sigma
 
 
 class _Found(NamedTuple):
@@ -245,7 +246,7 @@ class _Found(NamedTuple):
 
 
 def _by_rolling(g: Grid, train: Floats, interval: float) -> Beside:
-    """How the wheels that roll are as fast as the train: by τ, by o, or as logged."""
+    """Which of τ, o or neither makes rolling wheels as fast as the train."""
     t: Floats = g.step * np.arange(len(train), dtype=np.float64)
     known = np.isfinite(train)
     falling, every = -g.slope(train), max(1, len(t) // _MOST)
@@ -275,7 +276,7 @@ def _by_rolling(g: Grid, train: Floats, interval: float) -> Beside:
 
 
 def _told(late: _Found | None, offset: _Found | None) -> Beside:
-    """Which of both it is; both where nothing tells."""
+    """Which of both it is; both where the log cannot separate them."""
     by_late = late.value if late and late.clear else None
     if offset is None or abs(offset.value.value) < _CERTAIN * offset.value.tolerance:
         return Beside(by_late)
@@ -288,14 +289,14 @@ def _told(late: _Found | None, offset: _Found | None) -> Beside:
 def _likeliest(
     s: _Samples, cause: _Cause, slows: Bools, free: Bools, alike: float, least: float
 ) -> _Found | None:
-    """The value at which most of the samples fit; None where wheels do not tell.
+    """The value at which most of the samples fit; None where the wheels do not show it.
 
     Args:
         s: the samples.
         cause: what is looked for.
         slows: where the train does (n,).
         free: where a wheel is not braked (axles, n).
-        alike: samples in a row whose noise is alike.
+        alike: samples in a row with correlated noise.
         least: samples that a wheel must roll while braked.
     """
     fits = [_fit(s, cause.true(x), cause.start(x)) for x in cause.tried]
@@ -338,7 +339,7 @@ def _start(g: Grid, train: Floats) -> Floats:
 
 
 def _prior(s: _Samples) -> tuple[Floats, Floats]:
-    """Weights of what c and q are expected to be, as of so many samples, and what that is."""
+    """Prior of c and q: their weights, as numbers of samples, and their means."""
     k = len(s.rim)
     weights = (s.noise / np.array([*([_WORN] * k), _CREEP[1]])) ** 2
     return weights, np.append(np.zeros(k), _CREEP[0])
@@ -373,14 +374,14 @@ def _fit(s: _Samples, v: Floats, start: Floats) -> _Fit:
 
 
 def _step(s: _Samples, f: _Fit, slope: Floats, alike: float, sure: float) -> tuple[float, float]:
-    """By how much another value of a cause fits better, and its 1 sigma.
+    """Change of the cause that fits better, and its 1 sigma.
 
     Args:
         s: the samples.
         f: their fit at the value so far.
-        slope: what is logged by a cause, per unit of it, (n,) [m/s].
-        alike: samples in a row whose noise is alike.
-        sure: its 1 sigma where everything else is known.
+        slope: change of the logged speed per unit of the cause, (n,) [m/s].
+        alike: samples in a row with correlated noise.
+        sure: 1 sigma of the cause where everything else is known.
     """
     used = f.used & np.isfinite(slope)
     late = np.where(used, np.nan_to_num(slope), 0.0)

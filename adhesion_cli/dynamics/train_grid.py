@@ -97,13 +97,13 @@ class Grid:
 
     @cached_property
     def rolling(self) -> Bools:
-        """Where an axle does not slide, as far as the log can tell, nor within a second; (k, n)."""
+        """Where an axle does not slide, as far as the log shows, nor within a second; (k, n)."""
         near = np.abs(self.share - 1.0) < 0.03
         return np.array([far(row, 2 * self.half) for row in near])
 
     @cached_property
     def slid_together(self) -> bool:
-        """Whether the fastest wheel gained speed beside its brake: no train does, so all slid."""
+        """Whether the fastest wheel gained speed while braked: no train does, so all slid."""
         if self.train is not None:
             return False
         K = largest(self.clamping)
@@ -159,7 +159,7 @@ class Piece(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """What is the matter, as far as the log tells."""
+    """What differs from the stated vehicle, as far as the log shows."""
 
     late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
     line: Line | None  # None where it is as stated

@@ -1,9 +1,8 @@
 """Axles that follow another axle's pressure while they slide, not their own.
 
 A wheel that slides is free: by the wheelset equation its acceleration follows the clamping force at
-once, while adhesion changes slowly. Where all pressures are late by the same, that of an axle that
-slides later may seem to be another's: a clock that makes an axle follow its own as well as any
-other is no swap.
+once, while adhesion changes slowly. A common delay of all pressures can look like a swap. So the
+axle must follow the other pressure better than its own at any delay.
 """
 
 from collections.abc import Iterator
@@ -59,9 +58,9 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 
 
 def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:
-    """How well changes of axle i's ω̇ while it slides go with the pressure of j, so much later.
+    """Correlation of the changes of axle i's ω̇ in slides with the pressure of axle j.
 
-    0 where nothing tells; the shift is in steps of the grid.
+    0 where there is too little; the shift is a delay of the pressure, in steps of the grid.
     """
     change, release = _kink(_kink(g.rim[i])), np.full(g.rim.shape, np.nan)
     kinks = -_kink(g.clamping)

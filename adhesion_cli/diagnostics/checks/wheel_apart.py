@@ -1,8 +1,8 @@
-"""Wheels that turn faster than the train, or slower though no brake holds them.
+"""Wheels that turn faster than the train, or slower though no brake is on.
 
-A brake makes a wheel slower, only a motor makes it faster. Without a train speed, that of most
-wheels is one where none is braked. A wheel without brake is always as fast as the train, or
-differs by the same share all along, whatever its diameter.
+A brake makes a wheel slower, only a motor makes it faster. Without a train speed, the reference is
+the median of the wheels while none is braked. An unbraked wheel always has the same ratio to the
+train speed, whatever its diameter.
 """
 
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 
 
 def _drifts(p: Params, s: Scene, i: int, free: Bools, between: Floats) -> Iterator[Finding]:
-    """A wheel that no brake holds and that has another ratio to the train than at other times."""
+    """An unbraked wheel whose ratio to the train speed is not its usual one."""
     g = s.grid
     assert g.train is not None
     free = free & (g.train > CRAWL) & (g.slope(g.train) < p.driven)

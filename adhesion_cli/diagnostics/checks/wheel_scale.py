@@ -94,10 +94,10 @@ def _free(g: Grid, i: int) -> Bools:
 
 
 def _kept_share(g: Grid, i: int) -> float:
-    """The share of the train's speed that a wheel keeps to, 1 where it keeps to none.
+    """The usual ratio of a wheel to the train speed, 1 where it has none.
 
-    A wheel without brake rolls. A braked one does where it keeps to one share again and again, the
-    highest such share: one that slides all the time wanders and keeps to none.
+    A wheel without brake rolls. A braked wheel rolls where its ratio is the same again and again;
+    the highest such ratio counts. The ratio of a wheel that slides all the time varies.
     """
     if g.train is None:
         return 1.0
