@@ -19,8 +19,8 @@ Where the wheels hardly roll, the train still slows by the adhesion of its wheel
 
     T(t + τ) = v₀ − b ∫ mean_i(F_i/m) dt − c t,
 
-with F by the wheelset equation (1). Its ∫ I ω̇ needs no derivative. b stands for the constants of the
-vehicle, v₀ and c for the start and the gradient of each piece. T is taken at its own samples, since
+with F by the wheelset equation (1). Its ∫ I ω̇ needs no derivative. b stands for the constants of
+the vehicle, v₀ and c for start and gradient of each piece. T is taken at its own samples, since
 straight lines between samples of 1 Hz miss what wheels do meanwhile. The steps at each build-up,
 slide and release determine τ. Vehicles that are not in the log make it less certain.
 """
