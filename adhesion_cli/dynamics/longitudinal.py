@@ -557,7 +557,7 @@ def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
 
 
 def _responses(d: Design, p: Posterior, prior: Mapping[int, Parameter]) -> tuple[Piece, ...]:
-    """By how much the train responds to each change of the pressure, as a share of the model's.
+    """Response of the train to each change of the pressure, as a share of the stated vehicle's.
 
     Each change counts for as long as it lasts: k is the sum of all changes so far. Their shares
     and the gradients come of one least squares, in rounds: each one weighs the pieces by what the
@@ -592,7 +592,8 @@ def _responses(d: Design, p: Posterior, prior: Mapping[int, Parameter]) -> tuple
     for i, ((first, past), size) in enumerate(zip(changes, np.diff(k[edges]), strict=True)):
         unsure = _BENDS / max(abs(float(size)) * d.c, 1e-9)
         sigma = math.hypot(math.sqrt(float(covariance[i, i])), unsure)
-        found.append(Piece(first * step, past * step, Parameter(float(x[i]), sigma)))
+        share = Parameter(p.scale * float(x[i]), p.scale * sigma)
+        found.append(Piece(first * step, past * step, share))
     return tuple(found)
 
 

@@ -119,7 +119,10 @@ def _another(p: Params, s: Scene, factor: float, severity: Severity) -> Finding:
     if factor > 1.0 and s.grid.slid_together:
         severity = "info"
     friction, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
-    names = {"fits": f"friction = {friction:.2g} or axle_mass = {mass:.0f}"}
+    # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
+    fits = [f"friction = {friction:.2g}"] * (0.05 < friction < 0.6)
+    fits += [f"axle_mass = {mass:.0f}"] * (2e3 < mass < 45e3)
+    names = {"fits": named(fits)}
     return s.found("vehicle-suspect", severity, brake, None, 0, values, names)
 
 
