@@ -38,7 +38,7 @@ HELD_OUT = 20261123  # seed of the published figures; thresholds are set on othe
 GRAVITY = 9.80665  # [m/s²]
 STEP = 0.002  # of the simulation [s]
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
-MARK = "<!-- diagnostics:begin -->", "<!-- diagnostics:end -->"
+MARK = "<!-- diagnostics scorecard: begin -->", "<!-- diagnostics scorecard: end -->"
 
 # Findings about how the log was written or read: they accuse no sensor, clock, unit or vehicle.
 LAYOUT = {"vehicle-assumed", "vehicle-default", "gap", "time-guessed", "empty-channel", "too-short"}
