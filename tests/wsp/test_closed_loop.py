@@ -947,7 +947,7 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     arguments += ["--set", "patent.slip_high=0.04"]
     assert app(arguments, standalone_mode=False) == 0
     out, err = capsys.readouterr()
-    assert "[vehicle] is that of logs" in err
+    assert "[vehicle] has no effect" in err
     doc = json.loads(out)
     used = doc["parameters"]
     assert [used["patent"][k] for k in ("slip_low", "slip_high", "patience")] == [0.01, 0.04, 0.2]
