@@ -6,8 +6,20 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from adhesion_cli.core import finding
+
 settings.register_profile("deterministic", derandomize=True, deadline=None)
 settings.load_profile("deterministic")
+
+
+@pytest.fixture(autouse=True)
+def every_field_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A finding that lacks a field of its template is a fault of ours; users still see the rest."""
+
+    def refuse(_: object, key: str) -> str:
+        raise KeyError(key)
+
+    monkeypatch.setattr(finding._Fields, "__missing__", refuse)
 
 
 @pytest.fixture

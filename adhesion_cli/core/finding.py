@@ -41,6 +41,20 @@ def catalogue() -> dict[str, Words]:
     }
 
 
+class _NotStated:
+    """A field of a template that a finding lacks: the rest of the sentence is shown all the same."""
+
+    def __format__(self, _: str) -> str:
+        return "…"
+
+
+class _Fields(dict[str, Any]):
+    """What a template is filled with."""
+
+    def __missing__(self, _: str) -> _NotStated:
+        return _NotStated()
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing about the data that the user must be able to know.
@@ -75,12 +89,15 @@ class Finding:
     @property
     def message(self) -> str:
         """One line that says what is wrong."""
-        return catalogue()[self.code].message.format(**self.values, **self.names)
+        return catalogue()[self.code].message.format_map(self._fields())
 
     @property
     def hint(self) -> str | None:
         """What to do, None where nothing need be done."""
-        return catalogue()[self.code].remedy.format(**self.values, **self.names) or None
+        return catalogue()[self.code].remedy.format_map(self._fields()) or None
+
+    def _fields(self) -> "_Fields":
+        return _Fields({**self.values, **self.names})
 
 
 def merged(spans: Sequence[Span], most: int = 20) -> tuple[Span, ...]:
