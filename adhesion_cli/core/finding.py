@@ -42,7 +42,7 @@ def catalogue() -> dict[str, Words]:
 
 
 class _NotStated:
-    """A field of a template that a finding lacks: the rest of the sentence is shown all the same."""
+    """A field that a finding lacks: the rest of the sentence is shown all the same."""
 
     def __format__(self, _: str) -> str:
         return "…"
