@@ -72,6 +72,7 @@ TRUE = {
         },  # an info: rollers hold its speed
     },  # its train speed is 0.1 s late
     "paper-constant": {"train-speed-delay"},  # its wheel speed is 0.05 s late
+    "roller-rig": {"deceleration-unexplained"},  # an info: rollers hold its speed
 }
 GOOD: dict[str, dict[str, float]] = {
     "as it is": {},
