@@ -66,11 +66,7 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 # --- good logs ----------------------------------------------------------------------------------
 
 TRUE = {
-    "leaf-film": {
-        "train-speed-delayroller-rig": {
-            "deceleration-unexplained"
-        },  # an info: rollers hold its speed
-    },  # its train speed is 0.1 s late
+    "leaf-film": {"train-speed-delay"},  # its train speed is 0.1 s late
     "paper-constant": {"train-speed-delay"},  # its wheel speed is 0.05 s late
     "roller-rig": {"deceleration-unexplained"},  # an info: rollers hold its speed
 }
