@@ -15,7 +15,7 @@ from trains import rows, three_trains
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.app import app
-from adhesion_cli.core.model import Log, Vehicle
+from adhesion_cli.core.model import Log
 from adhesion_cli.diagnostics import plausible
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -232,6 +232,7 @@ BAD = {
     "convert": ("convert missing.csv a.mcap", 1, "missing.csv"),
     "recover": ("recover missing.mcap -o a.mcap", 1, "missing.mcap"),
     "estimators": ("estimators -a nesso", 2, "nesso"),
+    "explain": ("explain pressure-dely", 2, "pressure-dely"),
 }
 
 
@@ -279,7 +280,7 @@ def test_no_overlap_in_time(run: Run, tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     done = run("analyze", "a.csv")
     assert done.returncode == 1
-    assert "no overlap" in done.stderr
+    assert "share no time" in done.stderr
 
 
 def test_lost_data_is_told_with_exit_code_3(run: Run, tmp_path: Path) -> None:
@@ -380,10 +381,10 @@ def test_a_fault_of_ours_in_one_log_stops_no_other_s_inspection(
         Path(log).write_text(rows(400))
     real = plausible.records
 
-    def fails(log: Log, vehicle: Vehicle) -> Any:
+    def fails(log: Log, *more: Any, **settings: Any) -> Any:
         if log.path == logs[1]:
             raise ValueError("math domain error")
-        return real(log, vehicle)
+        return real(log, *more, **settings)
 
     monkeypatch.setattr(plausible, "records", fails)
     assert app(["inspect", *logs, "--json", "--debug"], standalone_mode=False) == 1
@@ -522,7 +523,9 @@ def test_view_makes_no_recording_of_what_is_no_analysis(run: Run, tmp_path: Path
     for name in ("raw.mcap", "a.compare.mcap"):
         done = viewed(tmp_path, name)
         assert done.returncode == 1
-        assert done.stderr.startswith(f"error: {name}: {Path(name).stem}.rrd is missing, or not")
+        assert done.stderr.startswith(
+            f"error: {name}: {Path(name).stem}.rrd is missing, or was not"
+        )
     assert {p: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 

@@ -101,7 +101,7 @@ def put(folder: Path, of: Files) -> None:
 
 
 def test_the_table_has_every_command_that_writes() -> None:
-    assert {c.name for c in app.registered_commands} - set(COMMANDS) == {"view"}
+    assert {c.name for c in app.registered_commands} - set(COMMANDS) == {"explain", "view"}
 
 
 WAITS = """
