@@ -31,6 +31,11 @@ def findings(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Find
     return found
 
 
+def of_sensors(params: Mapping[str, Any] | None) -> Thresholds:
+    """The parameters of the checks of single channels, of those of all checks."""
+    return Thresholds(**{k: p for k, p in (params or {}).items() if k in Thresholds._fields})
+
+
 def records(
     log: Log,
     vehicle: Vehicle,
@@ -50,8 +55,7 @@ def records(
     Raises:
         UserError: as `axle_records.prepare`.
     """
-    of_sensors = {k: p for k, p in (params or {}).items() if k in Thresholds._fields}
-    made = axle_records.prepare(log, vehicle, axles, window, Thresholds(**of_sensors))
+    made = axle_records.prepare(log, vehicle, axles, window, of_sensors(params))
     if made.scene is None:
         return made.records, made.findings
     odd = [f for f in findings(made.scene, params) if f.channel in made.channels]
