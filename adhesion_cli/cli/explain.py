@@ -1,6 +1,7 @@
 """`adhesion explain`: what a finding means, from the catalogue."""
 
 import re
+from functools import cache
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -56,21 +57,24 @@ def entry(words: "Words") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
     texts = ("title", "message", *_PARTS)
     shown = {name: _plain(getattr(words, name)) for name in texts}
-    thresholds = _thresholds(words.code)
     return {
-        "code": words.code, "section": words.section, **shown, "thresholds": thresholds,
-        "old": list(words.old),
+        "code": words.code, "section": words.section, **shown,
+        "thresholds": _thresholds(words.code), "old": list(words.old),
     }  # fmt: skip
+
+
+@cache
+def _checks() -> dict[str, str]:
+    """The source of every file that holds thresholds of a check, by its name."""
+    package = Path(__file__).parents[1]
+    files = [*package.glob("diagnostics/checks/[!_]*.py"), *package.glob("records/*.py")]
+    sources = {path.stem: path.read_text(encoding="utf-8") for path in files}
+    return {name: text for name, text in sources.items() if "\nclass Params(" in text}
 
 
 def _thresholds(code: str) -> list[dict[str, object]]:
     """The thresholds of the checks whose file names this code, with their defaults."""
-    package = Path(__file__).parents[1]
-    files = [*(package / "diagnostics" / "checks").glob("[!_]*.py")]
-    files += [
-        package / "records" / f"{x}.py" for x in ("outliers", "stuck_pressure", "stuck_speed")
-    ]
-    of = [p.stem for p in files if f'"{code}"' in p.read_text(encoding="utf-8")]
+    of = [name for name, source in _checks().items() if f'"{code}"' in source]
     if not of:
         return []
     from ..core.methods import parameters
@@ -107,15 +111,14 @@ def _plain(text: str) -> str:
 def _text(words: "Words") -> str:
     from .terminal import folded
 
-    shown = entry(words)
     names = {"limits": "Cannot see"}
     lines = [f"{words.code}: {words.title}"] + [
-        folded(f"{names.get(part, part.capitalize())}: {shown[part]}", "  ")
+        folded(f"{names.get(part, part.capitalize())}: {text}", "  ")
         for part in _PARTS
-        if shown[part]
+        if (text := _plain(getattr(words, part)))
     ]
-    if thresholds := _thresholds(words.code):
-        lines.append("Thresholds (change with --set NAME=VALUE):")
+    thresholds = _thresholds(words.code)
+    lines += ["Thresholds (change with --set NAME=VALUE):"] * bool(thresholds)
     for t in thresholds:
         unit = "" if t["unit"] == "-" else f" {t['unit']}"
         lines.append(folded(f"  {t['name']} = {t['default']:g}{unit}: {t['text']}", "    "))
