@@ -1,6 +1,6 @@
 """The main job: a log in, reference, estimates, scores and findings out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from ..core.time_axis import spans_of
 from ..diagnostics import plausible
 from ..evaluation import metrics
 from ..formats.open import open_source
+from ..formats.source import Source
 from ..rail import slip
 from ..records import axle_records
 from ..reference import force
@@ -75,12 +76,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     tell(f"reading {path.name}")
     settings = load()
     source = open_source(path, settings.read)
-    if any(name.startswith("adhesion.settings/") for name in source.metadata):
-        raise UserError(
-            f"{path}: a comparison of several logs, not a log",
-            "name the logs themselves or their *.adhesion.mcap",
-        )
-    if carried := source.metadata.get("adhesion.settings"):
+    if carried := _carried(path, source):
         settings = load(base=settings_module.nested(carried))
     checked(settings)
     vehicle = settings.vehicle
@@ -109,6 +105,20 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
+
+
+def _carried(path: Path, source: Source) -> Mapping[str, str]:
+    """The settings that a result file was made with; none of a raw log.
+
+    Raises:
+        UserError: for the result of a comparison.
+    """
+    if any(name.startswith("adhesion.settings/") for name in source.metadata):
+        raise UserError(
+            f"{path}: a comparison of several logs, not a log",
+            "name the logs themselves or their *.adhesion.mcap",
+        )
+    return source.metadata.get("adhesion.settings", {})
 
 
 def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:

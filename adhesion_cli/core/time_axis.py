@@ -3,6 +3,7 @@
 Nothing is sorted.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -339,6 +340,13 @@ class Over(NamedTuple):
     t: Times
     k: int
     n: int
+
+
+def overs(of: Channel) -> Iterator[Over]:
+    """The times of a channel, piece by piece between the jumps of its clock."""
+    parts = pieces(of.starts, len(of.data.t))
+    for k, part in enumerate(parts):
+        yield Over(of.data.t[part], k, len(parts))
 
 
 def _samples(at: Over, of: Channel) -> tuple[Times, Floats]:

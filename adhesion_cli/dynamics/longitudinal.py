@@ -199,8 +199,7 @@ def design(
         since, v[at], v[at], c, noise, floor, fine.train is not None, interval,
     )  # fmt: skip
     flat = _flat(d, d.v)
-    sloped = flat - _spread(d, _sums(d, flat * since) / _sums(d, since**2)) * since
-    return d._replace(v=flat, speed=d.speed - sloped)
+    return d._replace(v=flat, speed=d.speed - _sloped(d, flat))
 
 
 def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tuple[Floats, float]:
@@ -479,12 +478,7 @@ def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
 
 def _likeliest_scale(d: Design, x: Floats) -> float:
     """The ln s that fits best with any gradients."""
-    own = _sums(d, d.time**2)
-
-    def sloped(y: Floats) -> Floats:
-        return y - _spread(d, _sums(d, y * d.time) / own) * d.time
-
-    u, v = sloped(_lost(d, x)), sloped(d.v)
+    u, v = _sloped(d, _lost(d, x)), _sloped(d, d.v)
     A, B, C = _sums(d, v * v), _sums(d, v * u), _sums(d, u * u)
     s = _FACTORS[:, None]
     squares = np.maximum(A + 2.0 * s * B + s * s * C, 0.0) / d.size + d.floor**2
@@ -655,6 +649,7 @@ def _judged(
 
 
 def _sloped(d: Design, x: Floats) -> Floats:
+    """What is left of x without a straight slope of its piece, (m,)."""
     return x - _spread(d, _sums(d, x * d.time) / _sums(d, d.time**2)) * d.time
 
 

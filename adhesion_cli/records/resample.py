@@ -4,7 +4,6 @@ An online estimator may use the last value only. The offline reference may inter
 what is only compared: train speed and truth.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -95,13 +94,6 @@ def _axle(
     return Axle(record, speed, brake, train), findings
 
 
-def _pieces(speed: Channel) -> Iterator[time_axis.Over]:
-    """The times of a wheel speed, where neither of its jumps of the clock interrupts them."""
-    parts = time_axis.pieces(speed.starts, len(speed.data.t))
-    for k, part in enumerate(parts):
-        yield time_axis.Over(speed.data.t[part], k, len(parts))
-
-
 def _sampled(speed: Channel, brake: Channel, straight: Channel) -> _Sampled:
     """A brake at the wheel speed's times.
 
@@ -111,7 +103,7 @@ def _sampled(speed: Channel, brake: Channel, straight: Channel) -> _Sampled:
         straight: the same with straight lines between its own samples.
     """
     parts = []
-    for at in _pieces(speed):
+    for at in time_axis.overs(speed):
         last, fresh = time_axis.hold(at, brake)
         smooth = time_axis.interpolated(at, straight)
         if not np.isfinite(smooth).all():
@@ -123,7 +115,7 @@ def _sampled(speed: Channel, brake: Channel, straight: Channel) -> _Sampled:
 
 
 def _interpolated(speed: Channel, other: Channel) -> Floats:
-    parts = [time_axis.interpolated(at, other) for at in _pieces(speed)]
+    parts = [time_axis.interpolated(at, other) for at in time_axis.overs(speed)]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

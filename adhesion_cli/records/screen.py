@@ -157,9 +157,7 @@ def _stuck_wheel(
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
     """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
-    parts = time_axis.pieces(speed.starts, len(speed.data.t))
-    ats = (time_axis.Over(speed.data.t[s], k, len(parts)) for k, s in enumerate(parts))
-    held = np.concatenate([time_axis.hold(at, brake)[0] for at in ats])
+    held = np.concatenate([time_axis.hold(at, brake)[0] for at in time_axis.overs(speed)])
     return clamping_force(held, vehicle) if brake.meaning == "pressure" else held
 
 
