@@ -77,7 +77,7 @@ def write(
     with places(shared, sets, (r.log for r in results), read) as found:
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
             record, recording, *drawn = of
-            slip, notes = slips[i] if slips else (None, ())
+            slip, notes = slips[i] if slips else ("", ())
             mcap.write_result(record, result, embedded([result]), slip)
             rrd.write_result(recording, result, list(estimator.registry()), notes)
             for place in drawn:

@@ -2,6 +2,7 @@
 
 import functools
 import re
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -60,7 +61,8 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
     load = functools.partial(settings.load, folder=False)
     algos = [name for name in registry() if name in ran]
     analysed = analyze.analyze(result, load, algos, tell=tell)
-    with atomic_files.outputs([recording], force=True, record=result) as (picture,):
+    with atomic_files.outputs([result, recording], force=True) as (record, picture):
+        shutil.copyfile(result, record)
         rrd.write_result(picture, analysed, list(registry()))
 
 

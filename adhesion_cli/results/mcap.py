@@ -4,7 +4,7 @@ The messages are laid out by numpy, because one protobuf object per sample costs
 analysis. The bytes of a message are those the protobuf library would have written.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
@@ -24,9 +24,9 @@ from ..core.model import (
     RECOVERED,
     AxleResult,
     Column,
-    Event,
     Floats,
     Log,
+    Regions,
     Result,
     Times,
     Vehicle,
@@ -36,12 +36,21 @@ from ..core.text import printable
 from ..rail import events
 from ..rail.slope import REGIONS
 from . import descriptors, mcap_container, names
+from .log_events import Told, of_result
 from .mcap_container import Offsets
+from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
 _SECOND = 1_000_000_000
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
+_UNITS = {  # of the doubles of a message, in the order of its schema
+    "AxleInput": ("Pa", "N", "rad/s", "m/s"),
+    "Reference": ("N", "N", "N", "N", "-"),
+    "Estimate": ("N", "-", "N"),
+    "Truth": ("N", "-"),
+    "Slip": ("-", "-", "-", "-"),
+}
 
 Bytes = NDArray[np.uint8]
 _Values = Callable[[slice], Floats]  # the values of these rows: most are computed chunk by chunk
@@ -49,30 +58,18 @@ _Values = Callable[[slice], Floats]  # the values of these rows: most are comput
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """One topic before packing: a column per double field, shape (n,).
-
-    What is not known is written as NaN: an absent field reads as 0 in most programs, a force of
-    nothing with certainty.
-    """
+    """One topic before packing: a column per double field, shape (n,)."""
 
     topic: str
     message: str
     t: Times
-    columns: dict[str, tuple[str, _Values]]  # field: (unit, values)
+    columns: dict[str, _Values]  # by field
+    units: dict[str, str]  # as the channel record states them
     tails: tuple[bytes, ...] = (b"",)  # encoded fields that follow the doubles
     tail: NDArray[np.int64] | None = None  # which of them, per row; None: the first
-    unit: str | None = None  # of the whole topic
-
-    def metadata(self) -> dict[str, str]:
-        """Units, as the channel record states them."""
-        if self.unit is not None:
-            return {"unit": self.unit}
-        return {f"unit.{name}": unit for name, (unit, _) in self.columns.items()}
 
 
-def write_result(
-    path: Path, result: Result, metrics_json: str | bytes, slip_json: str | None = None
-) -> None:
+def write_result(path: Path, result: Result, metrics_json: str, slip_json: str = "") -> None:
     """Write one analysed log, read it back and check it.
 
     Args:
@@ -89,47 +86,31 @@ def write_result(
     metadata = {
         names.SETTINGS: names.flat(result.settings),
         "adhesion.provenance": _provenance(result, shift),
-        "adhesion.metrics": {"json": _text(metrics_json)},
+        "adhesion.metrics": {"json": metrics_json},
         **_account(result.log),
+        **({"adhesion.slip": {"json": slip_json}} if slip_json else {}),
     }
-    if slip_json is not None:
-        metadata["adhesion.slip"] = {"json": _text(slip_json)}
     _write(path, _result_streams(result, ""), metadata, shift)
 
 
-def write_comparison(path: Path, results: Sequence[Result], metrics_json: str | bytes) -> None:
+def write_comparison(path: Path, results: Sequence[Result], metrics_json: str) -> None:
     """Write several analysed logs into one file, topics and metadata parted by the log's name.
 
-    Args:
-        path: file to write; its old content is lost.
-        results: the analysed logs.
-        metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
-
-    Raises:
-        UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
-        OSError: the file cannot be written.
+    As `write_result` in all else.
     """
     shift = _shift([r.log for r in results])
     streams: list[_Stream] = []
-    settings: dict[str, dict[str, str]] = {}
+    metadata: dict[str, dict[str, str]] = {}
     provenance: dict[str, str] = {}
     for name, result in zip(names.logs(results), results, strict=True):
         streams += _result_streams(result, f"/{name}")
         # A file of one log can be analysed again, one of several cannot.
         key = f"{names.SETTINGS}/{name}" if len(results) > 1 else names.SETTINGS
-        settings[key] = names.flat(result.settings)
-        settings |= _account(result.log) if len(results) == 1 else {}
+        metadata[key] = names.flat(result.settings)
+        metadata |= _account(result.log) if len(results) == 1 else {}
         provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
-    _write(
-        path,
-        streams,
-        {
-            **settings,
-            "adhesion.provenance": provenance,
-            "adhesion.metrics": {"json": _text(metrics_json)},
-        },
-        shift,
-    )
+    metadata |= {"adhesion.provenance": provenance, "adhesion.metrics": {"json": metrics_json}}
+    _write(path, streams, metadata, shift)
 
 
 def write_log(path: Path, log: Log) -> None:
@@ -171,31 +152,26 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
         UserError: a file that does not read back.
         OSError: the file cannot be written.
     """
-    streams = [
-        _scalar("/distance", "m", Column(stop.t, stop.distance, np.isfinite(stop.distance))),
-        _scalar("/demand", "Pa", Column(stop.t, stop.demand, np.isfinite(stop.demand))),
-    ]
-    for i in range(stop.pressure.shape[1]):
-        streams += _stop_streams(stop, i, vehicle)
-    streams += _told([x for i in range(stop.pressure.shape[1]) for x in _stop_events(stop, i)], "")
+    axles = range(stop.pressure.shape[1])
     stated = names.flat(settings)
-    provenance = {
-        "version": __version__,
-        "input": printable(f"{name}, controller {stop.controller}"),
-        "input_sha256": sha256(repr(stated).encode()).hexdigest(),
-        "input_format": "closed loop",
-        "sources": "\n".join(sources),
-    }
-    _write(
-        path,
-        streams,
-        {
-            names.SETTINGS: stated,
-            "adhesion.provenance": provenance,
-            "adhesion.metrics": {"json": metrics},
+    metadata = {
+        names.SETTINGS: stated,
+        "adhesion.provenance": {
+            "version": __version__,
+            "input": printable(f"{name}, controller {stop.controller}"),
+            "input_sha256": sha256(repr(stated).encode()).hexdigest(),
+            "input_format": "closed loop",
+            "sources": "\n".join(sources),
         },
-        0,
-    )
+        "adhesion.metrics": {"json": metrics},
+    }
+    streams = [
+        _computed("/distance", "m", stop.t, stop.distance),
+        _computed("/demand", "Pa", stop.t, stop.demand),
+        *(x for i in axles for x in _stop_streams(stop, i, vehicle)),
+        *_events((x for i in axles for x in _stop_events(stop, i)), ""),
+    ]
+    _write(path, streams, metadata, 0)
 
 
 # ---- what goes into the file
@@ -207,13 +183,39 @@ def _scalar(topic: str, unit: str, data: Column) -> _Stream:
     t, value = data.t, data.value
     if not data.valid.all():
         t, value = t[data.valid], value[data.valid]
-    return _Stream(topic, "Scalar", t, {"value": (unit, value.__getitem__)}, (tail,), unit=unit)
+    return _Stream(topic, "Scalar", t, {"value": value.__getitem__}, {"unit": unit}, (tail,))
+
+
+def _computed(topic: str, unit: str, t: Times, values: Floats) -> _Stream:
+    return _scalar(topic, unit, Column(t, values, np.isfinite(values)))
+
+
+def _stream(topic: str, message: str, t: Times, *columns: Floats | _Values | None) -> _Stream:
+    """The doubles of a message, in the order of its schema.
+
+    What is not known is written as NaN: an absent field reads as 0 in most programs, a force of
+    nothing with certainty.
+    """
+    _, *fields = descriptors.numbers(message)
+    units = {f"unit.{name}": unit for name, unit in zip(fields, _UNITS[message], strict=False)}
+    return _Stream(topic, message, t, dict(zip(fields, map(_known, columns), strict=False)), units)
 
 
 def _known(values: Floats | _Values | None) -> _Values:
     if values is None:
         return lambda part: np.full(part.stop - part.start, np.nan)
     return values if callable(values) else values.__getitem__
+
+
+def _slip(
+    topic: str, t: Times, columns: Sequence[Floats | _Values | None], region: Regions | None
+) -> _Stream:
+    """Slip, coefficient, slope and its confidence, and the region where it is known."""
+    doubles, message = _stream(f"{topic}/slip", "Slip", t, *columns), descriptors.message("Slip")
+    if region is None:
+        return doubles
+    tails = tuple(message(region=name).SerializeToString() for name in REGIONS)
+    return replace(doubles, tails=tails, tail=region.astype(np.int64))
 
 
 def _result_streams(result: Result, prefix: str) -> list[_Stream]:
@@ -226,154 +228,82 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
         name = "train_acceleration" if first.is_rate else "train_speed"
         unit = names.SI["train_speed"] + "/s" * first.is_rate
         streams.append(_scalar(f"{prefix}/{name}", unit, first.data))
-    return [*streams, *_events(result, prefix)]
+    return [*streams, *_events(of_result(result), prefix)]
 
 
 def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
-    record, reference = axle.record, axle.reference
-
-    def stream(name: str, message: str, **columns: tuple[str, Floats | _Values | None]) -> _Stream:
-        filled = {f: (unit, _known(v)) for f, (unit, v) in columns.items()}
-        return _Stream(f"{topic}/{name}", message, record.t, filled)
+    record, ref = axle.record, axle.reference
+    t = record.t
 
     def mu(force: Floats) -> _Values:
         return lambda part: physics.coefficient(force[part], result.vehicle)
 
-    yield stream(
-        "input", "AxleInput",
-        brake_cylinder_pressure=("Pa", record.pressure),
-        clamping_force=("N", record.clamping_force),
-        wheel_speed=("rad/s", record.wheel_speed),
-        train_speed=("m/s", record.train_speed),
+    yield _stream(
+        f"{topic}/input", "AxleInput", t,
+        record.pressure, record.clamping_force, record.wheel_speed, record.train_speed,
     )  # fmt: skip
     brake = result.log.find("pressure", record.axle) or result.log.find(
         "clamping_force", record.axle
     )
-    if brake and brake.meaning and not np.isin(record.t, brake.data.t).all():
+    if brake and brake.meaning and not np.isin(t, brake.data.t).all():
         # Between its own stamps the reference interpolates: held values alone would not do again.
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
-    yield stream(
-        "reference", "Reference",
-        force=("N", reference.force),
-        sigma=("N", reference.sigma),
-        lower=("N", reference.lower),
-        upper=("N", reference.upper),
-        coefficient=("-", mu(reference.force)),
+    yield _stream(
+        f"{topic}/reference", "Reference", t,
+        ref.force, ref.sigma, ref.lower, ref.upper, mu(ref.force),
     )  # fmt: skip
     for algo, force in sorted(axle.estimates.items()):
-        yield stream(
-            f"estimate/{algo}", "Estimate",
-            force=("N", force), coefficient=("-", mu(force)),
-            error=("N", partial(axle.error, algo)),
-        )  # fmt: skip
+        error = partial(axle.error, algo)
+        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, force, mu(force), error)
     if record.truth is not None or record.true_slip is not None:
-        yield stream("truth", "Truth", force=("N", record.truth), slip=("-", record.true_slip))
+        yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
     if axle.slip is not None:
-        slip = stream(
-            "slip", "Slip",
-            slip=("-", axle.slip),
-            coefficient=("-", mu(reference.force)),
-            slope=("-", axle.slope),
-            slope_confidence=("-", axle.slope_confidence),
-        )  # fmt: skip
-        if axle.region is not None:
-            message = descriptors.message("Slip")
-            regions = tuple(message(region=name).SerializeToString() for name in REGIONS)
-            slip = replace(slip, tails=regions, tail=axle.region.astype(np.int64))
-        yield slip
+        columns = (axle.slip, mu(ref.force), axle.slope, axle.slope_confidence)
+        yield _slip(topic, t, columns, axle.region)
 
 
 def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
     """One axle of a stop, counted from 0: what was measured, what was true, what it did."""
-    topic, slip = f"/axle/{i + 1}", descriptors.message("Slip")
-
-    def stream(name: str, message: str, **columns: tuple[str, Floats]) -> _Stream:
-        filled = {f: (unit, _known(v)) for f, (unit, v) in columns.items()}
-        return _Stream(f"{topic}/{name}", message, stop.t, filled)
-
-    F = stop.estimate[:, i]
-    yield stream(
-        "input", "AxleInput",
-        brake_cylinder_pressure=("Pa", stop.measured_pressure[:, i]),
-        clamping_force=("N", stop.measured_clamping_force[:, i]),
-        wheel_speed=("rad/s", stop.measured_wheel_speed[:, i]),
-        train_speed=("m/s", stop.measured_train_speed),
+    topic, t, F = f"/axle/{i + 1}", stop.t, stop.estimate[:, i]
+    true, mu = stop.force[:, i], physics.coefficient(F, vehicle)
+    yield _stream(
+        f"{topic}/input", "AxleInput", t,
+        stop.measured_pressure[:, i], stop.measured_clamping_force[:, i],
+        stop.measured_wheel_speed[:, i], stop.measured_train_speed,
     )  # fmt: skip
-    yield stream(
-        f"estimate/{stop.algo}", "Estimate",
-        force=("N", F), coefficient=("-", physics.coefficient(F, vehicle)),
-        error=("N", F - stop.force[:, i]),
-    )  # fmt: skip
-    yield stream("truth", "Truth", force=("N", stop.force[:, i]), slip=("-", stop.slip[:, i]))
-    yield replace(
-        stream(
-            "slip", "Slip",
-            slip=("-", stop.measured_slip[:, i]),
-            coefficient=("-", physics.coefficient(F, vehicle)),
-            slope=("-", stop.slope[:, i]), slope_confidence=("-", stop.confidence[:, i]),
-        ),
-        tails=tuple(slip(region=name).SerializeToString() for name in REGIONS),
-        tail=stop.region[:, i].astype(np.int64),
-    )  # fmt: skip
-    for name, unit, values in (
-        ("valve", "-", stop.valve), ("judged_slip", "-", stop.judged_slip),
-        ("peak/force", "N", stop.peak), ("peak/slip", "-", stop.peak_slip),
-    ):  # fmt: skip
-        column = values[:, i].astype(np.float64)
-        yield _scalar(f"{topic}/{name}", unit, Column(stop.t, column, np.isfinite(column)))
+    yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true)
+    yield _stream(f"{topic}/truth", "Truth", t, true, stop.slip[:, i])
+    columns = (stop.measured_slip[:, i], mu, stop.slope[:, i], stop.confidence[:, i])
+    yield _slip(topic, t, columns, stop.region[:, i])
+    yield _computed(f"{topic}/valve", "-", t, stop.valve[:, i].astype(np.float64))
+    yield _computed(f"{topic}/judged_slip", "-", t, stop.judged_slip[:, i])
+    yield _computed(f"{topic}/peak/force", "N", t, stop.peak[:, i])
+    yield _computed(f"{topic}/peak/slip", "-", t, stop.peak_slip[:, i])
 
 
-def _events(result: Result, prefix: str) -> list[_Stream]:
-    """Findings, brake applications, slides and regions on one topic, in the order of their time."""
-    event, start = descriptors.message("Event"), result.log.start_ns()
-    found = []
-    of = {c.title: c.axle for c in result.log.channels}
-    of |= {f"axle {a.record.axle}": a.record.axle for a in result.axles}
-    for f in result.findings:
-        where = f"{printable(f.channel)}: " if f.channel else ""
-        text = f"{where}{printable(f.message)}"
-        t = start + round((f.first_s or 0.0) * _SECOND)
-        told = event(code=f.code, severity=f.severity, axle=of.get(f.channel), message=text)
-        found.append((t, told))
-    for axle in result.axles:
-        N = axle.record.axle
-        for s in axle.applications:
-            on, gone = signals.pressed(axle.record, s)
-            for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
-                text = f"axle {N}: brake {what}"
-                told = event(code=f"brake-{what}", severity="info", axle=N, message=text)
-                found.append((int(axle.record.t[i]), told))
-        for x in axle.events:
-            told = event(code=x.code, severity="info", axle=N, message=x.message)
-            found.append((x.t, told))
-    return _told(found, prefix)
-
-
-def _stop_events(stop: Stop, i: int) -> Iterator[tuple[int, Any]]:
-    """What truly happened to an axle of a stop, counted from 0, and the regions it was judged in.
-
-    Pairs of a time [ns] and an `adhesion.Event`.
-    """
+def _stop_events(stop: Stop, i: int) -> Iterator[Told]:
+    """What truly happened to an axle of a stop, counted from 0, and the regions judged."""
     whole, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
     slides = events.slides(whole, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
-    told = list(events.of_axle(i + 1, slides, [whole], stop.t, stop.region[:, i]))
+    for x in events.of_axle(i + 1, slides, [whole], stop.t, stop.region[:, i]):
+        yield Told(x.t, x.code, "info", i + 1, x.message)
     for first, past in signals.true_runs(wheel == LOCKED):
         begin, end = stop.t[[first, min(past, len(stop.t) - 1)]].tolist()
         text = f"axle {i + 1}: locked for {(end - begin) / 1e9:.2f} s"
-        told.append(Event(begin, "wheel-locked", text, end))
-    message = descriptors.message("Event")
-    for x in told:
-        yield x.t, message(code=x.code, severity="info", axle=i + 1, message=x.message)
+        yield Told(begin, "wheel-locked", "info", i + 1, text)
 
 
-def _told(found: Sequence[tuple[int, Any]], prefix: str) -> list[_Stream]:
-    """The topic of events, or nothing if there are none; pairs from `_stop_events`."""
-    if not found:
+def _events(found: Iterable[Told], prefix: str) -> list[_Stream]:
+    """The topic of events, or nothing if there are none."""
+    ordered, event = sorted(found, key=lambda e: e.t), descriptors.message("Event")
+    if not ordered:
         return []
-    ordered = sorted(found, key=lambda e: e[0])
-    tails = tuple(e.SerializeToString() for _, e in ordered)
-    times = np.array([t for t, _ in ordered], np.int64)
-    return [_Stream(f"{prefix}/events", "Event", times, {}, tails, np.arange(len(tails)))]
+    tails = tuple(
+        event(code=x.code, severity=x.severity, axle=x.axle, message=x.message).SerializeToString()
+        for x in ordered
+    )
+    times, each = np.array([x.t for x in ordered], np.int64), np.arange(len(tails))
+    return [_Stream(f"{prefix}/events", "Event", times, {}, {}, tails, each)]
 
 
 def _origin(log: Log, shift: int) -> dict[str, str]:
@@ -398,10 +328,6 @@ def _provenance(result: Result, shift: int) -> dict[str, str]:
     if any(a.record.train_speed_made for a in result.axles):
         told["train_speed"] = MADE
     return told
-
-
-def _text(document: str | bytes) -> str:
-    return document if isinstance(document, str) else document.decode()
 
 
 def _shift(logs: Sequence[Log]) -> int:
@@ -438,10 +364,10 @@ def _write(
         for i, m in enumerate(messages, 1)
     ]
     channels = [
-        Channel(i, s.topic, "protobuf", s.metadata(), messages.index(s.message) + 1)
+        Channel(i, s.topic, "protobuf", s.units, messages.index(s.message) + 1)
         for i, s in enumerate(streams, 1)
     ]
-    with path.open("wb") as file:
+    with verified(path) as file:
         out = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
         for name, entries in metadata.items():
             out.metadata(name, entries)
@@ -449,7 +375,6 @@ def _write(
         for parts in _partition(streams):
             _write_chunk(out, streams, parts, shift)
         out.finish()
-    mcap_container.verify(path)
 
 
 def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
@@ -460,25 +385,17 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     """
     if not any(len(s.t) for s in streams):
         return
-    clocks: dict[int, Times] = {}  # by identity of the time axis: topics of one axle share theirs
-    for s in streams:
-        if id(s.t) not in clocks:
-            rises = bool((s.t[1:] >= s.t[:-1]).all())
-            clocks[id(s.t)] = s.t if rises else np.maximum.accumulate(s.t)
+    axes = {id(s.t): s.t for s in streams}  # topics of one axle share theirs
+    clocks = {axis: np.maximum.accumulate(t) for axis, t in axes.items()}
     total = sum(len(s.t) * (_MESSAGE + 13 + 9 * len(s.columns) + len(s.tails[0])) for s in streams)
     pieces = -(-total // CHUNK)
     every = max(64, total >> 24)  # one in so many: a sample of bounded size
     sample = np.sort(np.concatenate([clocks[id(s.t)][::every] for s in streams]))
-    middle = len(sample) * np.arange(1, pieces) // pieces
-    edges = sample[middle]
-    # Where many rows lie at one time (a clock that jumped back), an edge takes its share of them.
-    first, last = np.searchsorted(sample, edges, "left"), np.searchsorted(sample, edges, "right")
-
-    cuts = {}
-    for axis, clock in clocks.items():
-        below, above = np.searchsorted(clock, edges, "left"), np.searchsorted(clock, edges, "right")
-        share = (middle - first) * (above - below) // (last - first)
-        cuts[axis] = np.concatenate([[0], below + share, [len(clock)]])
+    edges = sample[len(sample) * np.arange(1, pieces) // pieces]
+    cuts = {
+        axis: np.concatenate([[0], np.searchsorted(clock, edges), [len(clock)]])
+        for axis, clock in clocks.items()
+    }
     for k in range(pieces):
         parts = [slice(int(cuts[id(s.t)][k]), int(cuts[id(s.t)][k + 1])) for s in streams]
         if any(p.stop > p.start for p in parts):
@@ -525,7 +442,7 @@ class _Rows:
         self.stamp_len = self.seconds_len + (seconds > 0) + self.nanos_len + (nanos > 0)
         number = descriptors.numbers(stream.message)
         self.columns = [
-            (number[name] << 3 | 1, values(part)) for name, (_, values) in stream.columns.items()
+            (number[name] << 3 | 1, values(part)) for name, values in stream.columns.items()
         ]
         self.tails = stream.tails
         self.tail = None if stream.tail is None else stream.tail[part]

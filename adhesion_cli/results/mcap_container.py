@@ -4,14 +4,13 @@ The records are the mcap package's own, their order and what they say of the fil
 Specification: https://mcap.dev/spec
 """
 
-import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import zstandard
@@ -35,11 +34,12 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from ..core.model import RECOVERED
-from .verified import crc, damaged
+from .verified import verified
+
+if TYPE_CHECKING:
+    from ..formats.mcap.walk import Walk
 
 _MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
-_DATA_END = struct.Struct("<BQI")  # record that closes the data section: opcode, length, CRC
-_END = struct.Struct("<BQQQI8s")  # footer record and closing magic
 
 Offsets = NDArray[np.int64]
 
@@ -176,27 +176,7 @@ def _record(*records: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-class Whole(Protocol):
-    """What is whole in a file."""
-
-    profile: str
-    library: str
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    attachments: list[AttachmentIndex]
-    metadata_records: list[MetadataIndex]
-
-    def account(self) -> dict[str, str]:
-        """What the copy has to say of itself, {} for nothing."""
-
-    def raw(self, at: int, length: int) -> Iterator[bytes]:
-        """Bytes of the file, a piece at a time."""
-
-    def messages(self) -> Iterator[tuple[bytes, Offsets, Offsets, Offsets]]:
-        """Some records of messages at a time, end to end; of each channel, log time and length."""
-
-
-def copy(path: Path, whole: Whole) -> None:
+def copy(path: Path, whole: "Walk") -> None:
     """Writes what is whole in a file as a new one, reads it back and checks it.
 
     Records of messages, attachments and metadata are kept to the byte; of a channel whose schema
@@ -211,7 +191,7 @@ def copy(path: Path, whole: Whole) -> None:
         UserError: the copy does not read back.
         OSError: it cannot be written.
     """
-    with path.open("wb") as file:
+    with verified(path) as file:
         out = Container(file, whole.profile, whole.library)
         indexes: list[AttachmentIndex | MetadataIndex] = [
             index for index in whole.metadata_records if index.name != RECOVERED
@@ -230,29 +210,3 @@ def copy(path: Path, whole: Whole) -> None:
             parts = np.split(entries[order], first[1:])
             out.chunk(messages, dict(zip(ids.tolist(), parts, strict=True)))
         out.finish()
-    verify(path)
-
-
-def verify(path: Path) -> None:
-    """Read a written file back: its CRCs cover every byte of it.
-
-    Raises:
-        UserError: the file is not what was written.
-    """
-    with path.open("rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(0, size - _END.size))
-        try:
-            opcode, _, summary_start, _, summary_crc, magic = _END.unpack(file.read())
-        except struct.error:
-            raise damaged("it is too short") from None
-        if (opcode, magic) != (Opcode.FOOTER, _MAGIC):
-            raise damaged("it has no end")
-        data = summary_start - _DATA_END.size  # bytes of the data section before its last record
-        if not 0 <= data <= size:
-            raise damaged("its footer points nowhere")
-        told = _DATA_END.pack(Opcode.DATA_END, 4, crc(file, 0, data))
-        if file.read(_DATA_END.size) != told:
-            raise damaged("CRC of the data")
-        if crc(file, summary_start, size - summary_start - 12) != summary_crc:
-            raise damaged("CRC of the summary")

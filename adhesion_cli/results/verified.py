@@ -26,27 +26,13 @@ def verified(path: Path) -> Iterator[BinaryIO]:
     with path.open("wb") as file:
         checked = _Checked(file)
         yield cast("BinaryIO", checked)  # as far as writing goes
+    size, crc = 0, 0
     with path.open("rb") as file:
-        size = file.seek(0, io.SEEK_END)
-        if size != checked.size or crc(file, 0, size) != checked.crc:
-            raise damaged("its CRC")
-
-
-def crc(file: BinaryIO, start: int, length: int) -> int:
-    """The CRC of a part of a file, or of as much of it as there is."""
-    file.seek(start)
-    of = 0
-    while length > 0 and (block := file.read(min(length, _BLOCK))):
-        of = zlib.crc32(block, of)
-        length -= len(block)
-    return of
-
-
-def damaged(what: str) -> UserError:
-    """The error for a file that is not what was written."""
-    return UserError(
-        f"the result does not read back as written ({what})", "check the disk, then run again"
-    )
+        while block := file.read(_BLOCK):
+            size, crc = size + len(block), zlib.crc32(block, crc)
+    if (size, crc) != (checked.size, checked.crc):
+        text = "the result does not read back as written"
+        raise UserError(text, "check the disk, then run again")
 
 
 class _Checked(io.BufferedIOBase):

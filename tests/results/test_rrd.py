@@ -259,19 +259,6 @@ def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
     assert static(path, "/axle/1/note", "text") == ["a note"]
 
 
-def test_damaged_recording_is_noticed(small: Path, tmp_path: Path) -> None:
-    content, path = small.read_bytes(), tmp_path / "a.rrd"
-    path.write_bytes(content)
-    rows = sum(c.num_rows for c in RrdReader(path).stream().filter(is_static=False))
-    parts.verify(path, rows)
-    with pytest.raises(OSError, match="read back"):
-        parts.verify(path, rows + 1)
-    for cut in (0, 100, len(content) // 2, len(content) - 1):
-        path.write_bytes(content[:cut])
-        with pytest.raises(OSError, match="read back"):
-            parts.verify(path, rows)
-
-
 @pytest.mark.slow
 def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The real viewer, without a window, on a software renderer (mesa-vulkan-drivers)."""
@@ -311,13 +298,3 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
     assert {t.name for t in shown.timelines} == {"time", "clock"}
-
-
-def test_a_new_estimator_shifts_no_colour_it_does_not_collide_with() -> None:
-    five = results._colours(ALGORITHMS)
-    assert len(set(five.values())) == 5
-    assert results._colours(ALGORITHMS[::-1]) == five
-    six = results._colours([*ALGORITHMS, "zeta"])  # last in the alphabet: it gives way
-    assert {a: six[a] for a in ALGORITHMS} == five
-    assert len(set(six.values())) == 6
-    assert len(results._colours([f"a{i}" for i in range(30)])) == 30  # more names than colours

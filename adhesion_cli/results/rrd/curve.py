@@ -55,7 +55,7 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     rec: rr.RecordingStream, path: str, times: Clock, t: Times, slip: Floats, mu: Floats,
     bands: Bands | None, peak: tuple[Floats, Floats] | None = None, fitted: Fitted | None = None,
     judged: str = "",
-) -> int:  # fmt: skip
+) -> None:  # fmt: skip
     """The scatter, the slip band of the AND-test, the operating point as it moves.
 
     Args:
@@ -69,9 +69,6 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
         peak: slip and µ of the curve's peak, shape (n,) each, where they are known.
         fitted: whose curve and peak are drawn; None for none.
         judged: what is said of the slip that the band judges.
-
-    Returns:
-        How many rows on a timeline.
     """
     frame = _send_scatter(rec, path, slip, mu)
     notes = "blue: start, yellow: end, white: now" + (", red: the rail's peak" if peak else "")
@@ -89,7 +86,6 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
     spots = [(_WIDTH / 2, y) for y in _LINES[: len(below)]]
     told = rr.Points2D(spots, labels=below, radii=0.0, show_labels=True, colors=_TEXT)
     rec.log(f"{path}/notes", told, static=True)
-    rows = 0
     moving = [("peak", 2.0, _PEAK, peak)] if peak else []
     moving += [("now", 2.4, _NOW, (slip, mu))]
     for name, size, colour, (s, m) in moving:
@@ -103,8 +99,6 @@ def send_curve(  # noqa: PLR0913 (columns of one picture)
             points = rr.Points2D.columns(positions=frame.place(s[seen], m[seen]))
             points = points.partition(inside.astype(np.int64))
             rec.send_columns(f"{path}/{name}", times(t[at]), points)
-            rows += len(at)
-    return rows
 
 
 def _send_fit(rec: rr.RecordingStream, path: str, frame: _Frame, fitted: Fitted) -> str:
@@ -133,12 +127,9 @@ def curve_view(origin: str, who: str) -> rrb.View:
     """The picture that `send_curve` sends."""
     return rrb.Spatial2DView(
         origin=origin, name=f"{who}: adhesion coefficient µ over slip [%]",
-        visual_bounds=_bounds(), background=_BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[-20, _WIDTH + 6], y_range=[-_HEIGHT - 16, 46]),
+        background=_BACKGROUND,
     )  # fmt: skip
-
-
-def _bounds() -> rrb.VisualBounds2D:
-    return rrb.VisualBounds2D(x_range=[-20, _WIDTH + 6], y_range=[-_HEIGHT - 16, 46])
 
 
 def _send_scatter(rec: rr.RecordingStream, path: str, slip: Floats, mu: Floats) -> _Frame:

@@ -1,6 +1,6 @@
 """Analysed logs: a tab for each axle with its forces, and its slip where it has one."""
 
-import hashlib
+import itertools
 import math
 import re
 import textwrap
@@ -14,39 +14,15 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ...core import physics, signals
-from ...core.finding import Finding
+from ...core.finding import catalogue
 from ...core.model import AxleResult, Bools, Floats, Result, Score, Times
 from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit
 from ...rail.slope import Bands
-from .. import names
+from .. import log_events, names
 from . import parts
 from .curve import Fitted, curve_view, send_curve
-from .parts import (
-    BRAKE,
-    CLAMPING,
-    ESTIMATORS,
-    JUDGED,
-    MARKDOWN,
-    PRESSURE,
-    REFERENCE,
-    REGION_STATES,
-    SLOPE,
-    TRAIN,
-    TRUTH,
-    WHEEL,
-    WHEELS,
-    Plot,
-    chart,
-    lines,
-    send_band,
-    send_plot,
-    send_states,
-    slope_charts,
-    span_of,
-    states_view,
-)
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _OVERVIEW_ROWS = 20_000  # rows of an overview
@@ -76,46 +52,22 @@ def write_result(
 
 
 def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
-    """Write several analysed logs into one recording, each in its own tab.
+    """Write several analysed logs into one recording, each in its own tab; else `write_result`.
 
     Time counts from each log's own brake start, so that they lie over one another.
-
-    Args:
-        path: file to write; its old content is lost.
-        results: the analysed logs.
-        algorithms: every estimator there is, in a fixed order.
-
-    Raises:
-        OSError: the file cannot be written or does not read back.
     """
-    _write(path, list(zip(names.logs(results), results, strict=True)), algorithms)
+    _write(path, list(zip(names.logs(results), results, strict=True)), algorithms, ())
 
 
 def _write(
-    path: Path,
-    logs: list[tuple[str, Result]],
-    algorithms: Sequence[str],
-    notes: Sequence[Note] = (),
+    path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str], notes: Sequence[Note]
 ) -> None:
-    known = [*algorithms, *sorted({a for _, r in logs for x in r.axles for a in x.estimates})]
-    colours = _colours(known)
+    own = sorted({a for _, r in logs for x in r.axles for a in x.estimates})
+    known = dict.fromkeys([*algorithms, *own])
+    colours = dict(zip(known, itertools.cycle(parts.ESTIMATORS)))
     pages = [_Page(name, result, colours, notes) for name, result in logs]
     title = ", ".join(page.title for page in pages)
     parts.write(path, title, " ".join(r.log.sha256 for _, r in logs), pages)
-
-
-def _colours(algorithms: Sequence[str]) -> dict[str, int]:
-    """A colour for each name, by the name: another estimator shifts only what it collides with.
-
-    Where two names fall on one colour, the later in the alphabet moves on to the next free one.
-    """
-    places: dict[str, int] = {}
-    n = len(ESTIMATORS)
-    for name in sorted(set(algorithms)):
-        wanted = int(hashlib.sha256(name.encode()).hexdigest(), 16) % n
-        taken = set(places.values())
-        places[name] = next((p for i in range(n) if (p := (wanted + i) % n) not in taken), wanted)
-    return {name: ESTIMATORS[places[name]] for name in dict.fromkeys(algorithms)}
 
 
 class _Page:
@@ -127,7 +79,7 @@ class _Page:
         self.result, self.colours, self.notes = result, colours, notes
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
-        self.start, self.zero = result.log.start_ns(), result.brake_ns()
+        self.zero = result.brake_ns()
         points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
         stated = result.settings.get("bands")
@@ -135,9 +87,8 @@ class _Page:
 
     # -- data
 
-    def send(self, rec: rr.RecordingStream) -> int:
-        """Send everything; returns the number of rows on a timeline."""
-        rows = 0
+    def send(self, rec: rr.RecordingStream) -> None:
+        """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             t, index, inside = _rows(axle)
@@ -147,26 +98,20 @@ class _Page:
                 part = slice(at, at + step)
                 for plot in self._plots(axle, index[part], inside[part]):
                     whole = f"{self.root}/{path}/{plot.name}"
-                    rows += send_plot(rec, whole, self._times, t[part], plot, at == 0)
+                    parts.send_plot(rec, whole, self._times, t[part], plot, at == 0)
                     if self.large:
                         over = f"{self.root}/overview/{path}/{plot.name}"
                         short = _envelope(t[part], plot, span)
-                        rows += send_plot(rec, over, self._times, *short, at == 0)
+                        parts.send_plot(rec, over, self._times, *short, at == 0)
                 rec.flush()  # or the SDK queues the whole log
-            scores = rr.TextDocument("\n".join(_scores(axle.scores)), media_type=MARKDOWN)
-            rec.log(f"{self.root}/{path}/scores", scores, static=True)
+            parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
             if axle.slip is not None:
                 note, rail = self.notes[n] if self.notes else _NO_NOTE
-                rows += self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
-                fixed = rr.TextDocument(note, media_type=MARKDOWN)
-                rec.log(f"{self.root}/{path}/note", fixed, static=True)
-        rows += self._send_events(rec)
-        for name, text in (
-            ("summary", _summary(self.result)),
-            ("about", _about(self.result, self.large)),
-        ):
-            rec.log(f"{self.root}/{name}", rr.TextDocument(text, media_type=MARKDOWN), static=True)
-        return rows
+                self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
+                parts.send_text(rec, f"{self.root}/{path}/note", note)
+        self._send_events(rec)
+        parts.send_text(rec, f"{self.root}/summary", _summary(self.result))
+        parts.send_text(rec, f"{self.root}/about", _about(self.result, self.large))
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
         columns = [rr.TimeColumn("time", duration=(t - self.zero).astype("timedelta64[ns]"))]
@@ -174,7 +119,9 @@ class _Page:
             columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
         return columns
 
-    def _plots(self, axle: AxleResult, index: NDArray[np.int64], inside: Bools) -> Iterator[Plot]:
+    def _plots(
+        self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
+    ) -> Iterator[parts.Plot]:
         """What is drawn of some rows, see `_rows`."""
         record, reference = axle.record, axle.reference
 
@@ -185,56 +132,56 @@ class _Page:
             return np.where(inside, column(values), np.nan)
 
         radius = self.result.vehicle.radius(record.axle).value
-        speeds = [("wheel", WHEEL, column(record.wheel_speed, radius * 3.6))]
+        speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
         if record.train_speed is not None:
-            speeds.insert(0, ("train", TRAIN, column(record.train_speed, 3.6)))
-        yield lines("speed", speeds)
-        brake = [("clamping force K [10 kN]", CLAMPING, column(record.clamping_force, 1e-4))]
+            speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
+        yield parts.lines("speed", speeds)
+        brake = [("clamping force K [10 kN]", parts.CLAMPING, column(record.clamping_force, 1e-4))]
         if record.pressure is not None:
             bar = column(record.pressure, 1e-5)
-            brake.insert(0, ("brake cylinder pressure [bar]", PRESSURE, bar))
-        yield lines("braking", brake)
+            brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
+        yield parts.lines("braking", brake)
 
         lower, upper = computed(reference.lower), computed(reference.upper)
-        yield Plot(
-            "force/band", ("95 % band",), (REFERENCE,),
+        yield parts.Plot(
+            "force/band", ("95 % band",), (parts.REFERENCE,),
             (lower + upper)[:, None] / 2, (upper - lower)[:, None] / 2, (0.0,),
         )  # fmt: skip
-        yield Plot(
-            "force/reference", ("reference ± 1 sigma",), (REFERENCE,),
+        yield parts.Plot(
+            "force/reference", ("reference ± 1 sigma",), (parts.REFERENCE,),
             computed(reference.force)[:, None], computed(reference.sigma)[:, None], (1.0,),
         )  # fmt: skip
         if record.truth is not None:
-            yield lines("force/truth", [("truth", TRUTH, computed(record.truth))])
+            yield parts.lines("force/truth", [("truth", parts.TRUTH, computed(record.truth))])
         algos = [a for a in self.colours if a in axle.estimates]
         estimates = [(a, self.colours[a], computed(axle.estimates[a])) for a in algos]
         errors = [
             (a, self.colours[a], np.where(inside, axle.error(a, index), np.nan)) for a in algos
         ]
         if algos:
-            yield lines("force/estimates", estimates)
-            yield lines("error", errors)
+            yield parts.lines("force/estimates", estimates)
+            yield parts.lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:
-            yield lines("slope", [("slope dµ/ds", SLOPE, computed(axle.slope))])
+            yield parts.lines("slope", [("slope dµ/ds", parts.SLOPE, computed(axle.slope))])
             sure = computed(axle.slope_confidence)
-            yield lines("confidence", [("confidence", REFERENCE, sure)])
+            yield parts.lines("confidence", [("confidence", parts.REFERENCE, sure)])
 
     def _send_slip(
         self, rec: rr.RecordingStream, path: str, axle: AxleResult, slip: Floats,
         rail: fit.RailFit | None,
-    ) -> int:  # fmt: skip
+    ) -> None:  # fmt: skip
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
         mu = physics.coefficient(axle.reference.force, vehicle)
         t, index, inside = _rows(axle)
-        rows = send_curve(
+        send_curve(
             rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
         )  # fmt: skip
         if axle.slope is not None and self.bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
                 of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
-                rows += send_band(rec, of, self._times, axle.record.t, b.slope_low, b.slope_high)
+                parts.send_band(rec, of, self._times, axle.record.t, b.slope_low, b.slope_high)
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
@@ -244,39 +191,28 @@ class _Page:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES
         region = np.zeros(n, np.int8) if axle.region is None else axle.region
         for name, codes, states in (
-            ("brake", braked, BRAKE), ("region", region, REGION_STATES), ("wheel", slides, WHEELS),
-        ):  # fmt: skip
+            ("brake", braked, parts.BRAKE),
+            ("region", region, parts.REGION_STATES),
+            ("wheel", slides, parts.WHEELS),
+        ):
             shown = np.where(inside, codes[index], -1)
             lane = f"{path}/state/{name}"
-            rows += send_states(rec, lane, self._times, t, shown, states)
-        return rows
+            parts.send_states(rec, lane, self._times, t, shown, states)
 
-    def _send_events(self, rec: rr.RecordingStream) -> int:
-        events = [
-            (self.start + round((f.first_s or 0.0) * 1e9), _LEVEL[f.severity], _finding(f))
-            for f in self.result.findings
-        ]
-        for axle in self.result.axles:
-            for s in axle.applications:
-                on, gone = signals.pressed(axle.record, s)
-                for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
-                    text = f"axle {axle.record.axle}: brake {what}"
-                    events.append((int(axle.record.t[i]), "INFO", text))
-            events += [(x.t, "INFO", x.message) for x in axle.events]
-        if not events:
-            return 0
-        events.sort(key=lambda e: e[0])
-        rows = [  # of a text with several lines, the viewer shows the first
-            (t, level, line)
-            for t, level, text in events
-            for line in textwrap.wrap(
-                f"{(t - self.zero) / 1e9:+.2f} s  {text}", _EVENT_WIDTH, subsequent_indent=" " * 6
-            )
-        ]
-        times, levels, told = zip(*rows, strict=True)
-        data = rr.TextLog.columns(text=told, level=levels)
-        rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
-        return len(rows)
+    def _send_events(self, rec: rr.RecordingStream) -> None:
+        """Every event, its text wrapped: the viewer shows only the first line of a row."""
+        rows = []
+        for x in sorted(log_events.of_result(self.result), key=lambda e: e.t):
+            code = f"{x.code}: " if x.code in catalogue() else ""
+            text = f"{(x.t - self.zero) / 1e9:+.2f} s  {code}{x.message}"
+            rows += [
+                (x.t, _LEVEL[x.severity], line)
+                for line in textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
+            ]
+        if rows:
+            times, levels, told = zip(*rows, strict=True)
+            data = rr.TextLog.columns(text=told, level=levels)
+            rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
 
     # -- layout
 
@@ -286,11 +222,8 @@ class _Page:
         if self.large:
             full = [self._axle_tab(a, "") for a in self.result.axles]
             tabs.append(rrb.Tabs(*full, name="Full data"))
-        summary = rrb.Horizontal(
-            rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings"),
-            self._about(),
-            name="Summary",
-        )
+        scores = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings")
+        summary = rrb.Horizontal(scores, self._about(), name="Summary")
         return rrb.Tabs(*tabs, summary, name=self.title)
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
@@ -298,19 +231,18 @@ class _Page:
         path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
         against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
         reference, estimates = axle.reference, axle.estimates
-        force = span_of([reference.lower, reference.upper], list(estimates.values()))
+        force = parts.span_of([reference.lower, reference.upper], list(estimates.values()))
         rows = [
-            chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
-            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
-            chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
+            *_inputs(path, N),
+            parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
         ]
         shares = [3.0, 3.0, 6.0]
         if estimates:
-            braking = np.concatenate([np.arange(s.start, s.stop) for s in _applications(axle)])
-            braking = braking[:: max(1, len(braking) // JUDGED)]
-            error = span_of([], [axle.error(a, braking) for a in estimates])
+            braking = np.r_[axle.applications or (slice(0, len(axle.record)),)]
+            braking = braking[:: max(1, len(braking) // parts.JUDGED)]
+            error = parts.span_of([], [axle.error(a, braking) for a in estimates])
             title = f"Axle {N}: estimate minus {against} [N]"
-            rows.append(chart(f"{path}/error", title, error, legend=None))
+            rows.append(parts.chart(f"{path}/error", title, error, legend=None))
             shares.append(3.0)
         title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
         forces = rrb.Horizontal(
@@ -328,15 +260,12 @@ class _Page:
 
     def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
         N = axle.record.axle
-        rows: list[rrb.View] = [
-            chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
-            chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
-        ]
-        shares = [3.0, 3.0]
+        rows, shares = _inputs(path, N), [3.0, 3.0]
         if axle.slope is not None:
-            rows += slope_charts(path, f"Axle {N}", axle.slope, self.bands)
+            rows += parts.slope_charts(path, f"Axle {N}", axle.slope, self.bands)
             shares += [2.5, 1.5]
-        rows.append(states_view(f"{exact}/state", f"Axle {N}: brake, region on the curve, wheel"))
+        states = f"Axle {N}: brake, region on the curve, wheel"
+        rows.append(parts.states_view(f"{exact}/state", states))
         return rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=[*shares, 3.0]),
             rrb.Vertical(
@@ -358,6 +287,13 @@ class _Page:
         return rrb.TextLogView(origin=f"{self.root}/events", name="Events", columns=columns)
 
 
+def _inputs(path: str, N: int) -> list[rrb.View]:
+    return [
+        parts.chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
+        parts.chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
+    ]
+
+
 def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
     """Rows to draw: each sample, and one without values wherever a segment begins or ends.
 
@@ -375,7 +311,7 @@ def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
     return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
 
 
-def _envelope(t: Times, plot: Plot, step: int) -> tuple[Times, Plot]:
+def _envelope(t: Times, plot: parts.Plot, step: int) -> tuple[Times, parts.Plot]:
     """The lowest and the highest value of each span of `step` rows, as two rows a span."""
     at = np.arange(0, len(t), step)
     below, above = plot.values, plot.values
@@ -385,88 +321,68 @@ def _envelope(t: Times, plot: Plot, step: int) -> tuple[Times, Plot]:
     high = np.fmax.reduceat(above, at, axis=0)
     values, half = np.stack([low, high], axis=1).reshape(-1, low.shape[1]), None
     if plot.half is not None:
-        values, half = (
-            np.repeat((low + high) / 2, 2, axis=0),
-            np.repeat((high - low) / 2, 2, axis=0),
-        )
+        values, half = (np.repeat(x / 2, 2, axis=0) for x in (low + high, high - low))
     middle = np.minimum(at + step // 2, len(t) - 1)
     return np.stack([t[at], t[middle]], axis=1).ravel(), replace(plot, values=values, half=half)
-
-
-def _applications(axle: AxleResult) -> Sequence[slice]:
-    return axle.applications or (slice(0, len(axle.record)),)
 
 
 # ---- text
 
 
 def _summary(result: Result) -> str:
-    lines = [f"# {_plain(Path(result.log.path).name)}", ""]
-    lines += ["## Findings", ""]
-    lines += [f"- **{f.severity}** {_plain(_finding(f))}" for f in result.findings] or ["none"]
-    for axle in result.axles:
-        lines += ["", f"## Axle {axle.record.axle}", "", *_scores(axle.scores)]
+    found = [
+        f"- **{f.severity}** {_plain(f'{f.code}: {log_events.text(f)}')}" for f in result.findings
+    ]
+    lines = [f"# {_plain(Path(result.log.path).name)}\n\n## Findings\n", *(found or ["none"])]
+    lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
+
+
+_LINES = """\
+## What the lines mean
+
+Grey is the reference. The wide band holds the truth with 95 %, vehicle tolerances included. The
+narrow one is one sigma of its noise. Green is the truth, where the log has it. Each estimator has
+its own colour everywhere. A gap in a line is a gap in the data.
+
+Time counts from the first brake application; the timeline `clock` is the log's own.
+"""
+_OVERVIEW = f"""
+The log is long: the overviews show the lowest and the highest value of each of
+{_OVERVIEW_ROWS // 2} spans of time, the tab Full data every sample.
+"""
 
 
 def _about(result: Result, large: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
+    settings = names.flat(result.settings).items()
     lines = [
-        "## What the lines mean",
-        "",
-        "Grey is the reference: the wide band holds the truth with 95 %, vehicle tolerances "
-        "included; the narrow one is one sigma of its noise. Green is the truth, where the log "
-        "has it. Each estimator has its own colour everywhere. A gap in a line is a gap in the "
-        "data.",
-        "",
-        "Time counts from the first brake application; the timeline `clock` is the log's own.",
-        "",
+        _LINES,
         f"Reference: {', '.join(map(_plain, methods))}.",
-        "",
-        *([_OVERVIEW, ""] if large else []),
-        "## Settings",
-        "",
-        "| setting | value |",
-        "|---|---|",
-        *(f"| {_plain(k)} | {_plain(v)} |" for k, v in names.flat(result.settings).items()),
-        "",
-        "## Sources",
-        "",
+        _OVERVIEW * large,
+        "## Settings\n\n| setting | value |\n|---|---|",
+        *(f"| {_plain(k)} | {_plain(v)} |" for k, v in settings),
+        "\n## Sources\n",
         *(f"- {_plain(s)}" for s in result.sources),
-        "",
-        f"SHA-256 of the log: `{result.log.sha256}`",
+        f"\nSHA-256 of the log: `{result.log.sha256}`",
     ]
     return "\n".join(lines)
 
 
-_OVERVIEW = (
-    f"The log is long: the overviews show the lowest and the highest value of each of "
-    f"{_OVERVIEW_ROWS // 2} spans of time, the tab Full data every sample."
-)
+_SCORES = {  # field of a score and its digits, by the head of its column
+    "RMSE [N]": ("rmse_n", 1), "bias [N]": ("bias_n", 1), "max error [N]": ("max_error_n", 0),
+    "lag [s]": ("lag_s", 2), "gain": ("gain", 3), "response [s]": ("response_s", 2),
+    "relative": ("relative", 2),
+}  # fmt: skip
 
 
-def _scores(scores: Sequence[Score]) -> list[str]:
-    head = ["estimator", "against", "RMSE [N]", "bias [N]", "max error [N]", "lag [s]", "gain",
-            "response [s]", "relative"]  # fmt: skip
-    rows = [
-        [
-            _plain(s.algo), s.against, _number(s.rmse_n, 1), _number(s.bias_n, 1),
-            _number(s.max_error_n, 0), _number(s.lag_s, 2), _number(s.gain, 3),
-            _number(s.response_s, 2), _number(s.relative, 2),
-        ]
-        for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
-    ]  # fmt: skip
-    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"
-
-
-def _finding(finding: Finding) -> str:
-    where = f"{finding.channel}: " if finding.channel else ""
-    often = f" ({finding.count} ×)" if finding.count > 1 else ""
-    return printable(f"{finding.code}: {where}{finding.message}{often}")
+def _scores(scores: Sequence[Score]) -> str:
+    rows = [["estimator", "against", *_SCORES], ["---"] * (2 + len(_SCORES))]
+    for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n):
+        known = ((getattr(s, name), digits) for name, digits in _SCORES.values())
+        cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in known)
+        rows.append([_plain(s.algo), s.against, *cells])
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
 def _plain(text: str) -> str:

@@ -13,28 +13,6 @@ from ...core.text import printable
 from ...rail.slope import Bands
 from . import parts
 from .curve import curve_view, send_curve
-from .parts import (
-    CLAMPING,
-    ESTIMATORS,
-    MARKDOWN,
-    PRESSURE,
-    REFERENCE,
-    REGION_STATES,
-    SLOPE,
-    TRAIN,
-    TRUTH,
-    VALVES,
-    WHEEL,
-    WHEELS,
-    chart,
-    lines,
-    send_band,
-    send_plot,
-    send_states,
-    slope_charts,
-    span_of,
-    states_view,
-)
 
 _SLIPS = (-10.0, 50.0)  # drawn: what is judged ahead may be far more [%]
 _AHEAD = " of the slip judged ahead; points: true slip"
@@ -69,53 +47,51 @@ class _Stops:
     ) -> None:
         self.stops, self.weight, self.bands, self.verdict = stops, weight, bands, verdict
 
-    def send(self, rec: rr.RecordingStream) -> int:
-        """Send everything; returns the number of rows on a timeline."""
+    def send(self, rec: rr.RecordingStream) -> None:
+        """Send everything."""
         told = self.verdict.replace("`", "'")  # a log's words do not end the block
-        fixed = f"```\n{told}\n```"
-        rec.log("verdict", rr.TextDocument(fixed, media_type=MARKDOWN), static=True)
-        rows = 0
+        parts.send_text(rec, "verdict", f"```\n{told}\n```")
         for n, stop in enumerate(self.stops):
-            train = [(stop.controller, ESTIMATORS[n], stop.train_speed * 3.6)]
-            rows += send_plot(
-                rec, f"train/{stop.controller}", _since_start, stop.t, lines("", train)
-            )
+            train = [(stop.controller, parts.ESTIMATORS[n], stop.train_speed * 3.6)]
+            path, plot = f"train/{stop.controller}", parts.lines("", train)
+            parts.send_plot(rec, path, _since_start, stop.t, plot)
             for i in range(stop.pressure.shape[1]):
-                rows += self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
-        return rows
+                self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
 
-    def _send_axle(self, rec: rr.RecordingStream, path: str, stop: Stop, i: int) -> int:
-        speeds = [
-            ("train", TRAIN, stop.train_speed * 3.6), ("wheel", WHEEL, stop.rim_speed[:, i] * 3.6)
-        ]  # fmt: skip
-        pressures = [
-            ("without controller", REFERENCE, stop.demand * 1e-5),
-            ("cylinder", PRESSURE, stop.pressure[:, i] * 1e-5),
-        ]
-        forces = [
-            ("most the rail gives", REFERENCE, stop.peak[:, i]),
-            ("true", TRUTH, stop.force[:, i]),
-            (f"estimated ({stop.algo})", CLAMPING, stop.estimate[:, i]),
-        ]
-        slips = [
-            ("measured", WHEEL, 100.0 * stop.measured_slip[:, i]),
-            ("judged", CLAMPING, 100.0 * stop.judged_slip[:, i]),
-        ]
-        rows = 0
-        for plot in (
-            lines("speed", speeds), lines("pressure", pressures), lines("force", forces),
-            lines("judged", slips), lines("slope", [("slope dµ/ds", SLOPE, stop.slope[:, i])]),
-            lines("confidence", [("confidence", REFERENCE, stop.confidence[:, i])]),
-        ):  # fmt: skip
-            rows += send_plot(rec, f"{path}/{plot.name}", _since_start, stop.t, plot)
+    def _send_axle(self, rec: rr.RecordingStream, path: str, stop: Stop, i: int) -> None:
+        shown = {
+            "speed": [
+                ("train", parts.TRAIN, stop.train_speed * 3.6),
+                ("wheel", parts.WHEEL, stop.rim_speed[:, i] * 3.6),
+            ],
+            "pressure": [
+                ("without controller", parts.REFERENCE, stop.demand * 1e-5),
+                ("cylinder", parts.PRESSURE, stop.pressure[:, i] * 1e-5),
+            ],
+            "force": [
+                ("most the rail gives", parts.REFERENCE, stop.peak[:, i]),
+                ("true", parts.TRUTH, stop.force[:, i]),
+                (f"estimated ({stop.algo})", parts.CLAMPING, stop.estimate[:, i]),
+            ],
+            "judged": [
+                ("measured", parts.WHEEL, 100.0 * stop.measured_slip[:, i]),
+                ("judged", parts.CLAMPING, 100.0 * stop.judged_slip[:, i]),
+            ],
+            "slope": [("slope dµ/ds", parts.SLOPE, stop.slope[:, i])],
+            "confidence": [("confidence", parts.REFERENCE, stop.confidence[:, i])],
+        }
+        for name, columns in shown.items():
+            plot = parts.lines(name, columns)
+            parts.send_plot(rec, f"{path}/{name}", _since_start, stop.t, plot)
 
         over = np.append(stop.t, 2 * stop.t[-1] - stop.t[-2])  # a state lasts until the next
         for name, codes, states in (
-            ("valve", stop.valve, VALVES), ("region", stop.region, REGION_STATES),
-            ("wheel", stop.sliding(), WHEELS),
+            ("valve", stop.valve, parts.VALVES),
+            ("region", stop.region, parts.REGION_STATES),
+            ("wheel", stop.sliding(), parts.WHEELS),
         ):  # fmt: skip
             lane = f"{path}/state/{name}"
-            rows += send_states(rec, lane, _since_start, over, np.append(codes[:, i], -1), states)
+            parts.send_states(rec, lane, _since_start, over, np.append(codes[:, i], -1), states)
 
         bands = self.bands.get(stop.controller)
         if bands:
@@ -123,18 +99,16 @@ class _Stops:
                 ("judged", 100.0 * bands.slip_low, 100.0 * bands.slip_high),
                 ("slope", bands.slope_low, bands.slope_high),
             ):
-                rows += send_band(rec, f"{path}/{name}", _since_start, stop.t, low, high)
+                parts.send_band(rec, f"{path}/{name}", _since_start, stop.t, low, high)
         slip, mu = stop.slip[:, i], stop.force[:, i] / self.weight
         peak = stop.peak_slip[:, i], stop.peak[:, i] / self.weight
-        return rows + send_curve(
-            rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak, judged=_AHEAD
-        )
+        send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak, judged=_AHEAD)
 
     def layout(self) -> rrb.Container:
         """Tabs: the verdict, then one per axle with a column per controller."""
         first = rrb.Vertical(
             rrb.TextDocumentView(origin="verdict", name="Verdict"),
-            chart("train", "Train speed [km/h]", legend="RightTop"),
+            parts.chart("train", "Train speed [km/h]", legend="RightTop"),
             row_shares=[1.0, 1.0],
             name="Verdict",
         )
@@ -144,25 +118,26 @@ class _Stops:
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
         wheel, judged, i, every = [], [], axle - 1, self.stops
-        speed = span_of([x.train_speed * 3.6 for x in every], [])  # the same range in each
-        pressure = span_of([x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])], [])
+        speed = parts.span_of([x.train_speed * 3.6 for x in every], [])  # the same range in each
+        pressures = [x * 1e-5 for s in every for x in (s.demand, s.pressure[:, i])]
+        pressure = parts.span_of(pressures, [])
         forces = [s.force[:, i] for s in every]
         top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
         near = [np.minimum(s.peak[:, i], top) for s in every]
-        force = span_of([*forces, *near], [s.estimate[:, i] for s in every])
+        force = parts.span_of([*forces, *near], [s.estimate[:, i] for s in every])
         for stop in every:
-            path, who = f"{stop.controller}/axle/{axle}", stop.controller
+            who, path = stop.controller, f"{stop.controller}/axle/{axle}"
             views = [
-                chart(f"{path}/speed", f"{who}: speed [km/h]", speed, legend="RightTop"),
-                chart(f"{path}/pressure", f"{who}: pressure [bar]", pressure, legend="RightBottom"),
-                states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
+                parts.chart(f"{path}/speed", f"{who}: speed [km/h]", speed, "RightTop"),
+                parts.chart(f"{path}/pressure", f"{who}: pressure [bar]", pressure, "RightBottom"),
+                parts.states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
                 curve_view(f"{path}/slip", who),
             ]
             wheel.append(rrb.Vertical(*views, row_shares=[3.0, 3.0, 2.0, 4.0]))
             views = [
-                chart(f"{path}/force", f"{who}: adhesion force [N]", force, legend="RightTop"),
-                chart(f"{path}/judged", f"{who}: slip as judged [%]", _SLIPS, legend="RightTop"),
-                *slope_charts(path, who, stop.slope[:, i], self.bands.get(who)),
+                parts.chart(f"{path}/force", f"{who}: adhesion force [N]", force, "RightTop"),
+                parts.chart(f"{path}/judged", f"{who}: slip as judged [%]", _SLIPS, "RightTop"),
+                *parts.slope_charts(path, who, stop.slope[:, i], self.bands.get(who)),
             ]
             judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 2.0, 1.0]))
         return rrb.Tabs(
