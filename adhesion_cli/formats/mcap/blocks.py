@@ -1,18 +1,30 @@
-"""Where messages stand in a file: chunks, and runs of records outside chunks."""
+"""Chunks, and runs of records outside chunks: their bytes, checked, and the messages in them."""
 
+import re
 import zlib
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mcap.opcode import Opcode
+from numpy.typing import NDArray
 
+from ...core.model import Bools, Times
 from ..source import ReadOptions
-from .messages import PADDING, PER_RECORD, Bytes, Offsets, Records, Search, u64
 from .records import HEADER, PIECE, RAISE_LIMIT, DamageError, LogFile
 
-_RUN = 4 << 20  # bytes of unchunked records taken together
-_CHUNK_LEAST = 60  # more than the fields of a chunk before its records have
-_UNUSUAL = 1000  # times a file's size that its chunks may inflate to, besides max_inflated
+Bytes = NDArray[np.uint8]
+Offsets = NDArray[np.int64]
+
+PADDING = 16  # bytes that follow the last message in a buffer, so that wide loads stay inside
+BEFORE_DATA = 22  # bytes of a Message record before its data: channel, sequence, two times
+# Times a file's size that its chunks may inflate to, besides max_inflated. Each record counts as
+# so many bytes, too: a few bytes can inflate to millions of records.
+_UNUSUAL = 1000
+# The start of a Chunk record: a length below 2^40, and the length of its compression's name.
+_CHUNK = re.compile(rb"(?s)(?=\x06.{5}\0{3}.{28}[\0\3\4]\0{3})")
+_CHUNK_START = 41  # bytes that it looks at
 
 
 @dataclass(slots=True)
@@ -24,7 +36,44 @@ class Block:
     chunk: bool
     rows: int = 0  # messages
     checked: bool = False  # by a CRC
-    index_end: int = 0  # of the message indexes after a chunk
+
+
+@dataclass(slots=True)
+class Records:
+    """The records of one block, inflated and checked."""
+
+    data: Bytes  # PADDING more bytes follow the last record
+    start: Offsets  # of the Message records
+    channel: Offsets  # their channel ids
+    definitions: list[int]  # offsets of the Schema and Channel records
+
+    def _field(self, offset: int) -> Offsets:
+        """A number of 8 bytes that every message record has at an offset."""
+        return _u64(self.data, self.start + offset)
+
+    def some(self, mine: Bools | Offsets) -> "Records":
+        """Some of the messages, by a mask or by their numbers."""
+        return replace(self, start=self.start[mine], channel=self.channel[mine])
+
+    @property
+    def end(self) -> Offsets:
+        """Offsets after the message records."""
+        return self.start + HEADER.size + self._field(1)
+
+    @property
+    def data_start(self) -> Offsets:
+        """Offsets of the messages themselves."""
+        return self.start + HEADER.size + BEFORE_DATA
+
+    @property
+    def log_time(self) -> Times:
+        """When messages were logged [ns]; beyond the year 2262 negative."""
+        return self._field(15)
+
+    @property
+    def publish_time(self) -> Times:
+        """When messages were published [ns]; beyond the year 2262 negative."""
+        return self._field(23)
 
 
 class BlockReader:
@@ -33,13 +82,12 @@ class BlockReader:
     Args:
         file: the file.
         options: limits.
-        first: whether this is the first walk over the file, which limits inflated bytes in all.
     """
 
-    def __init__(self, file: LogFile, options: ReadOptions, first: bool) -> None:
-        self._file, self._options, self._first = file, options, first
-        self._inflated = 0  # bytes, all chunks together
-        self.found = 0  # records
+    def __init__(self, file: LogFile, options: ReadOptions) -> None:
+        self._file, self._most = file, options.max_inflated
+        self._allowed = options.max_inflated + _UNUSUAL * file.size
+        self._spent = 0  # of this
         self.compressions: set[str] = set()
 
     def records(self, block: Block) -> Records:
@@ -49,76 +97,61 @@ class BlockReader:
             DamageError: where the block is not whole.
         """
         if not block.chunk:
-            search = self._search(self._padded(block.at, block.end), block.end - block.at, block.at)
-            return search.walked()[0]
+            return self.run(block.at, block.end - block.at)[1]
         data, size = self._inflate(block)
-        hints = self._hints(block, size)
-        if hints is not None and (records := self._search(data, size, block.at).indexed(hints)):
-            return records
-        records, end = self._search(data, size, block.at).walked()
+        hints, end = self._hints(block, size), size
+        search = self._search(data, size)
+        if hints is None or not search.indexed(hints):
+            search = self._search(data, size)
+            end = search.walk(0, size)
+        records = self._counted(search, block.at)
         if end < size:
             what = f"chunk, at its inflated byte {end}: no whole record that may stand there"
             raise DamageError(block.at, what)
         return records
 
-    def run(self, at: int, length: int) -> tuple[Block, Records]:
-        """The records outside chunks from an offset on, as many as are taken together.
-
-        Args:
-            at: where the first of them begins.
-            length: of the first one, without its header.
+    def run(self, at: int, size: int) -> tuple[Block, Records]:
+        """The records outside chunks from an offset on, in as many bytes or less.
 
         Raises:
             DamageError: where the first record may not stand there.
         """
-        size = max(min(_RUN, self._file.size - at), HEADER.size + length)
-        records, end = self._search(self._padded(at, at + size), size, at).walked()
-        if not end:
+        data = np.zeros(size + PADDING, np.uint8)
+        data[:size] = np.frombuffer(self._file.read(at, size), np.uint8)
+        search = self._search(data, size)
+        if not (end := search.walk(0, size)):
             raise DamageError(at, "no whole message, schema or channel")
-        return Block(at, at + end, False), records
+        return Block(at, at + end, False), self._counted(search, at)
 
     def next_chunk(self, at: int) -> Block | None:
         """The first whole chunk from an offset on."""
-        while (size := min(PIECE, self._file.size - at)) > _CHUNK_LEAST:
-            window = np.frombuffer(self._file.read(at, size), np.uint8)
-            found = np.flatnonzero(window[:-_CHUNK_LEAST] == Opcode.CHUNK)
-            length, name = u64(window, found + 1), u64(window, found + 37) & 0xFFFFFFFF
-            known = name <= max(map(len, _INFLATE))
-            packed = u64(window, np.where(known, found + 41 + name, 0))
-            known &= (packed >= 0) & (packed <= length - 40 - name) & (length < self._file.size)
-            for place, content in zip(found[known].tolist(), length[known].tolist(), strict=True):
-                block = Block(at + place, at + place + HEADER.size + content, True)
+        for piece in range(at, self._file.size, PIECE):
+            size = min(PIECE + _CHUNK_START - 1, self._file.size - piece)
+            for found in _CHUNK.finditer(self._file.read(piece, size)):
+                begin = piece + found.start()
                 try:
-                    self._file.head(block.at)
-                    self.records(block)
+                    length = self._file.head(begin)[1]
+                    self.records(block := Block(begin, begin + HEADER.size + length, True))
                 except DamageError:
                     continue
                 return block
-            at += size - _CHUNK_LEAST
         return None
 
-    def _search(self, data: Bytes, size: int, at: int) -> Search:
-        most = self._file.size + self._options.max_inflated // PER_RECORD
-        return Search(data, size, at, most if self._first else 1 << 62, self.found)
+    def _search(self, data: Bytes, size: int) -> "_Search":
+        return _Search(data, size, (self._allowed - self._spent) // _UNUSUAL + 1)
 
-    def _padded(self, at: int, end: int) -> Bytes:
-        data = np.zeros(end - at + PADDING, np.uint8)
-        data[: end - at] = np.frombuffer(self._file.read(at, end - at), np.uint8)
-        return data
+    def _counted(self, search: "_Search", at: int) -> Records:
+        most = search.size // HEADER.size - search.found
+        what = "more records than a file of this size holds"
+        self._spend(at, what, _UNUSUAL * search.found, _UNUSUAL * most)
+        return search.records()
 
-    def _bound(self, at: int, size: int) -> None:
-        """Refuses a chunk that says it inflates to more than is allowed."""
-        limit = self._options.max_inflated
-        if size > limit:
-            hint = RAISE_LIMIT.format("max_inflated", size)
-            raise DamageError(at, f"a chunk of {size} inflated bytes, limit {limit}", hint)
-        limit += _UNUSUAL * self._file.size
-        total = self._inflated + size
-        if self._first and total > limit:
-            hint = RAISE_LIMIT.format("max_inflated", total)
-            what = f"chunks of {total} inflated bytes in all, limit {limit} for such a file"
-            raise DamageError(at, what, hint)
-        self._inflated = total
+    def _spend(self, at: int, what: str, cost: int, more: int = 0) -> None:
+        """Refuses a block that costs more than is left; `more` is what may come besides."""
+        self._spent += cost
+        if self._spent > self._allowed:
+            limit = self._most + self._spent + more - self._allowed
+            raise DamageError(at, what, RAISE_LIMIT.format("max_inflated", limit))
 
     def _inflate(self, block: Block) -> tuple[Bytes, int]:
         """The bytes in a chunk with PADDING more, and how many they are."""
@@ -127,9 +160,13 @@ class BlockReader:
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()
         packed = content.read(content.read8())
-        self._bound(block.at, size)
+        if size > self._most:
+            hint = RAISE_LIMIT.format("max_inflated", size)
+            raise DamageError(
+                block.at, f"a chunk of {size} inflated bytes, limit {self._most}", hint
+            )
+        self._spend(block.at, "too many inflated bytes in all for such a file", len(packed) + size)
         data = np.empty(size + PADDING, np.uint8)
-        data[size:] = 0
         try:
             found = _INFLATE[compression](packed, data.data[: size + 1])
         except KeyError:
@@ -148,20 +185,101 @@ class BlockReader:
 
     def _hints(self, block: Block, size: int) -> Offsets | None:
         """Where the message indexes after a chunk say its messages are; not yet to be believed."""
-        length = block.index_end - block.end
-        if not 0 < length <= size + (1 << 20):
+        found, at = [np.empty(0, np.int64)], block.end
+        try:
+            while (head := self._file.head(at))[0] == Opcode.MESSAGE_INDEX:
+                if at - block.end > size + (1 << 20):
+                    return None
+                raw = self._file.read(at + HEADER.size, head[1])
+                entries = int.from_bytes(raw[2:6], "little") // 16
+                found.append(np.frombuffer(raw, "<i8", 2 * entries, 6)[1::2])
+                at += HEADER.size + head[1]
+        except (DamageError, ValueError):  # the walk meets damage next
             return None
-        raw = self._file.read(block.end, length)
-        found, at = [], 0
-        while at < length:
-            _, record = HEADER.unpack_from(raw, at)
-            at += HEADER.size
-            entries = int.from_bytes(raw[at + 2 : at + 6], "little") // 16
-            if entries * 16 > record - 6:
-                return None
-            found.append(np.frombuffer(raw, "<i8", 2 * entries, at + 6)[1::2])
-            at += record
         return np.concatenate(found)
+
+
+class _Search:
+    """Looks for the records in a buffer.
+
+    Args:
+        data: the buffer, with PADDING more bytes.
+        size: bytes of the buffer.
+        most: records after which it stops.
+    """
+
+    def __init__(self, data: Bytes, size: int, most: int) -> None:
+        self._data, self.size, self._most = data, size, most
+        self._starts, self._definitions = array("q"), array("q")
+        self._hinted = np.empty(0, np.int64)
+        self._unknown = 0  # records of unknown kinds
+
+    @property
+    def found(self) -> int:
+        """Records that were walked over."""
+        return len(self._starts) + len(self._definitions) + self._unknown
+
+    def indexed(self, hints: Offsets) -> bool:
+        """Takes messages from where an index says they are; False where walking finds others."""
+        start = np.sort(hints)
+        if not len(start) or start[0] < 0 or start[-1] > self.size - HEADER.size - BEFORE_DATA:
+            return False
+        length = _u64(self._data, start + 1)
+        wrong = (self._data[start] != Opcode.MESSAGE) | (length < BEFORE_DATA)
+        if (wrong | (length > self.size)).any():
+            return False
+        ends, stops = np.append(0, start + HEADER.size + length), np.append(start, self.size)
+        if (ends > stops).any():
+            return False
+        gaps = np.flatnonzero(ends != stops)
+        self._hinted = start
+        return all(
+            self.walk(p, stop) == stop
+            for p, stop in zip(ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
+        )
+
+    def walk(self, p: int, stop: int) -> int:
+        """Walks records one by one; returns where it ends.
+
+        That is `stop`, or the first record that is not whole, or that may not stand among
+        messages, or one too many.
+        """
+        unpack, add, view = HEADER.unpack_from, self._starts.append, self._data.data
+        message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
+        for _ in range(self._most - self.found):
+            if p > stop - HEADER.size:
+                break
+            opcode, length = unpack(view, p)
+            after = p + 9 + length
+            if after > stop:
+                break
+            if opcode == message:
+                if length < BEFORE_DATA:
+                    break
+                add(p)
+            elif opcode in definitions:
+                self._definitions.append(p)
+            elif opcode <= Opcode.DATA_END:
+                break
+            else:
+                self._unknown += 1
+            p = after
+        return p
+
+    def records(self) -> Records:
+        """What was found."""
+        start = np.array(self._starts, np.int64)
+        if len(self._hinted):
+            start = np.sort(np.append(self._hinted, start))
+        data: Any = self._data
+        channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
+        return Records(self._data, start, channel, self._definitions.tolist())
+
+
+def _u64(data: Bytes, offsets: Offsets) -> Offsets:
+    """Numbers of 8 bytes at any offsets; from 2^63 on they are negative."""
+    view: Offsets = np.ndarray((len(data) - 7,), "<i8", data, 0, (1,))
+    return view[offsets]
 
 
 def _inflate_none(packed: bytes, into: memoryview) -> int:

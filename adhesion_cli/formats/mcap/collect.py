@@ -8,8 +8,8 @@ import numpy as np
 from ...core.finding import Finding, Severity, Span, merged
 from ...core.model import Bools, Column, Floats, Times
 from ..source import TimeSource
+from .blocks import Offsets, Records
 from .columns import Fault, Wanted
-from .messages import Offsets, Records
 from .series import Series
 
 _SECOND = 10**9

@@ -10,8 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
+from .blocks import Bytes, Offsets
 from .fields import MOST_LEAVES, Leaf, Steps, Tree, at, empty, is_number, names, path
-from .messages import Bytes, Offsets
 from .stamps import Stamp
 
 EXACT = 1 << 53  # up to here every integer is a double

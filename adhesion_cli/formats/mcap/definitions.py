@@ -5,16 +5,16 @@ import struct
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from .messages import BEFORE_DATA, Offsets, Records
+from .blocks import BEFORE_DATA, Offsets, Records
 from .records import HEADER, RAISE_LIMIT, Content, DamageError
 
 Key = tuple[int, int]  # opcode and id
 
 _LONGEST = 4096  # characters of a topic
 _HEADS = 100  # first messages of a channel that are kept, to learn from them what it holds
-_FIRST_BYTES = 64 << 20  # of the very first ones, all channels together
-_HEAD_BYTES = 1 << 18  # of those after the first, one channel
-_MORE_BYTES = 16 << 20  # of these, all channels together
+_HEAD_BYTES = 1 << 18  # of one channel, beyond which no more are kept
+_ALL_BYTES = 64 << 20  # of all channels together
+_MORE_BYTES = 32 << 20  # of these, which only the very first ones may exceed
 _LOG_TIME = struct.Struct("<15xq")  # of a Message record
 
 
@@ -41,14 +41,13 @@ class Definitions:
         """The channels by id."""
         return {one.id: one for one in self._of.values() if isinstance(one, Channel)}
 
-    def read(self, opcode: int, raw: bytes, at: int, fresh: dict[Key, Schema | Channel]) -> None:
+    def read(self, opcode: int, raw: bytes, at: int) -> None:
         """Reads a Schema or Channel record.
 
         Args:
             opcode: its kind.
             raw: its content.
             at: offset in the file that an error names.
-            fresh: the definitions of the same block so far; this one is added.
 
         Raises:
             DamageError: where it is broken, too long, or contradicts an earlier one.
@@ -58,7 +57,8 @@ class Definitions:
             hint = RAISE_LIMIT.format("max_record", 32 * len(raw))
             raise DamageError(at, f"a {kind} of {len(raw)} bytes, limit {self._limit}", hint)
         key, hashed = (opcode, int.from_bytes(raw[:2], "little")), hash(raw)
-        if self._hashes.get(key) == hashed and (key in fresh or key in self._of):
+        if self._hashes.get(key) == hashed:
+            self._doubted.discard(key)  # what follows goes by this definition again
             return
         of = Schema if kind == "schema" else Channel
         one: Schema | Channel = of.read(Content(raw, at))
@@ -67,28 +67,18 @@ class Definitions:
             raise DamageError(at, "a schema with the reserved id 0")
         if len(name) > _LONGEST:
             raise DamageError(at, f"a name of {len(name)} characters, limit {_LONGEST}")
-        if self._of.get(key, one) != one or fresh.setdefault(key, one) != one:
+        if self._of.setdefault(key, one) != one:
             self._doubted.add(key)
             raise DamageError(at, f"{kind} {one.id} is defined a second time, differently")
         self._hashes[key] = hashed
 
-    def keep(self, fresh: dict[Key, Schema | Channel]) -> None:
-        """Takes up the definitions of a block that is whole."""
-        self._of |= fresh
-
-    def doubtful(self, records: Records, fresh: dict[Key, Schema | Channel]) -> list[int]:
-        """Channels of a block that were contradicted before, and that it does not define itself."""
-        if not self._doubted:
-            return []
-        data, found = records.data, []
-        stated = {(op, int(data[p]) | int(data[p + 1]) << 8) for op, p, _ in records.others}
-        for channel in sorted(set(records.channel.tolist())):
-            key = (int(Opcode.CHANNEL), channel)
-            one = fresh.get(key) or self._of.get(key)
-            schema = one.schema_id if isinstance(one, Channel) else 0
-            if {key, (int(Opcode.SCHEMA), schema)} & self._doubted - stated:
-                found.append(channel)
-        return found
+    def doubtful(self, channels: set[int]) -> set[int]:
+        """Those of some channels that were contradicted, or whose schema was."""
+        doubted = {number for opcode, number in self._doubted if opcode == Opcode.CHANNEL}
+        for channel in self.channels.values() if self._doubted else ():
+            if (int(Opcode.SCHEMA), channel.schema_id) in self._doubted:
+                doubted.add(channel.id)
+        return doubted & channels
 
 
 class FirstMessages:
@@ -102,7 +92,7 @@ class FirstMessages:
     def __init__(self) -> None:
         self.of: dict[int, tuple[int, list[bytes]]] = {}
         self.full: set[int] = set()
-        self._first_bytes = self._more_bytes = 0
+        self._bytes = 0
 
     def keep(self, channel: int, records: Records, mine: Offsets) -> None:
         """Keeps messages of a channel, by their numbers in a block."""
@@ -110,19 +100,14 @@ class FirstMessages:
         if channel not in self.of:
             self.of[channel] = _LOG_TIME.unpack_from(data, int(starts[mine[0]]))[0], []
         heads = self.of[channel][1]
-        bytes_before = sum(map(len, heads[1:]))
+        own = sum(map(len, heads[1:]))
         for start in starts[mine[: _HEADS - len(heads)]].tolist():
             size = HEADER.unpack_from(data, start)[1] - BEFORE_DATA
-            if not heads:
-                self._first_bytes += size
-                full = self._first_bytes > _FIRST_BYTES
-            else:
-                bytes_before += size
-                self._more_bytes += size
-                full = bytes_before > _HEAD_BYTES or self._more_bytes > _MORE_BYTES
-            if full:
+            own += size if heads else 0
+            if own > _HEAD_BYTES or self._bytes + size > (_MORE_BYTES if heads else _ALL_BYTES):
                 self.full.add(channel)
                 return
+            self._bytes += size
             begin = start + HEADER.size + BEFORE_DATA
             heads.append(bytes(data[begin : begin + size]))
         if len(heads) == _HEADS:

@@ -10,9 +10,9 @@ import numpy as np
 import orjson
 
 from ...core.model import Floats
+from .blocks import Bytes, Offsets
 from .columns import EXACT, Batch, Fault, Wanted
 from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, at, path
-from .messages import Bytes, Offsets
 from .stamps import microseconds
 
 _MOST_LATE = 20  # new keys of one object that are reported one by one, of each block

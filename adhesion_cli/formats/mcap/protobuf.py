@@ -19,9 +19,9 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
+from .blocks import Bytes, Offsets
 from .columns import Batch, Fault, Wanted, other_text
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
-from .messages import Bytes, Offsets
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
 _WIRE = {

@@ -66,23 +66,24 @@ class McapSource:
 
     def _of_walk(self) -> Iterable[Finding]:
         """What the walk over the records found."""
-        walk, losses = self.walk, self.walk.losses
+        walk = self.walk
         if walk.damage:
             first = walk.damage[0]
             values = {"byte": first.at, "kept_messages": self.rows}
-            if losses.lost:
-                values["lost_messages"] = losses.lost
+            if walk.lost:
+                values["lost_messages"] = walk.lost
             names, count = {"damage": first.what}, len(walk.damage)
             yield Finding("mcap-damaged", "error", count=count, values=values, names=names)
-        if stray := sorted(set(walk.counts) - set(walk.channels)):
-            some = ", ".join(map(str, stray[:5])) + (", ..." if len(stray) > 5 else "")
-            names, count = {"channels": some}, losses.stray
-            yield Finding("mcap-unknown-channel", "error", count=count, names=names)
-        if losses.unchecked:
-            yield Finding("mcap-unchecked", "info", count=losses.unchecked)
-        if damage := losses.past.get("damage"):
-            severity: Severity = "warning" if losses.suspect else "info"
-            names, count = {"damage": damage[:200]}, losses.suspect or 1
+        if walk.stray:
+            ids = sorted(set(walk.counts) - set(walk.channels))
+            some = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")
+            names = {"channels": some}
+            yield Finding("mcap-unknown-channel", "error", count=walk.stray, names=names)
+        if walk.unchecked:
+            yield Finding("mcap-unchecked", "info", count=walk.unchecked)
+        if damage := walk.past.get("damage"):
+            severity: Severity = "warning" if walk.unchecked else "info"
+            names, count = {"damage": damage[:200]}, walk.unchecked or 1
             yield Finding("mcap-recovered", severity, count=count, names=names)
 
     def _report(self, findings: Iterable[Finding]) -> None:

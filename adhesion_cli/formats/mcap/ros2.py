@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.model import Floats
+from .blocks import Bytes, Offsets
 from .columns import Batch, Fault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, Steps, Tree, UndecodableError
-from .messages import Bytes, Offsets
 
 _CODES = {  # of struct and numpy
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h",

@@ -3,46 +3,32 @@
 Every CRC and every inflated size is compared. Indexes only speed up what walking would find.
 """
 
+import re
+import struct
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import (
-    AttachmentIndex,
-    Channel,
-    Header,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
+from mcap.records import AttachmentIndex, Footer, Header, Metadata, MetadataIndex, Statistics
 
 from ...core.errors import UserError
 from ...core.model import RECOVERED, Times
 from ..source import ReadOptions
-from .account import Account
-from .blocks import Block, BlockReader
-from .definitions import Definitions, FirstMessages, Key
-from .messages import Offsets, Records, u64
+from .blocks import Block, BlockReader, Offsets, Records
+from .definitions import Definitions, FirstMessages
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
-from .summary import differences, footer_damage, summary_start
 
-_INDEXED: dict[int, Opcode] = {
-    Opcode.CHUNK_INDEX: Opcode.CHUNK,
-    Opcode.ATTACHMENT_INDEX: Opcode.ATTACHMENT,
-    Opcode.METADATA_INDEX: Opcode.METADATA,
-}
 _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.CHUNK: "_chunk",
     Opcode.ATTACHMENT: "_attachment",
     Opcode.METADATA: "_metadata",
     Opcode.DATA_END: "_end_of_data",
 }
-_AMONG_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
-_MOST_CUTS = 16  # times that reading goes on after a wrong record outside chunks
+_END = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
 
 class Walk:
@@ -69,27 +55,23 @@ class Walk:
         self.attachments: list[AttachmentIndex] = []  # the whole ones
         self._definitions = Definitions(options.max_part)
         self._first = FirstMessages()
-        self._cuts = 0
-        self._met: dict[int, tuple[int, int]] = {}  # kind and length by offset, for the indexes
         self._data_end = 0
-        self._data_changed = False  # as the CRC of the data section says
         self._all_checked = False  # by the CRC of the data section
-        self._sought = len(MAGIC)  # how far chunks after damage were looked for
+        self._sought = 0  # how far chunks after damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
         with self._opened() as self._file:
-            self._reader = BlockReader(self._file, options, first=True)
+            self._reader = BlockReader(self._file, options)
             self._check_magic()
             self._walk()
             if self._statistics and not self.damage:
-                at, said = self._statistics
-                for damage in differences(said, at, self._kinds, self.counts):
-                    self._note(damage)
+                self._compare(*self._statistics)
         self.compressions = self._reader.compressions
         self.heads = self._first.of  # by channel: log time of the first, first messages
         self.schemas, self.channels = self._definitions.schemas, self._definitions.channels
-        #: Messages of channels that the file defines.
+        #: Messages of channels that the file defines, and of others.
         self.rows = sum(n for channel, n in self.counts.items() if channel in self.channels)
+        self.stray = self.counts.total() - self.rows
         if self.damage and not self.rows:
             raise self._error(self.damage[0], "no message in it is whole: copy the log anew")
 
@@ -98,23 +80,51 @@ class Walk:
         """Whole chunks."""
         return sum(block.chunk for block in self.blocks)
 
+    # ------------------------------------------------------------------ what is lost or in doubt
+
     @property
-    def losses(self) -> Account:
-        """What the file has lost, and which of its messages may have changed."""
-        end = max((block.end for block in self.blocks), default=0)
-        return Account(
-            damage=self.damage,
-            rows=self.rows,
-            stray=sum(self.counts.values()) - self.rows,
-            unguarded=0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked),
-            changed=self._data_changed or any(one.at < end for one in self.damage),
-            counted=self._statistics[1].message_count if self._statistics else None,
-            past=self.metadata.get(RECOVERED, {}),
-        )
+    def past(self) -> dict[str, str]:
+        """The account of the damaged file that this one was made from, {} for none."""
+        return self.metadata.get(RECOVERED, {})
+
+    @property
+    def lost(self) -> int | None:
+        """Messages that the statistics count and that are not whole; None without statistics."""
+        if self._statistics is None:
+            return None
+        return max(self._statistics[1].message_count - self.counts.total(), 0)
+
+    @property
+    def _unguarded(self) -> int:
+        return 0 if self._all_checked else sum(b.rows for b in self.blocks if not b.checked)
+
+    @property
+    def unchecked(self) -> int:
+        """Messages that no CRC guards, or none did before they were recovered."""
+        return self._unguarded + min(self._before("unchecked"), self.rows)
+
+    def _before(self, what: str) -> int:
+        count = self.past.get(what, "0")
+        return int(count) if re.fullmatch("[0-9]{1,18}", count) else 0
 
     def account(self) -> dict[str, str]:
-        """What a copy must say about itself, {} for a sound file."""
-        return self.losses.as_metadata()
+        """What a copy must say about itself, as its fresh CRCs hide all; {} for a sound file."""
+        if not (self.damage or self.stray or self._unguarded):
+            return dict(self.past)
+        found = [f"byte {one.at}: {one.what}" for one in self.damage[:1]]
+        if len(self.damage) > 1:
+            found.append(f"{len(self.damage) - 1} more")
+        if self.stray and not found:
+            found.append(f"{self.stray} messages of channels that it does not define")
+        if before := self.past.get("damage"):
+            found.append(f"before: {before}")
+        unknown = self.lost is None or self.past.get("lost") == "unknown"
+        lost = (self.lost or 0) + self.stray + self._before("lost")
+        return {
+            "damage": "; ".join(found)[:1000],
+            "lost": "unknown" if unknown else str(lost),
+            "unchecked": str(self.unchecked),
+        }
 
     # ------------------------------------------------------------------ what is whole, again
 
@@ -126,7 +136,7 @@ class Walk:
         """
         try:
             with self._opened() as file:
-                reader = BlockReader(file, self._options, first=False)
+                reader = BlockReader(file, self._options)
                 for block in self.blocks:
                     yield block, reader.records(block)
         except DamageError:
@@ -198,8 +208,7 @@ class Walk:
         """Walks the file up to its footer.
 
         Damage of one whole record does not end the walk. Where a record has no end, the walk goes
-        on in the summary, whose indexes lead to the records after the damage. Without a right
-        summary it goes on at the next whole chunk.
+        on at the next whole chunk, or in the summary if there is none.
         """
         at, opcode = len(MAGIC), 0
         while opcode != Opcode.FOOTER:
@@ -207,84 +216,86 @@ class Walk:
                 opcode, length = self._file.head(at)
             except DamageError as damage:
                 self._note(damage)
-                if self._data_end:
-                    break
-                at = self._data_end = summary_start(self._file)
-                if not at and not (at := self._next_chunk()):
+                if self._data_end or not (at := self._after_damage()):
                     break
                 continue
             after = at + HEADER.size + length
             if at == len(MAGIC) and opcode != Opcode.HEADER:
                 self._note(DamageError(at, "first record is no header"))
             try:
-                if opcode in _AMONG_MESSAGES and not self._data_end:
-                    after = self._take(*self._reader.run(at, length))
+                if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not self._data_end:
+                    after = self._run(at, after)
                 else:
-                    self._record(opcode, at, length, in_data=not self._data_end)
+                    self._record(opcode, at, length)
             except DamageError as damage:
                 self._note(damage)
             at = after
 
-    def _next_chunk(self) -> int:
-        """Where the next whole chunk begins that was not met yet; 0 without one."""
+    def _after_damage(self) -> int:
+        """Where the next whole chunk or else the summary begins, 0 where there is neither."""
         block = self._reader.next_chunk(max([self._sought, *(b.end for b in self.blocks)]))
-        self._sought = block.end if block else self._sought  # even if it is refused afterwards
-        return block.at if block else 0
+        if block:
+            self._sought = block.end  # even if it is refused afterwards
+            return block.at
+        footer = self._file.size - _END.size
+        if footer >= len(MAGIC):
+            opcode, _, start, _, crc, magic = _END.unpack(self._file.read(footer, _END.size))
+            is_end = (opcode, magic) == (Opcode.FOOTER, MAGIC) and 0 < start < footer
+            if is_end and self._file.crc(start, footer + HEADER.size + 16) == crc:
+                self._data_end = start
+        return self._data_end
 
-    def _record(self, opcode: int, at: int, length: int, in_data: bool) -> None:
+    def _record(self, opcode: int, at: int, length: int) -> None:
         self._kinds[opcode] += 1
-        if in_data and opcode in _INDEXED.values():
-            self._met[at] = opcode, HEADER.size + length
-        if in_data and opcode in _IN_DATA:
+        if opcode in _IN_DATA and not self._data_end:
             getattr(self, _IN_DATA[opcode])(at, length)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            fresh: dict[Key, Schema | Channel] = {}
-            self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at, fresh)
-            self._definitions.keep(fresh)
+        elif opcode in _DEFINITIONS:
+            self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at)
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
             header = Header.read(self._file.content(at, length))
             self.profile, self.library = header.profile, header.library
         elif opcode == Opcode.STATISTICS:
             self._statistics = at, Statistics.read(self._file.content(at, length))
-        elif opcode in _INDEXED:
-            content = self._file.content(at, length)
-            content.read(16 if opcode == Opcode.CHUNK_INDEX else 0)
-            self._index(_INDEXED[opcode], content.read8(), content.read8(), at)
         elif opcode == Opcode.FOOTER:
-            for damage in footer_damage(self._file, at, self._data_end):
-                self._note(damage)
+            self._footer(at)
         elif opcode in _MISPLACED:
             raise DamageError(at, f"a record of kind {opcode} where none may be")
 
-    def _index(self, kind: Opcode, place: int, size: int, at: int) -> None:
-        """Compares an index with what was met; where the walk missed it, goes there."""
-        if self._met.get(place) == (kind, size):
-            return
-        if self.damage and self._file.head(place) == (kind, size - HEADER.size):
-            self._record(kind, place, size - HEADER.size, in_data=True)
-        else:
-            what = f"an index of a {kind.name.lower()} at byte {place} that is not there"
-            raise DamageError(at, what)
+    def _footer(self, at: int) -> None:
+        said = Footer.read(self._file.content(at, 20))
+        if not self._data_end:
+            self._note(DamageError(at, "no end of the data section before the footer"))
+        start, crc = self._data_end or said.summary_start, said.summary_crc
+        if crc and self._file.crc(start, at + HEADER.size + 16) != crc:
+            self._note(DamageError(start, "summary has another CRC than it says"))
+        after = at + HEADER.size + 20
+        more = self._file.size - after - len(MAGIC)
+        if more < 0 or self._file.read(after, len(MAGIC)) != MAGIC:
+            self._note(DamageError(after, "no magic bytes after the footer"))
+        elif more:
+            what = f"{more} bytes after the end, not read: cut two joined files apart there"
+            self._note(DamageError(after + len(MAGIC), what))
+
+    def _compare(self, at: int, said: Statistics) -> None:
+        """Notes where a file differs from its statistics; schemas and channels hide no data."""
+        found = {
+            "messages": (said.message_count, self.counts.total()),
+            "chunks": (said.chunk_count, self._kinds[Opcode.CHUNK]),
+            "attachments": (said.attachment_count, self._kinds[Opcode.ATTACHMENT]),
+            "metadata records": (said.metadata_count, self._kinds[Opcode.METADATA]),
+        }
+        for channel, count in said.channel_message_counts.items():
+            found[f"messages of channel {channel}"] = count, self.counts[channel]
+        for name, (count, here) in found.items():
+            if count != here:
+                self._note(DamageError(at, f"statistics say {count} {name}, found {here}"))
 
     # ------------------------------------------------------------------ records between messages
-
-    def _chunk(self, at: int, length: int) -> None:
-        block = Block(at, at + HEADER.size + length, True)
-        block.index_end = block.end
-        try:
-            while (head := self._file.head(block.index_end))[0] == Opcode.MESSAGE_INDEX:
-                if head[1] < 6:
-                    break
-                block.index_end += HEADER.size + head[1]
-        except DamageError:
-            pass  # which the walk meets next
-        self._take(block)
 
     def _end_of_data(self, at: int, length: int) -> None:
         self._data_end = at + HEADER.size + length
         crc = self._file.content(at, length).read4()
         if crc and self._file.crc(0, at) != crc:
-            self._data_changed = True
             raise DamageError(at, "data section has another CRC than it says")
         self._all_checked = bool(crc)
 
@@ -314,57 +325,41 @@ class Walk:
 
     # ------------------------------------------------------------------ blocks
 
-    def _take(self, block: Block, records: Records | None = None) -> int:
-        """Takes up the definitions in a block and counts its messages.
+    def _chunk(self, at: int, length: int) -> None:
+        block = Block(at, at + HEADER.size + length, True)
+        self._take(block, self._reader.records(block))
 
-        A chunk with any damage defines nothing and has no messages. Records outside chunks are
-        taken up to the one that is wrong.
-
-        Returns:
-            The offset from which to read on.
-        """
-        fresh: dict[Key, Schema | Channel] = {}
+    def _run(self, at: int, after: int) -> int:
+        """Takes up the records outside chunks from an offset on; returns where to read on."""
+        size = max(min(PIECE, self._file.size - at), after - at)
+        block, records = self._reader.run(at, size)
         try:
-            records = records or self._reader.records(block)
-            self._check(block, records, fresh)
+            self._take(block, records)
         except DamageError as damage:
             self._note(damage)
-            if block.chunk or records is None or self._cuts == _MOST_CUTS:
-                return block.end
-            self._cuts += 1
-            place = damage.at - block.at
-            if place:
-                self._take(Block(block.at, damage.at, False), records.before(place))
-            return damage.at + HEADER.size + int(u64(records.data, np.array([place + 1]))[0])
-        self._definitions.keep(fresh)
-        block.rows = len(records.start)
-        self.blocks.append(block)
-        self._reader.found += records.cost
-        self._count(records)
         return block.end
 
-    def _check(self, block: Block, records: Records, fresh: dict[Key, Schema | Channel]) -> None:
-        """Refuses a block with wrong definitions, wrong times, or messages of doubtful channels."""
-        for opcode, place, length in records.others:
-            at = block.at if block.chunk else block.at + place - HEADER.size
-            raw = records.data[place : place + length].tobytes()
-            self._definitions.read(opcode, raw, at, fresh)
+    def _take(self, block: Block, records: Records) -> None:
+        """Takes up a block's definitions and counts its messages.
 
-        def at_first(which: np.intp) -> int:
-            return block.at + (0 if block.chunk else int(records.start[which]))
-
-        if len(records.start) and (log := records.log_time).min() < 0:
-            raise DamageError(at_first(np.argmax(log < 0)), "a log time beyond the year 2262")
-        for channel in self._definitions.doubtful(records, fresh):
-            what = f"a message of channel {channel}, whose definition was contradicted before"
-            raise DamageError(at_first(np.argmax(records.channel == channel)), what)
-
-    def _count(self, records: Records) -> None:
-        """Counts messages and keeps the first ones of each channel."""
-        if not len(records.start):
-            return
+        Raises:
+            DamageError: where a definition, a time or the channel of a message is wrong. None of
+                its messages are taken.
+        """
+        for place in records.definitions:
+            opcode, length = HEADER.unpack_from(records.data.data, place)
+            begin = place + HEADER.size
+            raw = bytes(records.data.data[begin : begin + length])
+            self._definitions.read(opcode, raw, block.at)
         counts = np.bincount(records.channel)
         met = np.flatnonzero(counts).tolist()
+        if doubtful := self._definitions.doubtful(set(met)):
+            what = f"messages of channel {min(doubtful)}, whose definition was contradicted before"
+            raise DamageError(block.at, what)
+        if len(log := records.log_time):
+            if log.min() < 0:
+                raise DamageError(block.at, "a log time beyond the year 2262")
+            self.times = min(self.times[0], int(log.min())), max(self.times[1], int(log.max()))
         self.counts.update(dict(zip(met, counts[met].tolist(), strict=True)))
         if unmet := [channel for channel in met if channel not in self._first.full]:
             order = np.argsort(records.channel.astype(np.uint16), kind="stable")
@@ -372,6 +367,5 @@ class Walk:
             for channel in unmet:
                 end = ends[channel]
                 self._first.keep(channel, records, order[end - int(counts[channel]) : end])
-        log = records.log_time
-        first, last = int(log.min()), int(log.max())
-        self.times = min(self.times[0], first), max(self.times[1], last)
+        block.rows = len(records.start)
+        self.blocks.append(block)
