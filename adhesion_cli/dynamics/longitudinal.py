@@ -54,8 +54,6 @@ _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 _RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _CHANGES = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
-_BENDS = 0.02  # 1 sigma by which a gradient changes within a change of the brake [m/s²]
-_CHANGES_MOST = 60  # changes of the brake that are compared
 _SMALL = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 
@@ -84,7 +82,7 @@ _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
 _SPRING = 0.15  # 1 sigma of o where the force line is another one, of the highest K
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
 _FAINT = 0.1  # less than this shows little of a brake [m/s]
-_ANY = 10.0  # times as steep: no other vehicle's line
+_ANY = 25.0  # times as steep: no other vehicle's line
 
 AS_STATED = Explanation(Parameter(0.0, 0.0), None)
 
@@ -523,12 +521,12 @@ def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
     free = {**known, **any_delay, **any_line}
     start = np.array([known[i].value for i in range(_SHARED)])
     first = fit([d], [d.size], known, [start])
-    pieces, responses = _gradients(d, first), _responses(d, first, known)
+    pieces = _gradients(d, first)
     near = fit([d], [d.size], free, [first.mean])
     rest = _sums(d, left(d, first.mean, first.mean[_SHARED:]) ** 2) / d.size
     noise = _NOISY * math.hypot(d.noise, d.floor)
     if first.cost - near.cost < clearly and (rest < noise**2).all():
-        return AS_STATED._replace(pieces=pieces, responses=responses)
+        return AS_STATED._replace(pieces=pieces)
     whole = fit([d], [d.size], free, _starts(d, free))
     telling = [independent(d, _sloped(d, left(d, whole.mean, np.zeros(len(d.size)))))]
     fits = {
@@ -537,7 +535,7 @@ def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
         "line": fit([d], telling, {**known, **any_line}, _starts(d, {**known, **any_line})),
         "both": fit([d], telling, free, [*_starts(d, free), whole.mean]),
     }
-    return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces, responses=responses)
+    return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces)
 
 
 def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
@@ -548,58 +546,6 @@ def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
         slope = Parameter(float(p.mean[_SHARED + i]), p.sigma(_SHARED + i))
         found.append(Piece(begin, end, slope))
     return tuple(found)
-
-
-def _responses(d: Design, p: Posterior, prior: Mapping[int, Parameter]) -> tuple[Piece, ...]:
-    """Response of the train to each change of the pressure, as a share of the stated vehicle's.
-
-    Each change counts for as long as it lasts: k is the sum of all changes so far. Their shares
-    and the gradients come of one least squares, in rounds: each one weighs the pieces by what the
-    one before left.
-    """
-    k, step = _applied(d, p.mean), float(d.t[1] - d.t[0])
-    changes = _changes(d, k)
-    if not changes:
-        return ()
-    middles = [(a[1] + b[0]) // 2 for a, b in pairwise(changes)]
-    edges = [0, *middles, len(k) - 1]
-    columns = []
-    for i, j in pairwise(edges):
-        since = np.clip(np.arange(len(k)), i, j)
-        part = k[since] - k[i]
-        crept = d.speed * part[d.at] / (G * math.exp(p.mean[STIFFNESS]))
-        columns.append(-p.scale * _flat(d, d.c * (_area(d, part)[d.at] + crept)))
-    slopes = np.where(np.repeat(np.arange(len(d.size)), d.size.astype(int)) ==
-                      np.arange(len(d.size))[:, None], d.time, 0.0)  # fmt: skip
-    X = np.array([*columns, *slopes])
-    many, rest = len(columns), left(d, p.mean, p.mean[_SHARED:])
-    weight = np.zeros((len(X), len(X)))
-    weight[many:, many:] = _problem([d], [], prior).weight[_SHARED:, _SHARED:]
-    known = d.v + d.time * p.mean[RESISTANCE]
-    for _ in range(3):
-        each = independent(d, rest) / (_sums(d, rest**2) + d.size * d.floor**2)
-        XW = X * _spread(d, each)
-        covariance = inverse(XW @ X.T + weight)
-        x = np.where(np.isfinite(covariance), covariance, 0.0) @ (XW @ known)
-        rest = known - x @ X
-    found = []
-    for i, ((first, past), size) in enumerate(zip(changes, np.diff(k[edges]), strict=True)):
-        unsure = _BENDS / max(abs(float(size)) * d.c, 1e-9)
-        sigma = math.hypot(math.sqrt(float(covariance[i, i])), unsure)
-        share = Parameter(p.scale * float(x[i]), p.scale * sigma)
-        found.append(Piece(first * step, past * step, share))
-    return tuple(found)
-
-
-def _changes(d: Design, k: Floats) -> list[tuple[int, int]]:
-    """Where the brake builds up, changes or is released: first sample and that past it."""
-    within = np.abs(np.interp(d.t + 0.5, d.t, k) - np.interp(d.t - 0.5, d.t, k))
-    found: list[tuple[int, int]] = []
-    for first, past in true_runs(within > _CHANGE * k.max(initial=0.0)):
-        if found and (first - found[-1][1]) * (d.t[1] - d.t[0]) < 1.0:
-            first = found.pop()[0]
-        found.append((first, past))
-    return found[:_CHANGES_MOST]
 
 
 def _judged(

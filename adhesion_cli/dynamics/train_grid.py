@@ -17,10 +17,9 @@ from ..core.model import (
     Parameter,
     Times,
     Vehicle,
-    Wheelset,
 )
-from ..core.physics import CRAWL, GRADIENT, rolling_deceleration, wheelset
 from ..core.physics import FREE as FREE
+from ..core.physics import GRADIENT, rolling_deceleration, wheelset
 from ..core.signals import true_runs
 
 LEAST = 8  # samples on it that show anything
@@ -28,7 +27,6 @@ _STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
 _FIRMLY = 0.3  # of the highest K: a brake that no motor works against
-_GAINS = 0.1  # no train that coasts on the level gains more [m/s²]
 _DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
 
 
@@ -76,13 +74,6 @@ class Grid:
         K = self.mean(largest(self.clamping))
         driven = (FREE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN)
         return np.where(far(~driven, 2 * self.half), slowing, np.nan)
-
-    @cached_property
-    def gains(self) -> Bools:
-        """Where it gains speed without brake, by a motor or downhill, and a second around, (n,)."""
-        K = self.mean(largest(self.clamping))
-        free = FREE * np.nanmax(K, initial=0.0) > K
-        return ~far(~(free & (self.slope(self.fastest) > _GAINS)), 2 * self.half)
 
     @cached_property
     def share(self) -> Floats:
@@ -165,9 +156,8 @@ class Explanation(NamedTuple):
     line: Line | None  # None where it is as stated
     either: bool = False  # it is one of both, and nothing says which
     # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
-    # where it drives the train [m/s²]; and the train's response to each change of the pressure [-].
+    # where it drives the train [m/s²].
     pieces: tuple[Piece, ...] = ()
-    responses: tuple[Piece, ...] = ()
 
 
 class Scene(NamedTuple):
@@ -185,18 +175,6 @@ class Scene(NamedTuple):
         axle = self.axles[0].record.axle
         w = wheelset(self.vehicle, axle)
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
-
-    @property
-    def made(self) -> Floats:
-        """Deceleration that the adhesion of all wheels makes, (n,) [m/s²]; NaN where not known.
-
-        Without a train speed only of wheels that roll, by K alone: others say nothing of the train.
-        """
-        if self.grid.train is not None:
-            axles = (a.record.axle for a in self.axles)
-            return adhesion(self.grid, [wheelset(self.vehicle, axle) for axle in axles])
-        K = self.grid.mean(np.mean(self.grid.clamping, axis=0))
-        return np.where(self.grid.rolling.all(axis=0), self.by_rolling * K, np.nan)
 
     def found(  # noqa: PLR0913 (the fields of a finding)
         self, code: str, severity: Severity, channel: Channel, where: Bools | None = None,
@@ -272,16 +250,6 @@ def _even(own: Floats, x: Floats, segments: tuple[slice, ...], t: Floats, step: 
         mean = (np.interp(high, u, area) - np.interp(low, u, area))[inside]
         found[inside] = mean / (high - low)[inside]
     return found
-
-
-def adhesion(g: Grid, wheels: Sequence[Wheelset]) -> Floats:
-    """Mean F/m of all wheels over about a second, whether they slide or not, (n,) [m/s²].
-
-    NaN where one may stand: it has less than φK. Source: (1).
-    """
-    each = zip(wheels, g.mean(g.clamping), g.slope(g.rim), strict=True)
-    made = [(w.phi * K + w.inertia / w.radius**2 * rim) / w.mass for w, K, rim in each]
-    return np.where((g.rim > CRAWL).all(axis=0), np.mean(made, axis=0), np.nan)
 
 
 def largest(x: Floats) -> Floats:

@@ -12,7 +12,7 @@ Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; Non
 Channels = dict[Key, Channel]
 SHORTEST = 3  # samples: fewer give no derivative with an error
 _LEAVE_OUT = {
-    "speed-interleaved", "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
+    "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
     "pressure-outlier", "pressure-stuck", "pressure-unusable",
 }  # fmt: skip
 

@@ -20,14 +20,11 @@ from .faults import Fault
 ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
 HIGHEST = 12e5  # no brake cylinder has more [Pa]
 _FULL = 5e5  # pressure of the cylinder that the limits are those of [Pa]
-_APPLIED = 1e5  # a brake is, above this [Pa]
 _BACK = 300  # pieces that may lie between two that belong together
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
 _ZERO = 0.3  # of the weight of other values: dead sensors read it
 _CLEAR = 0.65  # of the weight, zeros apart: with less, which part is the wheel's is not known
 _RETURNS = 0.8  # of the impossible steps: with less the signal goes its way, in another unit
-_TURNS = 20  # samples that may not alternate by chance
-_NEAR = 10  # samples before and after a single one
 
 
 class Params(NamedTuple):
@@ -63,8 +60,6 @@ class Limits(NamedTuple):
 
 def of_wheel(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a wheel speed [rad/s]: outliers, or a channel of which no part can be trusted."""
-    if alternates(speed):
-        return [Fault("speed-interleaved", np.ones(len(speed.data.t), dtype=np.bool_))]
     return [_fault("speed-outlier", "speed-unusable", wheel_outliers(p, speed))]
 
 
@@ -91,34 +86,11 @@ def _fault(some: str, every: str, outliers: Bools) -> Fault:
 
 
 def wheel_outliers(p: Params, speed: Channel) -> Bools:
-    """Outliers of a wheel speed [rad/s], shape (n,).
-
-    Single samples count at low rates too: zeros, and those far above ten samples on both sides. A
-    slide only goes down.
-    """
+    """Outliers of a wheel speed [rad/s], shape (n,); single zeros at low rates, too."""
     limits = Limits(p.wheel_gains, p.wheel_loses, p.wheel_steps, p.wheel_least, np.inf, p.rests)
-    y, n = speed.data.value, len(speed.data.t)
     alone, steep = _single(speed)
-    wide = np.pad(y, _NEAR, constant_values=-np.inf)
-    before = np.lib.stride_tricks.sliding_window_view(wide, _NEAR).max(axis=1)
-    highest = np.maximum(before[:n], before[_NEAR + 1 :])
-    above = y > np.maximum(1.1 * highest, highest + noise(speed) + p.wheel_least)
-    dropped = (y == 0.0) & (highest > p.wheel_least) & (steep > p.wheel_single)
-    found: Bools = _excursions(speed, limits) | alone & (above | dropped)
-    return found | _flickers(speed, limits)
-
-
-def _flickers(speed: Channel, limits: Limits) -> Bools:
-    """Short zeros that no wheel can reach and leave again, however slow it is; shape (n,).
-
-    Near its least speed a sensor may alternate between the speed and zero.
-    """
-    t, y, least = speed.data.t / 1e9, speed.data.value, noise(speed)
-    found = np.zeros(len(y), dtype=np.bool_)
-    for a, b in true_runs(y == 0.0):
-        if a > 0 and b < len(y) and t[b - 1] - t[a] < limits.rests:
-            falls = y[a - 1] - least > limits.fall * (t[a] - t[a - 1])
-            found[a:b] = falls and y[b] - least > limits.rise * (t[b] - t[b - 1])
+    dropped = alone & (speed.data.value == 0.0) & (steep > p.wheel_single)
+    found: Bools = _excursions(speed, limits) | dropped
     return found
 
 
@@ -137,29 +109,14 @@ def brake_outliers(p: Params, brake: Channel) -> Bools:
     return found
 
 
-def alternates(c: Channel) -> bool:
-    """Whether every second sample is another signal's, in the whole log, and neither is zero."""
-    x = c.data.value
-    if len(x) < _TURNS or np.mean(x == 0.0) > 1.0 - _RETURNS:
-        return False
-    there, along = np.diff(x), np.abs(x[2:] - x[:-2])
-    returns = float(np.mean(there[1:] * there[:-1] < 0.0))
-    away = float(np.median(np.abs(there)))
-    return returns > _RETURNS and away > 4.0 * (float(np.median(along)) + c.coarsest)
-
-
 def _scale(brake: Channel) -> float:
     """By how much a brake's values are larger than those of the cylinder of the limits.
 
     1 for a pressure, unless its unit is one in which no cylinder has it: the unit is wrong then,
     not the sensor.
     """
-    x = brake.data.value
-    if brake.meaning != "pressure":
-        return float(np.quantile(np.abs(x), 0.99)) / _FULL
-    applied = x[x > _APPLIED]
-    usual = float(np.median(applied)) if len(applied) else 0.0
-    return usual / _FULL if usual > HIGHEST else 1.0
+    high = float(np.quantile(np.abs(brake.data.value), 0.99))
+    return high / _FULL if brake.meaning != "pressure" or high > HIGHEST else 1.0
 
 
 def _single(c: Channel) -> tuple[Bools, Floats]:

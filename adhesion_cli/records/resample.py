@@ -13,7 +13,6 @@ from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
 from ..core.physics import clamping_force, force_line
 from ..dynamics.train_grid import Axle
-from . import sample_and_hold
 from .choose import SHORTEST, AxleKeys, Choice, find
 from .faults import Fault, View
 from .screen import Screened
@@ -53,17 +52,10 @@ def _axle(
     """One axle, None where too little is left; and its findings."""
     channels = screened.channels
     speed, brake = channels[keys.speed], channels[keys.brake]
-    findings = []
-    straight = brake
-    if every := sample_and_hold.interval(brake):
-        straight = sample_and_hold.straightened(brake, every)
-        found = Finding("pressure-repeated", "info", channel=brake.title,
-                        values={"interval_s": every})  # fmt: skip
-        findings.append(found)
-    at = _sampled(speed, brake, straight)
+    at = _sampled(speed, brake)
     inside = view.holds(speed.data.t)
     segments, kept = _segments(speed, inside & at.fresh)
-    findings += _left_out(speed, brake, inside & ~at.fresh, inside & at.fresh & ~kept, view)
+    findings = _left_out(speed, brake, inside & ~at.fresh, inside & at.fresh & ~kept, view)
     if not segments:
         return None, findings
     train, truth, slip = (
@@ -94,18 +86,12 @@ def _axle(
     return Axle(record, speed, brake, train), findings
 
 
-def _sampled(speed: Channel, brake: Channel, straight: Channel) -> _Sampled:
-    """A brake at the wheel speed's times.
-
-    Args:
-        speed: whose times they are.
-        brake: pressure or K.
-        straight: the same with straight lines between its own samples.
-    """
+def _sampled(speed: Channel, brake: Channel) -> _Sampled:
+    """A brake, pressure or K, at the wheel speed's times."""
     parts = []
     for at in time_axis.overs(speed):
         last, fresh = time_axis.hold(at, brake)
-        smooth = time_axis.interpolated(at, straight)
+        smooth = time_axis.interpolated(at, brake)
         if not np.isfinite(smooth).all():
             smooth = np.where(np.isfinite(smooth), smooth, last)
         parts.append(_Sampled(last, smooth, fresh))

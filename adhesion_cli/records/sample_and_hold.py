@@ -1,7 +1,6 @@
 """A slow signal in a fast table: each of its samples is repeated until the next one comes.
 
-Online nobody knows better, and the last value holds. Offline the repeats are no measurements: a
-ramp that is read off once a second is not a staircase.
+The repeats are no measurements: a ramp that is read off once a second is not a staircase.
 """
 
 from collections.abc import Iterator
@@ -42,18 +41,6 @@ def interval(channel: Channel) -> float:
     away = np.abs(stood - every)[short]
     even = np.mean(away <= np.maximum(0.1 * every, (stood / count)[short]))
     return every if every < _SLOWEST and even > 0.8 else 0.0
-
-
-def straightened(channel: Channel, interval: float) -> Channel:
-    """The channel with straight lines between the samples, `interval` [s] apart, that are its own.
-
-    The last one holds.
-    """
-    value = channel.data.value.copy()
-    for piece in _pieces(channel):
-        t, x, own = _seconds(channel, piece), value[piece], _own(channel, piece, interval)
-        value[piece] = np.interp(t, t[own], x[own])
-    return replace(channel, data=Column(channel.data.t, value, channel.data.valid))
 
 
 def readings(channel: Channel, interval: float) -> Channel:

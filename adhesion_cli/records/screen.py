@@ -82,18 +82,20 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
 
 
 def _measured(channels: Channels, view: View) -> tuple[Channels, list[Finding]]:
-    """The speeds as they were measured: what a table repeats is no measurement."""
+    """The channels as they were measured: what a table repeats is no measurement."""
     own, findings = {}, []
     for key, c in channels.items():
         own[key] = c
-        every = sample_and_hold.interval(c) if key[0] in ("wheel_speed", "train_speed") else 0.0
+        of_speed = key[0] in ("wheel_speed", "train_speed")
+        every = sample_and_hold.interval(c) if of_speed or key[0] in _BRAKES else 0.0
         if every:
             own[key] = sample_and_hold.readings(c, every)
-            span = view.seconds(c.data.t[[0, -1]])
+            first, last = view.seconds(c.data.t[[0, -1]])
             repeats = len(c.data.t) - len(own[key].data.t)
             findings.append(
-                Finding("speed-repeated", "info", channel=c.title, count=repeats,
-                        spans=((float(span[0]), float(span[1])),), values={"interval_s": every})
+                Finding("speed-repeated" if of_speed else "pressure-repeated", "info",
+                        channel=c.title, count=repeats, spans=((float(first), float(last)),),
+                        values={"interval_s": every})
             )  # fmt: skip
     return own, findings
 

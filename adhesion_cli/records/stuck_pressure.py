@@ -12,7 +12,6 @@ import numpy as np
 
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
-from . import sample_and_hold
 from .faults import Fault
 from .repeats import Runs, runs
 
@@ -101,8 +100,7 @@ def _silent(p: Params, brake: Channel, same: Runs) -> Bools:
     about a level: valves that move the pressure make such changes, too.
     """
     x, rate, value = brake.data.value, brake.rate_hz or 0.0, same.value
-    repeats = max(1, round(sample_and_hold.interval(brake) * rate))
-    length = np.maximum(same.length // repeats, 1)
+    length = same.length
     small = max(p.small * float(x.max()), 2.5 * brake.step)
     turns = _turns(value, small, 1.5 * brake.step)
     j = min(max(2, round(p.near * rate)), 20)

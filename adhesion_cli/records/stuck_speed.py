@@ -1,4 +1,4 @@
-"""Speed sensors that are stuck, and wheels that are locked.
+"""Speed sensors that are stuck.
 
 A sensor is stuck only where a working one could not repeat its last value. The rest of the train
 shows that, or else the brake of this wheel.
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from ..core import time_axis
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity
-from ..core.signals import true_runs
-from ..dynamics.train_grid import FREE
 from .faults import Fault
 from .outliers import noise
 from .repeats import Runs, runs
@@ -34,17 +32,14 @@ class Params(NamedTuple):
     moves_much: Annotated[float, Quantity("-", "of one that never changes", 0.0, 1.0)] = 0.1
     leaps: Annotated[float, Quantity("-", "of the expected change, at the end", 0.0, 1.0)] = 0.3
     slow: Annotated[float, Quantity("rad/s", "slower, it is about to stand; train m/s")] = 1.0
-    zero: Annotated[float, Quantity("rad/s", "a slower wheel stands")] = 0.1
-    fast: Annotated[float, Quantity("rad/s", "others turn a free wheel; train m/s")] = 5.0
-    unbraked: Annotated[float, Quantity("s", "no free wheel stands longer while others turn")] = 2.0
+    fast: Annotated[float, Quantity("rad/s", "others turn, and it never does; train m/s")] = 5.0
     applied: Annotated[float, Quantity("-", "of the highest force: a brake is on", 0.0, 1.0)] = 0.2
     early: Annotated[float, Quantity("s", "by which a train speed's clock may be early")] = 5.0
     rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35
-    pulses: Annotated[float, Quantity("-", "of a counter are missing: the wheel stands")] = 2.0
 
 
 def of_wheel(p: Params, speed: Channel, clamping: Floats, others: Sequence[Channel]) -> list[Fault]:
-    """A stuck wheel speed, and a locked wheel.
+    """A stuck wheel speed.
 
     Args:
         p: thresholds.
@@ -52,30 +47,21 @@ def of_wheel(p: Params, speed: Channel, clamping: Floats, others: Sequence[Chann
         clamping: K at its times, shape (n,) [N].
         others: speeds of the other wheels and of the train.
     """
-    frozen = stuck(p, speed, clamping, others)
-    locks = locked(p, speed, others, 2.0 * p.slow) & ~frozen
-    return [Fault("speed-stuck", frozen), Fault("wheel-locked", locks, False, "info")]
+    return [Fault("speed-stuck", stuck(p, speed, clamping, others))]
 
 
 def of_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
-    """A stuck train speed [m/s], by the wheel speeds [rad/s]."""
-    x, t = train.data.value, train.data.t
-    frozen = stuck(p, train, np.zeros(len(x)), wheels, np.nanmin)
-    last = int(runs(train).first[-1])
-    if frozen[-1] and x[last] > p.slow:
-        later = int(np.searchsorted(t, t[last] + round(p.early * 1e9)))
-        goes_on = not np.ptp(x) or _all_move(train, wheels, later, p.moves)
-        if not (goes_on and _all_move(train, wheels, last, p.rollers)):
-            frozen[last:] = False
+    """A stuck train speed [m/s], by the wheel speeds [rad/s].
+
+    The last value may be the end of a log whose train speed is early, or that of rollers.
+    """
+    frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
+    same = runs(train)
+    if same.value[-1] > p.slow:
+        moved = min((_moved(train, same.first, same.last, w)[-1] for w in wheels), default=0.0)
+        if same.seconds[-1] < p.early or not moved > p.rollers:
+            frozen[same.first[-1] :] = False
     return [Fault("train-speed-stuck", frozen)]
-
-
-def _all_move(train: Channel, wheels: Sequence[Channel], first: int, share: float) -> bool:
-    """Whether every wheel changes by more than a share of itself from a train's sample on."""
-    last = len(train.data.t) - 1
-    if first >= last:
-        return False
-    return all(_moved(train, np.array([first]), np.array([last]), w)[0] > share for w in wheels)
 
 
 def stuck(
@@ -96,12 +82,14 @@ def stuck(
         others: speeds of other axles and the train, in any unit.
         among: of what the others moved by, what counts.
     """
-    y, same, dead = speed.data.value, runs(speed), _dead(p, speed, clamping, others)
+    y, same = speed.data.value, runs(speed)
     value = same.value
     long = same.length >= np.maximum(3.0, p.stays * _usual(y))
     long &= (same.seconds > p.lasts) & (value > p.slow)
+    if y.max() < 0.1 * p.slow and any(other.data.value.max() > p.fast for other in others):
+        return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
     if not long.any():
-        return dead
+        return np.zeros(len(y), dtype=np.bool_)
     expected = _expected(p, speed, clamping, same)
     steps = np.full(len(value), p.steps_alone)
     ends = np.zeros(len(value), dtype=np.bool_)  # of the sensor's range
@@ -120,7 +108,7 @@ def stuck(
     found &= ends | (same.leap > p.leaps * expected)
     if constant and found.any():
         return np.ones(len(y), dtype=np.bool_)
-    return same.repeated(found) | dead
+    return same.repeated(found)
 
 
 def _usual(y: Floats) -> float:
@@ -163,49 +151,3 @@ def _expected(p: Params, speed: Channel, clamping: Floats, same: Runs) -> Floats
     by_impulse = float(np.abs(y[m:] - y[:-m])[pair].sum() / over) if over > 0.0 else 0.0
     expected: Floats = by_impulse * (impulse[same.last] - impulse[same.first])
     return expected
-
-
-def _dead(p: Params, speed: Channel, clamping: Floats, others: Sequence[Channel]) -> Bools:
-    """Where the wheel stands without brake for longer than any wheel of a moving train; (n,).
-
-    One that does not turn in the whole log while the others do shows nothing of a wheel.
-    """
-    stands, still = locked(p, speed, others, p.fast), _still(p, speed)
-    if still.all() and stands.any():
-        return still
-    free = stands & (clamping <= FREE * np.nanmax(clamping, initial=0.0))
-    found = np.zeros(len(stands), dtype=np.bool_)
-    for a, b in true_runs(still):
-        t = speed.data.t[a:b] / 1e9
-        found[a:b] = any(t[j - 1] - t[i] >= p.unbraked for i, j in true_runs(free[a:b]))
-    return found
-
-
-def locked(p: Params, speed: Channel, others: Sequence[Channel], faster: float) -> Bools:
-    """Samples at which the wheel stands while half of the rest of the train moves, shape (n,).
-
-    Args:
-        p: thresholds.
-        speed: wheel speed [rad/s].
-        others: speeds of other axles [rad/s] and the train [m/s].
-        faster: than this, they move.
-    """
-    at = time_axis.Over(speed.data.t, 0, 1)
-    moving, known = np.zeros((2, len(at.t)), dtype=np.int16)
-    slowest = np.full(len(at.t), np.inf)
-    for other in others:
-        x = time_axis.interpolated(at, other)
-        moving += x > faster
-        known += np.isfinite(x)
-        slowest = np.where(x > faster, np.minimum(slowest, x), slowest)
-    stands: Bools = (moving > 0) & (2 * moving >= known) & _still(p, speed)
-    for a, b in true_runs(stands):
-        # A zero of a counter is less than a pulse. Rad or m: a wheel turns more than it rolls.
-        stands[a:b] = np.sum(slowest[a:b]) > p.pulses * speed.step
-    return stands
-
-
-def _still(p: Params, speed: Channel) -> Bools:
-    """Samples at which the wheel stands, as far as its sensor shows, shape (n,)."""
-    still: Bools = np.abs(speed.data.value) <= max(p.zero, speed.step / 2.0)
-    return still

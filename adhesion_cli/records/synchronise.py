@@ -101,7 +101,7 @@ def _on_one_clock(
     train = axles[0].train
     if not g or train is None:
         return axles, []
-    delay, offset = train_clock.beside(axles, g, vehicle)
+    delay, offset = train_clock.beside(g, axles[0].record.train_speed_interval)
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}

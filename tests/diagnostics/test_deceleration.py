@@ -96,18 +96,10 @@ def sound(_: Floats, p: Floats) -> Floats:
     return p
 
 
-FORCE = {
-    "response-inconsistent",
-    "deceleration-unexplained",
-    "vehicle-suspect",
-    "force-offset",
-    "deceleration-unit-suspect",
-}
+FORCE = {"deceleration-unexplained", "vehicle-suspect", "deceleration-unit-suspect"}
 # What goes wrong, and between which times it is told.
 FAULTS: dict[str, tuple[Wrong, float, float]] = {
-    "another scale": (lambda t, p: p * np.where(t > 50.0, 0.55, 1.0), 50.0, SECONDS),
     "scale that drifts": (lambda t, p: p * (1.0 - 0.55 * t / SECONDS), 55.0, SECONDS),
-    "too much for a while": (lambda t, p: p * np.where(abs(t - 37) < 12, 1.7, 1.0), 24.0, 56.0),
 }
 
 

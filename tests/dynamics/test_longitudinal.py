@@ -80,7 +80,7 @@ def axle(
 
 def told(one: Axle) -> Explanation:
     e = longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
-    return e._replace(pieces=(), responses=())
+    return e._replace(pieces=())
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
@@ -123,7 +123,6 @@ def test_what_one_edge_cannot_tell_apart_is_said(tmp_path: Path) -> None:
     log = clean("low-adhesion", 1, "as it is")
     told = {f.code for f in found(log, tmp_path, stated)}
     assert told >= {"delay-or-vehicle", "pressure-delay"}
-    assert told & {"vehicle-suspect", "force-offset"}
 
 
 RATES = [2.0, 5.0, 20.0, 100.0, 1000.0]

@@ -248,32 +248,6 @@ def test_a_train_speed_of_the_other_sign_is_taken_without_it(wheel: float) -> No
     assert told.spans == ((0.0, pytest.approx(9.99)),)
 
 
-def test_a_locked_wheel_is_no_train_that_stands() -> None:
-    t, p, y = brake()
-    slides = np.minimum(y, np.interp(t, [3.5, 4.0, 5.0, 5.5], [43.0, 0.0, 0.0, 39.0]))
-    channels = [channel("wheel_speed", t, x, n) for n, x in ((1, slides), (2, y), (3, y))]
-    _, findings = records(log(channel("pressure", t, p), *channels), Vehicle())
-    (locked,) = [f for f in findings if f.code == "wheel-locked"]
-    assert (locked.severity, locked.count) == ("info", 101)
-    assert locked.spans == (pytest.approx((4.0, 5.0)),)
-    stops = np.maximum(y - 32.0, 0.0)
-    channels = [channel("wheel_speed", t, stops, n) for n in (1, 2)]
-    _, findings = records(log(channel("pressure", t, p), *channels), Vehicle())
-    assert "wheel-locked" not in {f.code for f in findings}
-
-
-def test_a_counter_between_two_pulses_is_no_locked_wheel() -> None:
-    t, p, y = brake()
-    step = 2.0 * np.pi / 8 * 100.0
-    counted = np.diff(np.floor(np.cumsum(y) / step), prepend=0.0) * step
-    for stops, told in ((np.inf, []), (5.0, [5.0])):
-        wheel = replace(channel("wheel_speed", t, np.where(t < stops, counted, 0.0)), step=step)
-        others = channel("train_speed", t, 0.4 * y)
-        _, findings = records(log(channel("pressure", t, p), wheel, others), Vehicle())
-        first = [f.first_s for f in findings if f.code == "wheel-locked"]
-        assert first == pytest.approx(told, abs=0.1)
-
-
 @pytest.mark.parametrize(("unit", "total"), [("count", True), ("rad", True), ("rad/s", False)])
 def test_a_speed_made_of_a_logged_total_is_marked_for_the_reference(unit: str, total: bool) -> None:
     t, p, y = brake()

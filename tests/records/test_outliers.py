@@ -208,17 +208,6 @@ def test_a_speed_whose_true_half_is_not_known_is_left_out_whole() -> None:
     assert fault.where.all()
 
 
-@pytest.mark.parametrize("rate", [10.0, 200.0])
-def test_rows_of_two_devices_by_turns_are_told(rate: float) -> None:
-    t, y = drawn(rate, STOP, 3e-3, 0.0)
-    (fault,) = outliers.of_wheel(LIMITS, channel(t, y, "wheel_speed"))
-    assert fault.code == "speed-outlier"
-    y[1::2] = 0.93 * y[1::2]
-    (fault,) = outliers.of_wheel(LIMITS, channel(t, y, "wheel_speed"))
-    assert fault.code == "speed-interleaved"
-    assert fault.where.all()
-
-
 def test_a_sensor_is_not_accused_of_its_unit() -> None:
     t, p = drawn(25.0, DUMPS, 1000.0, 0.0)
     faults = outliers.of_brake(LIMITS, channel(t, 100.0 * (p - 500.0), "pressure"))  # kPa as bar
@@ -250,18 +239,6 @@ def test_the_force_around_a_drop_out_is_as_without_it(
     there = np.isfinite(found)
     assert there.sum() > 0.9 * np.isfinite(clean).sum()
     assert np.abs(found - np.interp(some, t, clean))[there].max() < 100.0  # of 3 kN
-
-
-@pytest.mark.parametrize("least", [0.8, 2.0, 4.0])
-def test_a_sensor_that_flickers_to_zero_about_its_least_speed_is_left_out(least: float) -> None:
-    """At 1 kHz one such zero is hundreds of kilonewtons; the zeros at rest behind it stay."""
-    random = np.random.default_rng(3)
-    t, y = drawn(1000.0, lines((0, 20), (10, 0), (12, 0)), 3e-3, 0.0)
-    zero = (y < least) & (y > 0.4) & (random.random(len(t)) < 0.3)
-    y[zero | (y < 0.4)] = 0.0
-    found = outliers.wheel_outliers(LIMITS, channel(t, y, "wheel_speed"))
-    assert found[zero].all()
-    assert found[~zero].sum() <= 5  # readings between many zeros may go with them
 
 
 @pytest.mark.parametrize("teeth", [4, 40])
