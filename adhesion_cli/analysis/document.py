@@ -187,7 +187,7 @@ def replay_document(
     return antiskid_document(
         stop, case.scenario.name, parameters, dry, median,
         log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
-        intervals=spread, beside={law: a.beside._asdict() for law, a in found.items()},
+        intervals=spread, compared={law: a.compared._asdict() for law, a in found.items()},
         findings=findings_document(findings),
     )  # fmt: skip
 
@@ -261,7 +261,7 @@ def sweep_document(
     rails: dict[str, dict[str, Any]] = {}
     for r in rows:
         rails.setdefault(r.rail, {})[r.controller] = {
-            **r.values, **r.beside._asdict(),
+            **r.values, **r.compared._asdict(),
         }  # fmt: skip
     limits = [
         {"rail": r.rail, **x}

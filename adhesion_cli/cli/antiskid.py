@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..core.stop import Stop
     from ..wsp.scenario import Scenario
-    from ..wsp.sweep import Beside, Row
+    from ..wsp.sweep import Compared, Row
     from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
@@ -239,7 +239,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
     head += f"estimator {algo}; {drawn}"
     verdict = _verdicts(
-        {law: a.values for law, a in found.items()}, {law: a.beside for law, a in found.items()}
+        {law: a.values for law, a in found.items()}, {law: a.compared for law, a in found.items()}
     )
     origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
     made = [
@@ -342,7 +342,7 @@ def _cell(value: _Value, digits: int) -> str:
 
 
 def _verdicts(
-    of: "Mapping[str, Mapping[str, _Value]]", beside: "Mapping[str, Beside] | None" = None
+    of: "Mapping[str, Mapping[str, _Value]]", paired: "Mapping[str, Compared] | None" = None
 ) -> str:
     """A column per controller, a row per value."""
     from .terminal import NARROW, table
@@ -351,8 +351,8 @@ def _verdicts(
         [name, *(_cell(list(values.values())[i], digits) for values in of.values())]
         for i, (name, digits) in enumerate(_ROWS.items())
     ]
-    if beside:
-        compared = [beside[law] for law in of]
+    if paired:
+        compared = [paired[law] for law in of]
         rows.append(["patent less [m]", *(_cell(b.patent_less_this_m, 1) for b in compared)])
         rows.append(["shortest", *(f"{b.shortest:.0%}" for b in compared)])
     return table(["", *of], rows, width=NARROW)
@@ -367,7 +367,7 @@ def _rails(rows: "Sequence[Row]") -> str:
     parts = [
         f"rail {rail}:\n"
         + _verdicts(
-            {law: r.values for law, r in of.items()}, {law: r.beside for law, r in of.items()}
+            {law: r.values for law, r in of.items()}, {law: r.compared for law, r in of.items()}
         )
         for rail, of in by_rail.items()
     ]

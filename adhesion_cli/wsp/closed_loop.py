@@ -2,11 +2,7 @@
 
 The simulated train is `plant`'s. At each of its ticks the WSP controller gets train speed, wheel
 speeds and cylinder pressures, delayed and noisy. It sets the valves, which respond after their dead
-time.
-
-The verdict uses the terms of EN 15595: stopping distance and its extension over that on dry rail,
-adhesion utilisation, depth and time of slides, locked wheels, air. The limits of the standard are
-not built in, as no copy of it was at hand.
+time. The verdict uses the terms of EN 15595, without its limits: no copy of it was at hand.
 """
 
 import math
@@ -25,22 +21,9 @@ from ..core.model import Floats, Vehicle
 from ..core.physics import clamping
 from ..core.stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
 from ..rail import slope
-from ..rail.creep_law import Patch
 from ..rail.slope import region
-from .plant import (
-    Demand,
-    Plant,
-    Track,
-    Train,
-    Wheels,
-    adhesion,
-    advance_to,
-    demand_of,
-    plant_of,
-    rail_at,
-    rolling,
-    track_of,
-)
+from . import plant as plants
+from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_at
 from .scenario import Limit, Rail, Scenario, Section
 from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, stated, tick
 
@@ -116,10 +99,9 @@ class _World(NamedTuple):
 
 
 def _drive(world: _World, train: Train, j: int) -> Train:
-    """The train at tick j, if it does not stand before; fills row j except the controller's part.
+    """The train at tick j, from the tick before; fills row j except the controller's part.
 
-    It starts from the tick before, with the valves of the rows until then. It contains no part of a
-    controller: one compiled piece serves all.
+    It contains no part of a controller: one compiled piece serves all.
     """
     unit, trace, wheels = world.unit, world.trace, world.wheels
     if j == 0:
@@ -175,14 +157,7 @@ def _march(
     c: Constants,
     bands: slope.Bands,
 ) -> int:
-    """Brakes until the train stands, or the trace is full.
-
-    Args:
-        drive: `_drive`.
-        world: train, rail, sensors; its trace is filled.
-        train: at the start.
-        c: constants of the WSP controller.
-        bands: that decide on regions.
+    """Brakes until the train stands, or the trace is full; `drive` is `_drive`.
 
     Returns:
         Ticks done; −j where Newton's iteration failed on the way to tick j.
@@ -209,33 +184,27 @@ def _march(
     return len(trace.demand)
 
 
-def _given(  # noqa: PLR0913 (compiled: one array each)
-    plant: Plant, track: Track, h: float, v: Floats, x: Floats, w: Floats,
-    force: Floats, peak: Floats, peak_slip: Floats,
+def _peaks(
+    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, rim: Floats
 ) -> None:  # fmt: skip
-    """Fills force, peak and its slip at each tick; shapes (ticks,) and that of w."""
+    """Fills the rim speed of the greatest adhesion force at each sample; shapes as in `forces`.
+
+    The slope of the force changes its sign there.
+    """
     rail = np.zeros(5)
-    for i in range(w.shape[1]):
+    for i in range(rim.shape[1]):
         knot = 0
         for j in range(len(v)):
-            z = j * h if track.timed else x[j] - plant.positions[i]
+            z = t[j] if track.timed else x[j] - plant.positions[i]
             knot = rail_at(track, i, z, knot, rail)
-            force[j, i] = adhesion(v[j] - w[j, i], v[j], rail, plant.patch)[0]
-            sliding = _peak(v[j], rail, plant.patch)
-            peak[j, i] = adhesion(sliding, v[j], rail, plant.patch)[0]
-            peak_slip[j, i] = sliding / v[j]
-
-
-def _peak(v: float, rail: Floats, patch: Patch) -> float:
-    """Sliding speed [m/s] of the greatest adhesion force: where its slope changes sign."""
-    low, high = math.log(1e-6 * v), math.log(v)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if adhesion(math.exp(middle), v, rail, patch)[1] > 0.0:
-            low = middle
-        else:
-            high = middle
-    return math.exp(low)
+            low, high = math.log(1e-6 * v[j]), math.log(v[j])
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                if adhesion(math.exp(middle), v[j], rail, plant.patch)[1] > 0.0:
+                    low = middle
+                else:
+                    high = middle
+            rim[j, i] = v[j] - math.exp(low)
 
 
 # --- stops ----------------------------------------------------------------------------------------
@@ -266,38 +235,41 @@ def run(
     """
     from ..core import compiled
 
+    name = scenario.name
     if scenario.rig or not scenario.brake.command or not scenario.train.speed:
-        raise UserError(f"{scenario.name}: no train that brakes", "take a scenario of a stop")
+        raise UserError(f"{name}: no train that brakes", "take a scenario of a stop")
     known, dt, settings = scenario.antiskid, scenario.dt, settings or {}
     if dt > known.period:
-        text = f"{scenario.name}: dt is longer than the WSP controller's period"
+        text = f"{name}: dt is longer than the WSP controller's period"
         raise UserError(text, "a shorter dt", code=2)
     h = round(known.period / dt) * dt
     chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)
     seed = scenario.seed if seed is None else seed
-    world, train = _world(scenario, track or track_of(scenario), seed)
+    world, train = _world(scenario, track or plants.track_of(scenario), seed)
     drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
     done = march(drive, world, train, chosen.constants, bands(settings))
     if done < 0:
-        raise UserError(f"{scenario.name}: no solution at {-done * h:g} s", "take a shorter dt")
+        raise UserError(f"{name}: no solution at {-done * h:g} s", "take a shorter dt")
     if done == len(world.trace.demand):
-        text = f"{scenario.name}: the train does not stop within {LONGEST:g} s"
-        raise UserError(text, "a stronger brake, or a better rail")
+        text = f"{name}: the train does not stop within {LONGEST:g} s"
+        raise UserError(text, "a stronger brake that stays applied, or a better rail")
     trace = _Trace._make(column[:done].copy() for column in world.trace)
-    v, rim = trace.train_speed, trace.rim_speed
-    force, peak, peak_slip = (np.empty(rim.shape) for _ in range(3))
-    fill = compiled.function(_given)
-    fill(world.plant, world.track, h, v, trace.distance, rim, force, peak, peak_slip)
+    v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(done) * h
+    force, peak, best = np.empty((3, *rim.shape))
+    course = world.plant, world.track, seconds, v, trace.distance
+    compiled.function(_peaks)(*course, best)
+    for rims, column in ((rim, force), (best, peak)):
+        compiled.function(plants.forces)(*course, rims, column)
     stop = Stop(
         controller, algo, seed, np.round(np.arange(done) * (h * 1e9)).astype(np.int64),
-        **trace._asdict(), force=force, peak=peak, peak_slip=peak_slip,
+        **trace._asdict(), force=force, peak=peak, peak_slip=1.0 - best / v[:, None],
         slip=physics.slip(v[:, None], rim, 1.0, JUDGED_FROM),
         air=float(world.wheels.air.sum()) * known.volume / _NORMAL * 1e3,
     )  # fmt: skip
     if not _stopping_distance(stop, scenario) > 0.0:
-        raise UserError(f"{scenario.name}: the train stands at once", "a faster train")
+        raise UserError(f"{name}: the train stands at once", "a faster train")
     return stop
 
 
@@ -305,8 +277,7 @@ def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
     """Train, rail and sensors of a scenario at the start, with an empty trace."""
     known, axles, dt = s.antiskid, s.train.axles, s.dt
     every, delay, dead = (round(x / dt) for x in (known.period, known.delay, known.dead_time))
-    plant, demand = plant_of(s), demand_of(s)
-    _stops(s, plant, demand)
+    plant = plants.plant_of(s)
     plant = plant._replace(
         valve_time=known.vent_time, fill_rate=min(plant.fill_rate, known.fill_rate)
     )
@@ -320,9 +291,10 @@ def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
     )
     columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
-    train, wheels = rolling(s.train.speed, axles)
+    train, wheels = plants.rolling(s.train.speed, axles)
     unit = _Unit(every, delay, dead, known.train_speed == "measured")
     past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
+    demand = plants.demand_of(s)
     return _World(plant, track, demand, wheels, unit, noise, past, trace, dt), train
 
 
@@ -346,28 +318,6 @@ def speed_noise(s: Scenario) -> float:
     rim = s.vehicle.radius(1).value ** 2 * s.antiskid.wheel_noise
     train = s.antiskid.train_noise if s.antiskid.train_speed == "measured" else rim
     return math.sqrt(train + rim)
-
-
-def _stops(s: Scenario, plant: Plant, demand: Demand) -> None:
-    """Refuses a brake without force, or one released before the train can stop on any rail.
-
-    With (1) from v0 to standstill, (m + I/R²) v0 = ∫φK dt while the wheel turns, on any rail. K
-    follows the demand; after its release K ends when the cylinder is empty.
-    """
-    w = physics.wheelset(s.vehicle, 1)
-    K, t = clamping(plant.brake, demand.p[:-1]), demand.t[:-1]
-    if not K.any():
-        text = f"{s.name}: the largest demand, {demand.p.max() * 1e-5:.2g} bar, moves no brake pad"
-        raise UserError(
-            text, "a pressure that overcomes the cylinder's spring, [vehicle] spring_force"
-        )
-    venting = plant.vent_time + demand.p.max() / plant.vent_rate
-    impulse = float(np.sum(np.diff(t) * (K[1:] + K[:-1]) / 2.0) + K.max() * venting)
-    if K[-1] == 0.0 and w.rolling * w.phi * impulse < w.mass * s.train.speed:
-        raise UserError(
-            f"{s.name}: the brake is released at {t[-1]:g} s, while the train still moves",
-            "antiskid needs a brake that stays applied until the train stands",
-        )
 
 
 def dry_distance(scenario: Scenario) -> float:

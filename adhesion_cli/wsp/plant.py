@@ -6,12 +6,12 @@ wheelset with Polach's adhesion force (3):
     M v̇ = −Σ F_i,    ω̇_i = a (F_i − φK_i) while the wheel turns.
 
 A wheel that stands is held by its brake up to φK; a train that stands stays (level track, F = 0).
-The equations are stiff: near adhesion the slip settles within 1/(a R ∂F/∂Δv), 2 ms at 20 m/s and
-20 µs at walking pace. They are integrated by the two-stage, L-stable, stiffly accurate SDIRK
-method of order 2 (R. Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2), whose
-last stage is the new state: F in the output satisfies (3) at its own sample.
+The equations are stiff: near adhesion the slip settles within 2 ms at 20 m/s, 20 µs at walking
+pace. They are integrated by the two-stage, L-stable, stiffly accurate SDIRK method of order 2 (R.
+Alexander, SIAM J. Numer. Anal. 14 (1977) 1006-1021, γ = 1 − 1/√2). Its last stage is the new
+state, so F in the output satisfies (3) at its own sample.
 
-Everything below `track_of` is plain Python that compiles; loops over `advance_to` set the valves.
+Everything below `rolling` is plain Python that compiles; loops over `advance_to` set the valves.
 """
 
 import math
@@ -25,7 +25,7 @@ from ..core.controller import APPLY, DUMP, HOLD
 from ..core.model import Floats
 from ..core.physics import ForceLine, clamping
 from ..rail.creep_law import Condition, Patch, condition, creep_force
-from .scenario import INF, Scenario, Wave, Wsp
+from .scenario import INF, Scenario, Wave
 
 GAMMA = 1.0 - math.sqrt(0.5)  # of the method: L-stable, order 2
 STANDSTILL = 1e-3  # a braked train slower than this stands [m/s]
@@ -48,11 +48,7 @@ class Plant(NamedTuple):
     vent_time: float
     fill_rate: float
     vent_rate: float
-    valve_period: float  # inf: no wheel slide protection
-    valve_time: float
-    hold_slip: float
-    vent_slip: float
-    valve_slowest: float
+    valve_time: float  # time constant of a dump valve
 
 
 class Demand(NamedTuple):
@@ -75,7 +71,6 @@ class Track(NamedTuple):
 def plant_of(s: Scenario) -> Plant:
     """Train, brakes and valves of a scenario."""
     n, m = s.train.axles, s.vehicle.axle_mass.value
-    wsp = s.wsp or Wsp()
     return Plant(
         radius=radii(s),
         inertia=s.vehicle.wheelset_inertia.value,
@@ -88,11 +83,7 @@ def plant_of(s: Scenario) -> Plant:
         vent_time=s.brake.vent_time,
         fill_rate=s.brake.fill_rate,
         vent_rate=s.brake.vent_rate,
-        valve_period=wsp.period if s.wsp else INF,
-        valve_time=wsp.vent_time,
-        hold_slip=wsp.hold_slip,
-        vent_slip=wsp.vent_slip,
-        valve_slowest=wsp.slowest,
+        valve_time=s.wsp.vent_time if s.wsp else INF,
     )
 
 
@@ -194,6 +185,19 @@ def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[
     return creep_force(sliding, speed, law, patch)
 
 
+def forces(  # noqa: PLR0913 (compiled: one array each)
+    plant: Plant, track: Track, t: Floats, v: Floats, x: Floats, w: Floats, force: Floats
+) -> None:  # fmt: skip
+    """Fills the adhesion force at each sample; shapes (n,), of `w` [m/s] and `force` (n, axles)."""
+    rail = np.zeros(5)
+    for i in range(w.shape[1]):
+        knot = 0
+        for k in range(len(t)):
+            z = t[k] if track.timed else x[k] - plant.positions[i]
+            knot = rail_at(track, i, z, knot, rail)
+            force[k, i] = adhesion(v[k] - w[k, i], v[k], rail, plant.patch)[0]
+
+
 def cylinder(plant: Plant, valve: int, p: float, c0: float, c1: float, h: float) -> float:
     """Cylinder pressure `h` later, the demand going straight from c0 to c1."""
     if valve == HOLD:
@@ -267,7 +271,6 @@ def advance_to(
         h = stop - t
         c0, rise = _line(demand, i, t)
         asked = cylinder(plant, APPLY, asked, c0, c0 + rise * h, h)
-        _jump(plant, wheels, c0)
         new = _step(plant, track, wheels, c0, rise, t, h, v, x)
         if math.isnan(new):
             return Train(t, new, x, asked, i, j)
@@ -278,25 +281,18 @@ def advance_to(
 
 def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
     """Applies a jump of the demand at the train's time to cylinders without lag."""
-    i = s.demand_knot
-    while demand.t[i + 1] <= s.t + SOON:
-        i += 1
-    _jump(plant, wheels, _line(demand, i, s.t)[0])
+    k = s.demand_knot
+    while demand.t[k + 1] <= s.t + SOON:
+        k += 1
+    c = _line(demand, k, s.t)[0]
+    for i in range(len(wheels.p)):
+        wheels.p[i] = cylinder(plant, wheels.valve[i], wheels.p[i], c, c, 0.0)
 
 
 def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
     """Pressure demanded at time t, behind knot i [Pa], and its rise [Pa/s]."""
     rise = (demand.p[i + 1] - demand.p[i]) / (demand.t[i + 1] - demand.t[i])
     return demand.p[i] + rise * (t - demand.t[i]), rise
-
-
-def _jump(plant: Plant, wheels: Wheels, demanded: float) -> None:
-    if plant.fill_time > 0.0 and plant.vent_time > 0.0:
-        return
-    for i in range(len(wheels.p)):
-        p = cylinder(plant, wheels.valve[i], wheels.p[i], demanded, demanded, 0.0)
-        wheels.air[i] += max(p - wheels.p[i], 0.0)
-        wheels.p[i] = p
 
 
 def _step(  # noqa: PLR0913 (compiled: plain floats)

@@ -4,18 +4,17 @@ Rail. `rail.fit` gives the rail under each axle that slid, from where its creep 
 Before that, and under an axle that never slid, the rail counts as dry.
 
 Demand. It is the clamping force of the axles that never slid. If every axle slid, the WSP dumped
-air from each, and the demand counts as it was before the slides, or as the largest force since.
-While no axle slides and all have one force for a while, that force is the demand. If the demand was
-not steady, half of the draws have more, up to what locks a wheel on dry rail. There is then no dry
-distance. The demand begins earlier by the time in which cylinders fill against their springs. If
-the brake was released before standstill, the demand continues.
+air from each, and the demand counts as the largest force so far. If it was not steady before the
+slides, or grew in them, half of the draws have more, up to what locks a wheel on dry rail. There is
+then no dry distance. The demand begins earlier by the time in which cylinders fill against their
+springs. If the brake was released before standstill, the demand continues.
 
 Train. It has the log's axles and its speed at the start of the brake. The track is level, and the
 WSP controller is that of `scenario.Antiskid`.
 
 Uncertainty. A draw has a rail under each axle and one true pad friction. How friction falls in deep
-slides is the same choice under all axles. Each controller stops on `_DRAWS` draws. The intervals do
-not contain the errors of the assumptions above.
+slides is the same choice under all axles. The intervals do not contain the errors of the
+assumptions above.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,9 +28,8 @@ from numpy.typing import NDArray
 from ..core import physics
 from ..core.controller import registry
 from ..core.errors import UserError
-from ..core.finding import Finding, merged
+from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
-from ..core.signals import true_runs
 from ..core.stop import JUDGED_FROM, STANDING, Stop, Verdict
 from ..core.text import printable
 from ..dynamics.longitudinal import SIGMAS, tolerance
@@ -42,7 +40,7 @@ from ..rail.slip import Summary
 from . import closed_loop
 from .plant import Track
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
-from .sweep import Beside, beside, interval, on_all_cores
+from .sweep import Compared, compared, interval, on_all_cores
 from .wsp_controller import Settings
 
 _EVERY = 0.1  # between two knots of the demand [s]
@@ -51,7 +49,6 @@ _PAUSE = 2.0  # longest time without brake and slide within one brake applicatio
 _DRAWS = 40  # of the fit that are simulated
 _NOISE = 0.01  # share of the largest demand: least change of it
 _STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
-_HELD = 5.0  # longest time for which a WSP keeps the force of a rolling wheel constant [s]
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
@@ -78,7 +75,7 @@ class Answer(NamedTuple):
 
     stop: Stop
     values: Values
-    beside: Beside  # over the draws, each the same rail and brake for every controller
+    compared: Compared  # over the draws, each the same rail and brake for every controller
 
 
 class _Braking(NamedTuple):
@@ -87,7 +84,6 @@ class _Braking(NamedTuple):
     t: Times  # [ns]
     speed: Floats  # of the train [m/s]
     K: Floats  # clamping force of each axle [N], shape (axles, n)
-    slides: Bools  # some axle does
 
 
 def case(result: Result, train_speed: Literal["measured", "axles"] | None = None) -> Case:
@@ -209,7 +205,7 @@ def answers(
     verdicts = on_all_cores(one, jobs, tell)
     many = len(case.draws)
     by_law = {law: verdicts[n * many : (n + 1) * many] for n, law in enumerate(stops)}
-    paired, found = beside(by_law, np.median), {}
+    paired, found = compared(by_law, np.median), {}
     for law, stop in stops.items():
         drawn = zip(*by_law[law], strict=True)
         values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
@@ -258,10 +254,7 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
     stands = speed < STANDING
     past = int(np.argmax(stands)) + 1 if stands.any() else len(t)
     past = max(_last_full(K[:, :past].max(axis=0)), int(np.searchsorted(t, slide.start))) + 1
-    slides: Bools = np.zeros(past, dtype=np.bool_)
-    for x in (x for s in summaries for x in s.slides):
-        slides |= (t[:past] >= x.start) & (t[:past] <= x.start + round(x.duration * 1e9))
-    return _Braking(t[:past], speed[:past], K[:, :past], slides)
+    return _Braking(t[:past], speed[:past], K[:, :past])
 
 
 def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, int]:
@@ -351,49 +344,26 @@ def _demand(
     if any(free):
         asked: Floats = braking.K[free].max(axis=0)
     else:
+        # From here on, no axle shows the demand.
+        last = max(int(np.searchsorted(braking.t, max(firsts))), 1)
         rolling = braking.t < np.array(firsts)[:, None]
-        held = _held(braking)
-        seen = np.where(rolling | held, braking.K, 0.0).max(axis=0)
-        known = rolling.any(axis=0) | held
-        known[0], seen[0] = True, braking.K[:, 0].max()
-        most, asked = braking.K.max(axis=0), seen.copy()
-        for i in np.flatnonzero(~known).tolist():
-            asked[i] = max(asked[i - 1], most[i])
-        for first, past in true_runs(~known):
-            before = asked[:first][-1 - round(_STOOD / _EVERY) :]
-            since = [asked[past - 1], *seen[past : past + 1]]
-            stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
-            if stood and np.abs(since / before[-1] - 1.0).max() < _EVEN:
-                known[first:past] = True
-        hidden = ~(rolling.any(axis=0) | held)
-        spans = merged([(float(at[a]), float(at[b - 1])) for a, b in true_runs(hidden)])
-        force = {"force_n": float(asked.max())}
-        findings.append(
-            Finding("demand-estimated", "info", spans=spans)
-            if known.all()
-            else Finding("demand-unknown", "warning", spans=spans, values=force)
-        )
+        rolling[:, 0] = True
+        asked = np.where(rolling, braking.K, 0.0).max(axis=0)
+        most = np.maximum.accumulate(braking.K[:, last:].max(axis=0))
+        asked[last:] = np.maximum(most, asked[last - 1])
+        before = asked[:last][-1 - round(_STOOD / _EVERY) :]
+        stood = len(before) * _EVERY > _STOOD and np.ptp(before) < _EVEN * before[-1]
+        spans = ((float(at[last]), float(at[-1])),)
+        if stood and asked[-1] < (1.0 + _EVEN) * before[-1]:
+            findings.append(Finding("demand-estimated", "info", spans=spans))
+        else:
+            known[last:] = False
+            force = {"force_n": float(asked.max())}
+            findings.append(Finding("demand-unknown", "warning", spans=spans, values=force))
     if braking.speed[-1] >= STANDING:
         values, end = {"speed_mps": float(braking.speed[-1])}, float(at[-1])
         findings.append(Finding("stop-extended", "info", spans=((end, end),), values=values))
     return asked, known, findings
-
-
-def _held(braking: _Braking) -> Bools:
-    """When no axle slides and all have one force for a while: the demand's, shape (n,).
-
-    A WSP changes the forces sooner while wheels roll.
-    """
-    many, K = round(_HELD / _EVERY), braking.K
-    held: Bools = np.zeros(K.shape[1], dtype=np.bool_)
-    if K.shape[1] > many:
-        view = np.lib.stride_tricks.sliding_window_view
-        windows = view(K, many, axis=1)
-        least, most = windows.min(axis=(0, 2)), windows.max(axis=(0, 2))
-        even = (most - least < _EVEN * most) & (most > physics.FREE * K.max())
-        for i in np.flatnonzero(even & ~view(braking.slides, many).any(axis=1)).tolist():
-            held[i : i + many] = True
-    return held
 
 
 def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:

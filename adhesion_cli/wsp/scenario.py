@@ -1,13 +1,14 @@
 """Scenarios of the simulator: the keys of their TOML, checked once; all SI."""
 
+import inspect
 import math
 import types
 import typing
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass, field, is_dataclass, replace
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from ..core import toml
 from ..core.errors import UserError, unknown
@@ -127,8 +128,7 @@ class Rail:
         return sorted(seen, key=lambda x: x[0])
 
 
-@dataclass(frozen=True, slots=True)
-class Wsp:
+class Wsp(NamedTuple):
     """A simple wheel slide protection that knows the true slip; real ones do better."""
 
     hold_slip: Annotated[float, Quantity("-", "slip that stops applying", 0.0, 1.0)] = 0.08
@@ -176,12 +176,8 @@ class Limit:
 
     def __str__(self) -> str:
         """As in "extension at most 0.3 (EN 15595, 5.2)"."""
-        if self.least == -INF:
-            span = f"at most {self.most:g}"
-        elif self.most == INF:
-            span = f"at least {self.least:g}"
-        else:
-            span = f"{self.least:g} to {self.most:g}"
+        ends = ("at least", self.least), ("at most", self.most)
+        span = " and ".join(f"{name} {x:g}" for name, x in ends if math.isfinite(x))
         return f"{self.quantity} {span} ({self.source})"
 
 
@@ -265,9 +261,11 @@ def load(name_or_path: str | Path) -> Scenario:
         path = _BUNDLED / f"{name_or_path}.toml"
         if not path.exists():
             raise unknown("scenario", str(name_or_path), list(scenarios()))
-    scenario: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _IS)}, path.name)
-    _check(scenario, path.name)
-    return scenario
+    s: Scenario = _table(Scenario, {"name": path.stem, **toml.read(path, _IS)}, path.name)
+    for wrong, text, hint in chain(_of_train(s), _of_rail(s), _of_sensors(s)):
+        if wrong:
+            raise UserError(f"{path.name}: {text}", hint, code=2)
+    return s
 
 
 def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
@@ -275,12 +273,8 @@ def _table(kind: Any, table: Mapping[str, Any], where: str) -> Any:
     for key in table:
         if key not in hints:
             raise unknown(f"key in {where}:", key, list(hints))
-    needed = list(Condition._fields)
-    if kind is not Condition:
-        every = [f for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]
-        needed = [f.name for f in every]
-    for name in needed:
-        if name not in table:
+    for name, p in inspect.signature(kind).parameters.items():
+        if p.default is p.empty and name not in table:
             raise UserError(f"{where}: {name} is missing", f"add {name} = …", code=2)
     return kind(**{key: _value(hints[key], v, f"{where}: {key}") for key, v in table.items()})
 
@@ -307,7 +301,7 @@ def _value(kind: Any, value: Any, where: str, quantity: Quantity | None = None) 
 
 def _single(kind: Any, value: Any, where: str, quantity: Quantity | None) -> Any:
     """A table, a vehicle parameter, a text or a number."""
-    if is_dataclass(kind) or kind is Condition:
+    if is_dataclass(kind) or kind in (Condition, Wsp):
         if isinstance(value, dict):
             return _table(kind, value, where)
     elif kind is Parameter:  # of the vehicle; a simulation has no tolerances
@@ -319,73 +313,57 @@ def _single(kind: Any, value: Any, where: str, quantity: Quantity | None) -> Any
         assert quantity is not None
         return kind(quantity.check(where, value))
     wanted = {str: "a text", int: "a whole number", float: "a number", Parameter: "a number"}
-    text = wanted.get(kind, "a table" if is_dataclass(kind) else "a list of that length")
+    text = wanted.get(kind, "a table, or a list of that length")
     raise UserError(f"{where} = {value!r} is not {text}", "see the bundled scenarios", code=2)
 
 
-_Contradictions = Iterator[tuple[str, str]]  # what is wrong, and the remedy
+_Checks = Iterator[tuple[object, str, str]]  # true where it is wrong; what is, and the remedy
 
 
-def _check(s: Scenario, where: str) -> None:
-    """Refuse parts that contradict each other."""
-    for found in (_of_train(s), _of_brake(s), _of_rail(s.rail), _of_limits(s), _of_sensors(s)):
-        for text, hint in found:
-            raise UserError(f"{where}: {text}", hint, code=2)
-
-
-def _of_train(s: Scenario) -> _Contradictions:
+def _of_train(s: Scenario) -> _Checks:
     n = s.train.axles
-    for key in ("positions", "cleaning"):
-        if len(getattr(s.train, key)) not in (0, n):
-            yield f"[train] {key} is not one per axle", f"{n} values, or none"
-    if len(s.vehicle.wheel_radius) not in (1, n):
-        yield "[vehicle] wheel_radius is not one per axle", f"{n} values, or one"
-    if len(s.antiskid.radius) not in (1, n):
-        yield "[antiskid] radius is not one per axle", f"{n} values, or one"
-    if s.rig and n != 1:
-        yield "[rig] tests one axle", "leave [train] axles at 1"
-
-
-def _of_brake(s: Scenario) -> _Contradictions:
+    for key, values, least in (
+        ("[train] positions", s.train.positions, 0), ("[train] cleaning", s.train.cleaning, 0),
+        ("[vehicle] wheel_radius", s.vehicle.wheel_radius, 1),
+        ("[antiskid] radius", s.antiskid.radius, 1),
+    ):  # fmt: skip
+        hint = f"{n} values, or {'one' if least else 'none'}"
+        yield len(values) not in (least, n), f"{key} is not one per axle", hint
+    yield s.rig and n != 1, "[rig] tests one axle", "leave [train] axles at 1"
     end = 0.0
     for c in s.brake.command:
-        if (c.pressure is None) == (c.clamping_force is None):
-            yield f"brake command at {c.at:g} s", "one of pressure and clamping_force"
-        if c.at < end:
-            yield f"brake command at {c.at:g} s comes before the last has ended", "order them"
+        name, neither = f"brake command at {c.at:g} s", c.pressure is None
+        yield neither == (c.clamping_force is None), name, "one of pressure and clamping_force"
+        yield c.at < end, f"{name} comes before the last has ended", "order them"
         end = c.at + c.ramp
 
 
-def _of_rail(rail: Rail) -> _Contradictions:
-    if not rail.section or rail.section[0].at != 0.0:
-        yield "[[rail.section]] the first does not start at 0", "at = 0.0"
-    changes = rail.changes()
+def _of_rail(s: Scenario) -> _Checks:
+    first = s.rail.section[:1]
+    wrong = not first or first[0].at != 0.0
+    yield wrong, "[[rail.section]] the first does not start at 0", "at = 0.0"
+    changes = s.rail.changes()
     for _, name, _ in changes:
         condition(name)
-    if any(b[0] - a[0] < rail.blend for a, b in pairwise(changes)):
-        yield "[rail] sections or film closer than blend", "order them, or shorten blend"
+    near = any(b[0] - a[0] < s.rail.blend for a, b in pairwise(changes))
+    yield near, "[rail] sections or film closer than blend", "order them, or shorten blend"
+    for x in s.limit:
+        name, ends = f"[[limit]] {x.quantity}", (x.least, x.most)
+        hint = "name the document and its clause"
+        yield not x.source.strip(), f"{name} has no source", hint
+        hint = "state most, least, or both in order"
+        yield x.least > x.most or ends == (-INF, INF), f"{name} is no limit", hint
 
 
-def _of_limits(s: Scenario) -> _Contradictions:
-    for limit in s.limit:
-        if not limit.source.strip():
-            yield f"[[limit]] {limit.quantity} has no source", "name the document and its clause"
-        if limit.least > limit.most or (limit.least, limit.most) == (-INF, INF):
-            yield f"[[limit]] {limit.quantity} is no limit", "state most, least, or both in order"
-
-
-def _of_sensors(s: Scenario) -> _Contradictions:
-    for sensor in s.sensor:
-        name = f"[[sensor]] {sensor.signal}"
-        dimensions, usual = _UNITS[sensor.signal]
-        unit = UNITS.get(sensor.unit.lower())
-        if unit.dimension not in dimensions if unit else sensor.unit or dimensions:
-            yield f"{name}: unit {sensor.unit!r} does not fit", f"such as {usual}"
-        if (sensor.teeth > 0 and sensor.signal != "wheel_speed") or (
-            sensor.teeth == 0 and sensor.unit == "count"
-        ):
-            yield f"{name}: pulses need a wheel with teeth", "teeth = 100"
-        if sensor.jitter >= 0.5 / sensor.rate:
-            yield f"{name}: jitter reaches the next sample", "less than half of 1/rate"
-        if any(axle > s.train.axles for axle in sensor.axles):
-            yield f"{name}: no such axle", f"1 to {s.train.axles}"
+def _of_sensors(s: Scenario) -> _Checks:
+    for x in s.sensor:
+        name, (dimensions, usual) = f"[[sensor]] {x.signal}", _UNITS[x.signal]
+        unit = UNITS.get(x.unit.lower())
+        wrong = unit.dimension not in dimensions if unit else x.unit or dimensions
+        yield wrong, f"{name}: unit {x.unit!r} does not fit", f"such as {usual}"
+        wrong = x.teeth > 0 if x.signal != "wheel_speed" else x.unit == "count" and not x.teeth
+        yield wrong, f"{name}: pulses need a wheel with teeth", "teeth = 100"
+        hint = "less than half of 1/rate"
+        yield x.jitter >= 0.5 / x.rate, f"{name}: jitter reaches the next sample", hint
+        beyond = any(axle > s.train.axles for axle in x.axles)
+        yield beyond, f"{name}: no such axle", f"1 to {s.train.axles}"

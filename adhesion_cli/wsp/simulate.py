@@ -18,24 +18,9 @@ from ..core.errors import UserError
 from ..core.model import Channel, Column, Floats, Log, Times
 from ..core.units import UNITS
 from ..rail.creep_law import CREEP_FROM
-from .plant import (
-    SOON,
-    Demand,
-    Plant,
-    Track,
-    Train,
-    Wheels,
-    adhesion,
-    advance_to,
-    demand_of,
-    plant_of,
-    radii,
-    rail_at,
-    rolling,
-    settle,
-    track_of,
-)
-from .scenario import Scenario, Sensor, Signal, load, scenarios
+from . import plant as plants
+from .plant import SOON, Demand, Plant, Track, Train, Wheels, advance_to, radii, rolling, settle
+from .scenario import INF, Scenario, Sensor, Signal, Wsp, load, scenarios
 
 __all__ = ["Recording", "Scenario", "Simulation", "as_log", "load", "log", "run", "scenarios"]
 
@@ -54,14 +39,14 @@ _NAMES: dict[Signal, str] = {
 # --- integration: plain Python that compiles ----------------------------------------------------
 
 
-def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
+def _decide(wsp: Wsp, v: float, wheels: Wheels, before: Floats) -> None:
     """Sets each axle's valve by its true slip; `before` is the rim speed at the last decision."""
     w = wheels.w
     for i in range(len(w)):
-        sliding = v - w[i] if v > plant.valve_slowest else 0.0
-        if sliding > plant.vent_slip * v and w[i] <= before[i]:
+        sliding = v - w[i] if v > wsp.slowest else 0.0
+        if sliding > wsp.vent_slip * v and w[i] <= before[i]:
             wheels.valve[i] = DUMP
-        elif sliding > plant.hold_slip * v:
+        elif sliding > wsp.hold_slip * v:
             wheels.valve[i] = HOLD
         else:
             wheels.valve[i] = APPLY
@@ -69,29 +54,23 @@ def _decide(plant: Plant, v: float, wheels: Wheels, before: Floats) -> None:
 
 
 def _integrate(  # noqa: PLR0913 (compiled: one array each)
-    plant: Plant, track: Track, demand: Demand, train: Train, wheels: Wheels, dt: float,
-    pressure: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats,
+    plant: Plant, track: Track, demand: Demand, wsp: Wsp, train: Train, wheels: Wheels, dt: float,
+    pressure: Floats, rim_speed: Floats, speed: Floats, distance: Floats,
 ) -> float:  # fmt: skip
     """Fills the columns, shape (n, axles) and (n,); returns NaN, or the time [s] Newton failed."""
-    n, axles = pressure.shape
     before, decisions = wheels.w.copy(), 0
-    for k in range(n):
+    for k in range(len(speed)):
         end, recorded = (k + 1) * dt, False
         while train.t < end - SOON:
-            if decisions * plant.valve_period <= train.t + SOON:
+            if decisions * wsp.period <= train.t + SOON:
                 decisions += 1
-                _decide(plant, train.v, wheels, before)
+                _decide(wsp, train.v, wheels, before)
             settle(plant, demand, train, wheels)
             if not recorded:
                 recorded = True
                 speed[k], distance[k] = train.v, train.x
-                for i in range(axles):
-                    pressure[k, i], wheel_speed[k, i] = wheels.p[i], wheels.w[i] / plant.radius[i]
-                    z = train.t if track.timed else train.x - plant.positions[i]
-                    rail = wheels.rails[i]
-                    wheels.knot[i] = rail_at(track, i, z, wheels.knot[i], rail)
-                    force[k, i] = adhesion(train.v - wheels.w[i], train.v, rail, plant.patch)[0]
-            until = min(end, decisions * plant.valve_period) if decisions > 0 else end
+                pressure[k], rim_speed[k] = wheels.p, wheels.w
+            until = min(end, decisions * wsp.period) if decisions > 0 else end
             train = advance_to(plant, track, demand, train, wheels, until)
             if math.isnan(train.v):
                 return train.t
@@ -151,7 +130,6 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
 
     dt = scenario.dt if dt is None else dt
     n = round(scenario.duration / dt) + 1
-    shape = (n, scenario.train.axles)
     fastest = max((x.rate for x in scenario.sensor), default=0.0)
     most = max(n, scenario.duration * fastest) * scenario.train.axles
     if most > MOST:
@@ -159,44 +137,29 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
             f"{scenario.name}: {most:.3g} samples, at most {MOST:.3g} fit into one run",
             "simulate less time, or with a longer dt and slower sensors",
         )
-    pressure, wheel_speed, force = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    speed, distance = np.zeros(n), np.zeros(n)
-    seconds = np.arange(n, dtype=np.float64) * np.float64(dt)
+    plant, track, v = plants.plant_of(scenario), plants.track_of(scenario), scenario.train.speed
+    pressure, rim_speed, force = np.zeros((3, n, scenario.train.axles))
+    t = np.arange(n, dtype=np.float64) * np.float64(dt)
+    speed, distance = np.full(n, v), v * t
     if scenario.rig:
-        K = _sweep(scenario, seconds, wheel_speed, force, speed, distance)
-        line = physics.force_line(scenario.vehicle)
-        pressure[:] = np.where(K > 0.0, physics.cylinder_pressure(line, K), 0.0)
+        rim_speed[:, 0] = v - scenario.rig.slip * v * t / t[-1]
     else:
         failed = compiled.function(_integrate)(
-            plant_of(scenario), track_of(scenario), demand_of(scenario),
-            *rolling(scenario.train.speed, scenario.train.axles), dt,
-            pressure, wheel_speed, force, speed, distance,
+            plant, track, plants.demand_of(scenario), scenario.wsp or Wsp(period=INF),
+            *rolling(v, scenario.train.axles), dt, pressure, rim_speed, speed, distance,
         )  # fmt: skip
         if not math.isnan(failed):
             raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
-        K = physics.clamping_force(pressure, scenario.vehicle)
-    t = np.round(seconds * 1e9).astype(np.int64)
+    compiled.function(plants.forces)(plant, track, t, speed, distance, rim_speed, force)
+    K = physics.clamping_force(pressure, scenario.vehicle)
+    if scenario.rig:
+        slowing = scenario.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
+        K = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
+        pressure = np.where(K > 0.0, physics.cylinder_pressure(plant.brake, K), 0.0)
+    ns = np.round(t * 1e9).astype(np.int64)
     seed = scenario.seed if seed is None else seed
-    return Simulation(scenario, seed, t, pressure, K, wheel_speed, force, speed, distance)
-
-
-def _sweep(
-    s: Scenario, t: Floats, wheel_speed: Floats, force: Floats, speed: Floats, distance: Floats
-) -> Floats:
-    """Fills the columns of a roller rig; returns the K [N] that (1) asks for, shape (n, 1)."""
-    assert s.rig is not None
-    plant, track, v = plant_of(s), track_of(s), s.train.speed
-    sliding = s.rig.slip * v * t / t[-1]
-    speed[:] = v
-    distance[:] = v * t
-    wheel_speed[:, 0] = (v - sliding) / plant.radius[0]
-    knot, rail = 0, np.zeros(5)
-    for k, z in enumerate(t if track.timed else distance):
-        knot = rail_at(track, 0, z, knot, rail)
-        force[k, 0] = adhesion(sliding[k], v, rail, plant.patch)[0]
-    slowing = s.rig.slip * v / t[-1] / plant.radius[0]  # −ω̇
-    K: Floats = (force + slowing * plant.inertia / plant.radius[0]) / plant.phi  # (1)
-    return K
+    w = rim_speed / plant.radius
+    return Simulation(scenario, seed, ns, pressure, K, w, force, speed, distance)
 
 
 # --- sensors ------------------------------------------------------------------------------------

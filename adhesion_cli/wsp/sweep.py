@@ -13,13 +13,9 @@ from .closed_loop import ESTIMATOR, against, dry_distance, run, verdict
 from .scenario import Film, Limit, Rail, Scenario, Section
 from .wsp_controller import Settings
 
-RAILS = {
-    "dry": Rail((Section(0.0, "dry"),)),
-    "wet": Rail((Section(0.0, "wet"),)),
-    "low": Rail((Section(0.0, "low"),)),
-    "very-low": Rail((Section(0.0, "very-low"),)),
-    "early-peak": Rail((Section(0.0, "early-peak"),)),
-    "late-peak": Rail((Section(0.0, "late-peak"),)),
+_EVEN = "dry", "wet", "low", "very-low", "early-peak", "late-peak"
+# Rails of a sweep by name; lengths are ours.
+RAILS = {name: Rail((Section(0.0, name),)) for name in _EVEN} | {
     "sudden": Rail(
         (
             Section(0.0, "wet"), Section(150.0, "low"), Section(300.0, "very-low"),
@@ -31,15 +27,13 @@ RAILS = {
         film=Film("very-low", first=100.0, length=30.0, pitch=50.0, count=40),
     ),
 }  # fmt: skip
-"""Rails of a sweep by name; lengths are ours."""
-
 SPREAD = 0.2  # of f0 from seed to seed
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
 
-class Beside(NamedTuple):
+class Compared(NamedTuple):
     """A controller compared with the others, stop by stop on the same rail with the same noise."""
 
     patent_less_this_m: tuple[float, float, float] | None  # difference of the distances
@@ -53,7 +47,7 @@ class Row(NamedTuple):
     controller: str
     dry_distance_m: float
     values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
-    beside: Beside
+    compared: Compared
     limits: tuple[tuple[Limit, float], ...] = ()  # each with the share of stops that keep it
 
 
@@ -69,7 +63,7 @@ def sweep(
     dry, rows = dry_distance(scenario), []
     for rail in RAILS:
         mine = {c: v for (r, c), v in found.items() if r == rail}
-        others = beside(mine)
+        others = compared(mine)
         for controller, stops in mine.items():
             columns = zip(*stops, strict=True)
             values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
@@ -79,9 +73,9 @@ def sweep(
     return rows
 
 
-def beside(
+def compared(
     found: Mapping[str, Sequence[Verdict]], middle: Callable[[list[float]], Any] = np.mean
-) -> dict[str, Beside]:
+) -> dict[str, Compared]:
     """Each controller compared with the others.
 
     Args:
@@ -95,7 +89,7 @@ def beside(
     for law, mine in run.items():
         less = np.subtract(run["patent"], mine).tolist()
         first = float(np.mean((np.array(mine) == least) & alone))
-        answers[law] = Beside(interval(less, middle) if law != "patent" else None, first)
+        answers[law] = Compared(interval(less, middle) if law != "patent" else None, first)
     return answers
 
 
@@ -117,7 +111,7 @@ def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
         scenario: train, brake and WSP.
         rails: names in `RAILS`.
         laws: controllers.
-        seeds: of the stops of each controller on each rail.
+        seeds: of the stops.
         algo: online estimator in the loop.
         settings: as in `run`.
         tell: gets the progress.
@@ -129,7 +123,10 @@ def verdicts(  # noqa: PLR0913 (benchmarks choose rails, controllers and seeds)
     def one(job: tuple[str, str, int]) -> Verdict:
         rail, law, seed = job
         factor = 1.0 + SPREAD * (2.0 * np.random.default_rng(seed).random() - 1.0)
-        case = replace(scenario, rail=_scaled(RAILS[rail], factor))
+        on = RAILS[rail]
+        sections = tuple(replace(x, scale=x.scale * factor) for x in on.section)
+        film = on.film and replace(on.film, scale=on.film.scale * factor)
+        case = replace(scenario, rail=replace(on, section=sections, film=film))
         return verdict(run(case, law, seed, algo, settings), case, dry)
 
     jobs = [(r, c, seed) for r in rails for c in laws for seed in seeds]
@@ -154,12 +151,6 @@ def on_all_cores(
             found.append(x)
             tell(f"{n} of {len(jobs)} stops")
     return found
-
-
-def _scaled(rail: Rail, factor: float) -> Rail:
-    sections = tuple(replace(x, scale=x.scale * factor) for x in rail.section)
-    film = rail.film and replace(rail.film, scale=rail.film.scale * factor)
-    return replace(rail, section=sections, film=film)
 
 
 def interval(

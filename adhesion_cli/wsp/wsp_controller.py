@@ -1,8 +1,7 @@
 """The WSP controller of a train: from measured values to the valves, [S1] to [S6].
 
 At each of its ticks it gets the train's speed and every axle's wheel speed and clamping force.
-`tick` does all the rest: an online estimator and the slope's least squares for each axle, and the
-controller's decision. It is pure and plain. `closed_loop` compiles it into the loop around a
+`tick` does the rest. It is pure and plain. `closed_loop` compiles it into the loop around a
 simulated train. `online` feeds it sample by sample from a log, a bus or a test rig.
 """
 
@@ -56,7 +55,7 @@ SLOPE_IN_LOOP = {
 
 
 class Constants(NamedTuple):
-    """Constants of the chain."""
+    """What does not change between ticks."""
 
     wheelset: Wheelset  # that of axle 1
     radii: Floats  # of the wheels as stated [m], shape (axles,), or one for all
@@ -75,7 +74,7 @@ class Wheel(NamedTuple):
 
 
 class Axle(NamedTuple):
-    """State of the chain of one axle."""
+    """State of one axle."""
 
     wheel: Wheel
     estimator: Any
@@ -116,10 +115,7 @@ def stated(c: Constants, axles: int) -> list[Wheel]:
 
 
 def calibrated(before: Wheel, h: float, train: Known, y: float, K: float) -> Wheel:
-    """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls.
-
-    Arguments as in `observed`, and the interval h since the tick before [s].
-    """
+    """A wheel one tick later: its radius by recursive least squares of v = ωR while it rolls."""
     R, error = before.radius, train.v - y * before.radius
     near = K <= NO_FORCE and train.doubt == 0.0 and abs(error) <= _NEAR * train.v
     free = before.free + h if near else 0.0
@@ -149,7 +145,7 @@ def observed(  # noqa: PLR0913 (compiled: plain floats)
         y: wheel speed [rad/s].
         K: clamping force [N].
         F: estimated adhesion force [N].
-        slowing: deceleration of the train by the estimated forces of its axles [m/s²].
+        slowing: deceleration of the train by these forces of its axles [m/s²].
         k: slope at the operating point.
         speed_noise: as in `Constants`.
         at_least: least valve command.
@@ -262,13 +258,11 @@ def choose(
         UserError: a name that is none, a parameter unknown or out of range, a band without width.
     """
     known, laws = estimators(), controllers()
-    if controller not in laws:
-        raise unknown("controller", controller, list(laws))
-    if algo not in known:
-        raise unknown("estimator", algo, list(known))
-    for name in settings:
-        if name not in (*laws, *known, SLOPE.name):
-            raise unknown("setting", name, [*laws, *known, SLOPE.name])
+    every = [*laws, *known, SLOPE.name]
+    named = [("controller", controller, list(laws)), ("estimator", algo, list(known))]
+    for kind, name, among in [*named, *(("setting", x, every) for x in settings)]:
+        if name not in among:
+            raise unknown(kind, name, among)
     bands(settings)
     est, law = known[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
@@ -312,20 +306,16 @@ def online(
         for t, measured, y, K in samples:
             h, before = (t - before) * 1e-9, t
             n = len(axles or drives or y)
-            if not len(y) == len(K) == n > 0:
-                raise UserError(
-                    f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces for {n} axles",
-                    "one of each for every axle in every sample",
-                )
-            if len(c.radii) not in (1, n):
-                text = f"{len(c.radii)} wheel radii for {n} axles"
-                raise UserError(text, "state one for all, or one for each")
+            if not len(y) == len(K) == n > 0 or len(c.radii) not in (1, n):
+                text = f"at {t} ns: {len(y)} wheel speeds, {len(K)} clamping forces, "
+                text += f"{len(c.radii)} wheel radii for {n} axles"
+                raise UserError(text, "one of each for every axle in every sample")
             if h <= 0.0:
                 text = f"at {t} ns: not after the sample before"
                 raise UserError(text, "samples in order of time")
             wheels = [axle.wheel for axle in axles] or wheels or stated(c, n)
-            if all(math.isfinite(x) for x in (*y, *K, 0.0 if measured is None else measured)):
-                v = math.nan if measured is None else measured
+            v = math.nan if measured is None else measured
+            if all(map(math.isfinite, (*y, *K))) and (measured is None or math.isfinite(v)):
                 if axles:
                     train, axles = then(c, train, axles, h, v, y, K)
                 else:
@@ -348,11 +338,8 @@ def parameters(laws: Iterable[str], algo: str, settings: Settings) -> dict[str, 
     found: dict[str, dict[str, float]] = {}
     for law in laws:
         c = choose(law, algo, settings, Vehicle()).constants
-        found |= {
-            algo: c.estimator._asdict(),
-            SLOPE.name: c.slope._asdict(),
-            law: c.controller._asdict(),
-        }
+        used = {algo: c.estimator, SLOPE.name: c.slope, law: c.controller}
+        found |= {name: p._asdict() for name, p in used.items()}
     return found
 
 

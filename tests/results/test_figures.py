@@ -14,7 +14,7 @@ from adhesion_cli.rail import slip
 from adhesion_cli.rail.slope import REGIONS, Bands
 from adhesion_cli.results import charts, figures
 from adhesion_cli.wsp import closed_loop, scenario, wsp_controller
-from adhesion_cli.wsp.sweep import Beside, Row
+from adhesion_cli.wsp.sweep import Compared, Row
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_a_sweep_is_drawn_with_its_intervals(tmp_path: Path) -> None:
         Row(
             rail, law, 500.0,
             {"stopping_distance_m": (700.0 + n, 650.0, 800.0 + n), "utilisation": None,
-             "air_nl": (100.0, 90.0, 120.0)}, Beside(None, 0.5),
+             "air_nl": (100.0, 90.0, 120.0)}, Compared(None, 0.5),
         )
         for rail in ("wet", "low")
         for n, law in enumerate(("patent", "rule"))

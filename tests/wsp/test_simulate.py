@@ -193,13 +193,16 @@ def test_compiled_equals_plain_python() -> None:
     )
     fast = simulate.run(s)
     n = len(fast.t)
-    columns = [np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4)), np.zeros(n), np.zeros(n)]
-    start = simulate.rolling(s.train.speed, s.train.axles)
-    failed = simulate._integrate(plant_of(s), track_of(s), demand_of(s), *start, s.dt, *columns)
+    pressure, rim, speed, distance = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros(n), np.zeros(n)
+    plant, start = plant_of(s), simulate.rolling(s.train.speed, s.train.axles)
+    failed = simulate._integrate(
+        plant, track_of(s), demand_of(s), s.wsp or Wsp(period=math.inf), *start, s.dt,
+        pressure, rim, speed, distance,
+    )  # fmt: skip
     assert math.isnan(failed)
     for plain, compiled in zip(
-        columns,
-        (fast.pressure, fast.wheel_speed, fast.adhesion_force, fast.train_speed, fast.distance),
+        (pressure, rim / plant.radius, speed, distance),
+        (fast.pressure, fast.wheel_speed, fast.train_speed, fast.distance),
         strict=True,
     ):
         np.testing.assert_allclose(plain, compiled, rtol=1e-12, atol=1e-12)
