@@ -309,13 +309,13 @@ class Score:
 
     algo: str
     against: Literal["truth", "reference"]
-    rmse_n: float | None
-    bias_n: float | None
-    max_error_n: float | None
-    lag_s: float | None
-    gain: float | None
-    response_s: float | None
-    ripple_n: float | None
+    rmse_n: float | None = None
+    bias_n: float | None = None
+    max_error_n: float | None = None
+    lag_s: float | None = None
+    gain: float | None = None
+    response_s: float | None = None
+    ripple_n: float | None = None
     relative: float | None = None
 
 

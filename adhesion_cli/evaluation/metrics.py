@@ -1,8 +1,7 @@
-"""How well an estimate follows its target, one number per question, over brake applications only.
+"""How well an estimate follows its target, over brake applications only.
 
-Every metric is a function of a `Comparison`; None where the data cannot answer. A reference as the
-target has been smoothed without phase: it can judge accuracy, but response and lag of an online
-estimator only as far as it is itself quick enough.
+A metric is None where the data cannot answer. A reference as the target is smoothed without phase.
+It judges accuracy, but response and lag only as far as it is itself quick enough.
 """
 
 import math
@@ -170,31 +169,6 @@ def _golden(f: Callable[[float], float], low: float, high: float) -> float:
     return (low + high) / 2.0
 
 
-def rmse(c: Comparison) -> float | None:
-    """Root mean square error."""
-    return math.sqrt(float(np.mean(c.error**2)))
-
-
-def bias(c: Comparison) -> float | None:
-    """Mean error."""
-    return float(np.mean(c.error))
-
-
-def max_error(c: Comparison) -> float | None:
-    """Largest error, with its sign."""
-    return float(c.error[np.argmax(np.abs(c.error))])
-
-
-def lag(c: Comparison) -> float | None:
-    """Time by which the estimate is late; see `Comparison.fit`."""
-    return c.fit and c.fit[0]
-
-
-def gain(c: Comparison) -> float | None:
-    """Amplitude of the estimate over that of the target, at the lag; see `Comparison.fit`."""
-    return c.fit and c.fit[1]
-
-
 def response(c: Comparison) -> float | None:
     """Time from a step of the target until the estimate has made 95 % of it for good.
 
@@ -267,15 +241,18 @@ def ripple(c: Comparison) -> float | None:
     return math.sqrt(float(np.median(squares))) if squares else None
 
 
-METRICS: dict[str, Callable[[Comparison], float | None]] = {  # names as in `Score`
-    "rmse_n": rmse,
-    "bias_n": bias,
-    "max_error_n": max_error,
-    "lag_s": lag,
-    "gain": gain,
-    "response_s": response,
-    "ripple_n": ripple,
-}
+def measured(c: Comparison) -> dict[str, float | None]:
+    """Every metric by its name in `Score`."""
+    lag, gain = c.fit or (None, None)
+    return {
+        "rmse_n": math.sqrt(float(np.mean(c.error**2))),
+        "bias_n": float(np.mean(c.error)),
+        "max_error_n": float(c.error[np.argmax(np.abs(c.error))]),
+        "lag_s": lag,
+        "gain": gain,
+        "response_s": response(c),
+        "ripple_n": ripple(c),
+    }
 
 
 def compared(
@@ -322,8 +299,7 @@ def scores(
     found = []
     for algo, estimate in estimates.items():
         c = compared(record, estimate, target, applications)
-        values = {name: None if c is None else metric(c) for name, metric in METRICS.items()}
-        found.append(Score(algo=algo, against=against, **values))
+        found.append(Score(algo, against, **(measured(c) if c else {})))
     return ranked(found)
 
 
@@ -352,14 +328,8 @@ def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
             if not own:
                 continue
             errors = [s.max_error_n for s in own if s.max_error_n is not None]
-            pooled.append(
-                Score(
-                    algo, against,
-                    math.sqrt(float(np.mean([s.rmse_n**2 for s in own if s.rmse_n is not None]))),
-                    float(np.mean([s.bias_n for s in own if s.bias_n is not None])),
-                    max(errors, key=abs),
-                    lag_s=None, gain=None, response_s=None, ripple_n=None,
-                )
-            )  # fmt: skip
+            rmse = math.sqrt(float(np.mean([s.rmse_n**2 for s in own if s.rmse_n is not None])))
+            bias = float(np.mean([s.bias_n for s in own if s.bias_n is not None]))
+            pooled.append(Score(algo, against, rmse, bias, max(errors, key=abs)))
         found += ranked(pooled)
     return tuple(found)

@@ -112,12 +112,8 @@ def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:
         y = _SPEED - w.a * A / (2.0 * math.pi * f) * np.cos(2.0 * math.pi * f * t)  # (1)
         K = np.full_like(t, _CLAMPING_FORCE)
         F = compiled.batch(est, p, w, np.round(t * 1e9).astype(np.int64), K, y, np.zeros(1, int))
-        before, last = (harmonic(x, z, f) for x, z in zip(_two(t, n), _two(F, n), strict=True))
+        two = slice(-2 * n, -n), slice(-n, None)
+        before, last = (harmonic(t[s], F[s], f) for s in two)
         if abs(last - before) < _SETTLED * A or t[-1] > _LONGEST:
             return last
         windows *= 2
-
-
-def _two(x: Floats, n: int) -> tuple[Floats, Floats]:
-    """The last two windows of n samples."""
-    return x[-2 * n : -n], x[-n:]

@@ -7,8 +7,7 @@ then be anything up to φK.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,8 +41,10 @@ _DECADES = (2.0, 1.0, 2.0, 1.5, 0.7)  # 1 sigma of the prior of noise, coupling,
 _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain, to a factor of 10
 
 
-@dataclass(frozen=True, slots=True)
-class Parts:
+_Known = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
+
+
+class Parts(NamedTuple):
     """The result of a method for one run of a moving wheel; columns of shape (n,)."""
 
     clamping_force: Floats  # K [N], with less noise
@@ -52,8 +53,7 @@ class Parts:
     averaged: float = 0.0  # probability that a speed is the mean since the last one
 
 
-@dataclass(frozen=True, slots=True)
-class Method:
+class Method(NamedTuple):
     """A way to compute the reference."""
 
     source: str
@@ -99,17 +99,8 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     largest = max((share for _, share in ripples), default=0.0)
     averaged = found[0].averaged if found else 0.0
     pulses = _pulses(max(runs, key=len)) if runs else math.inf
-    return Reference(
-        method,
-        METHODS[method].source,
-        force,
-        sigma,
-        tolerance,
-        record.saturated,
-        largest,
-        pulses,
-        averaged,
-    )
+    source, open_ = METHODS[method].source, record.saturated
+    return Reference(method, source, force, sigma, tolerance, open_, largest, pulses, averaged)
 
 
 def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
@@ -154,10 +145,11 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     if not runs:
         return []
     clamping = _clamping(runs)
-    scale = w.a * w.phi * max(_peak(clamping), _SMALL)  # of δ, if all of φK went missing
+    highest = max(float(K.max()) for K, _ in clamping)
+    scale = w.a * w.phi * max(highest, _SMALL)  # of δ, if all of φK went missing
     together, step = _counted(max(runs, key=len)), runs[0].wheel_speed_step
     every = zip(runs, ripples, clamping, strict=True)
-    wheel = [_rolling(r, x, k, w) for r, x, k in every]
+    wheel = [_rolling(r, x, K, w) for r, x, (K, _) in every]
     if together:  # errors of successive counts are correlated; those of every second one are not
         telling = [
             _pulsed(r, x, run, together) for r, x, run in zip(runs, ripples, wheel, strict=True)
@@ -182,14 +174,14 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             late = [_rate(*both, regimes, noise_of) for both in zip(wheel, means, strict=True)]
             rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
     return [
-        Parts(k.level, rate, np.hypot(sigma / w.a, w.phi * k.level_sigma), averaged)
-        for k, (rate, sigma) in zip(clamping, rates, strict=True)
+        Parts(K, rate, np.hypot(sigma / w.a, w.phi * K_sigma), averaged)
+        for (K, K_sigma), (rate, sigma) in zip(clamping, rates, strict=True)
     ]
 
 
 def _rate(
     whole: smoother.Run, run: smoother.Run, regimes: smoother.Regimes, noise: smoother.Noise
-) -> tuple[Floats, Floats]:
+) -> _Known:
     """ω̇ and its 1 sigma at the times of `whole`, estimated from `run`; shape (n,)."""
     x = smoother.smooth(run, regimes, noise)
     if run.t is whole.t:
@@ -248,20 +240,16 @@ def _half_late(
     return 1.0 / (1.0 + math.exp(min(-gain / _NATS, 700.0))), noise
 
 
-def _mixed(
-    one: tuple[Floats, Floats], other: tuple[Floats, Floats], share: float
-) -> tuple[Floats, Floats]:
+def _mixed(one: _Known, other: _Known, share: float) -> _Known:
     """The first one, or the other if that is clearly more likely; 1 sigma contains both."""
     chosen = other[0] if share > _LIKELY else one[0]
     variances = [sigma**2 + (x - chosen) ** 2 for x, sigma in (one, other)]
     return chosen, np.sqrt((1.0 - share) * variances[0] + share * variances[1])
 
 
-def _rolling(
-    run: AxleRecord, ripple: Floats, clamping: smoother.Smooth, w: Wheelset
-) -> smoother.Run:
+def _rolling(run: AxleRecord, ripple: Floats, K: Floats, w: Wheelset) -> smoother.Run:
     """The run as a rolling wheel: ω̇ known from K except δ."""
-    K, t = clamping.level, _seconds(run)
+    t = _seconds(run)
     u = -rolling_deceleration(w) * K
     lost = np.diff(t, prepend=0.0) * _bend(u) / 8.0  # as by a kink in u half way
     y, known = _unstepped(t, run.wheel_speed, run.wheel_speed_steps)
@@ -437,16 +425,15 @@ def _fit(
     )
 
 
-def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
-    """K without its noise: constant, moving, or stepping (then as measured).
+def _clamping(runs: list[AxleRecord]) -> list[_Known]:
+    """K without its noise, and its 1 sigma: constant, moving, or stepping (then as measured).
 
     K = 0 is a bound of (15), not a measurement with noise: there it is exact.
     """
     pieces = [[_piece(r, s) for s in _pressed(r)] for r in runs]
     every = [piece for some in pieces for piece in some]
     if not every:
-        zero = [np.zeros((4, len(r))) for r in runs]
-        return [smoother.Smooth(*z) for z in zero]
+        return [(np.zeros(len(r)), np.zeros(len(r))) for r in runs]
     scale = max(max(float(np.max(np.abs(r.y))) for r in every), _SMALL)
     step = _step(every)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
@@ -457,13 +444,14 @@ def _clamping(runs: list[AxleRecord]) -> list[smoother.Smooth]:
     noise, _ = smoother.fit(_sample(every), regimes, known)
     found = []
     for r, some in zip(runs, pieces, strict=True):
-        whole = smoother.Smooth(*np.zeros((4, len(r))))
-        for s, piece in zip(_pressed(r), some, strict=True):
-            t = _seconds(r)[s]
-            part = _between(t - t[0], piece.t, smoother.smooth(piece, regimes, noise))
-            for column, values in zip(whole, part, strict=True):
-                column[s] = values
-        found.append(whole)
+        K, sigma = np.zeros((2, len(r)))
+        for s, own in zip(_pressed(r), some, strict=True):
+            t, x = _seconds(r)[s], smoother.smooth(own, regimes, noise)
+            t = t - t[0]
+            K[s] = np.interp(t, own.t, x.level)
+            missed = _missed(t, own.t, x.level)
+            sigma[s] = np.hypot(np.interp(t, own.t, x.level_sigma), missed)
+        found.append((K, sigma))
     return found
 
 
@@ -497,16 +485,6 @@ def _piece(run: AxleRecord, s: slice) -> smoother.Run:
     return smoother.Run((t - t[0])[own], K[own], *np.zeros((5, np.sum(own))))
 
 
-def _between(t: Floats, known: Floats, found: smoother.Smooth) -> smoother.Smooth:
-    """Values at the times `known`, interpolated to t; sigma contains the error of that."""
-    return smoother.Smooth(
-        np.interp(t, known, found.level),
-        np.hypot(np.interp(t, known, found.level_sigma), _missed(t, known, found.level)),
-        np.interp(t, known, found.rate),
-        np.interp(t, known, found.rate_sigma),
-    )
-
-
 def _missed(t: Floats, known: Floats, x: Floats) -> Floats:
     """Possible error at the times t of straight lines between x at `known`, shape (n,)."""
     after = np.clip(np.searchsorted(known, t), 1, len(known) - 1)
@@ -518,10 +496,6 @@ def _missed(t: Floats, known: Floats, x: Floats) -> Floats:
 def _seconds(run: AxleRecord) -> Floats:
     since: Floats = (run.t - run.t[0]) * 1e-9
     return since
-
-
-def _peak(clamping: list[smoother.Smooth]) -> float:
-    return max(float(np.max(np.abs(k.level))) for k in clamping)
 
 
 def _step(runs: list[smoother.Run]) -> float:
@@ -560,7 +534,7 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
     from scipy.signal import butter, sosfiltfilt
 
     found = []
-    for run, ripple, k in zip(runs, ripples, _clamping(runs), strict=True):
+    for run, ripple, (K, K_sigma) in zip(runs, ripples, _clamping(runs), strict=True):
         t, y = _seconds(run), run.wheel_speed - ripple
         n = len(t)
         even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
@@ -576,13 +550,9 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
         removed = float(np.std(y - np.interp(t, even, smooth)))
         noise = max(removed, math.sqrt(float(np.mean(run.wheel_speed_steps**2)) / 12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
-        found.append(
-            Parts(
-                k.level,
-                np.interp(t, even, np.gradient(smooth, 1.0 / rate)),
-                np.hypot(speed_sigma / w.a, w.phi * k.level_sigma),
-            )
-        )
+        acceleration = np.interp(t, even, np.gradient(smooth, 1.0 / rate))
+        sigma = np.hypot(speed_sigma / w.a, w.phi * K_sigma)
+        found.append(Parts(K, acceleration, sigma))
     return found
 
 

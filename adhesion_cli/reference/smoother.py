@@ -20,6 +20,7 @@ J. Machine Learning Research 7 (2006) 2515.
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,10 +59,9 @@ class Noise(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What `fit` knows of the noise levels beforehand.
+    """What `fit` knows of the noise levels beforehand, log-normal and wide.
 
-    It is log-normal and wide. It decides only what the measurements do not show, such as the level
-    of a regime that never occurs.
+    It decides only what the measurements do not show.
     """
 
     guess: Noise  # its centre
@@ -133,26 +133,17 @@ def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
 
 def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
     """Maximum of f by search along the axes, with steps halved down to 0.2."""
-    known: dict[bytes, float] = {}  # a fifth of the points occur twice
-
-    def at(x: Floats) -> float:
-        key = x.tobytes()
-        if key not in known:
-            known[key] = f(x)
-        return known[key]
-
-    x, best = start.copy(), at(start)
+    at = cache(lambda *x: f(np.array(x)))  # a fifth of the points occur twice
+    x, best = start.copy(), at(*start)
     while steps.max() > 0.2:
         moved = False
         for i in np.flatnonzero(steps):
             for sign in (1.0, -1.0):
                 trial = x.copy()
                 trial[i] += sign * steps[i]
-                value = at(trial)
-                while value > best:
+                while (value := at(*trial)) > best:
                     x, best, moved = trial.copy(), value, True
                     trial[i] += sign * steps[i]
-                    value = at(trial)
         if not moved:
             steps = steps / 2.0
     return x, best

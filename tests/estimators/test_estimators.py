@@ -405,7 +405,7 @@ def measured(name, seeds=(1, 2, 3)):
                     np.array([0]),
                 )  # fmt: skip
                 c = metrics.compared(record, F, record.truth, metrics.applications(record))
-                found[algo].append((metrics.rmse(c), metrics.lag(c)))
+                found[algo].append((metrics.measured(c)["rmse_n"], metrics.measured(c)["lag_s"]))
     return {algo: np.mean(pairs, axis=0) for algo, pairs in found.items()}
 
 
