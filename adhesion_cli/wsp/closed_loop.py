@@ -250,12 +250,7 @@ def run(
     drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
     done = march(drive, world, train, chosen.constants, bands(settings))
-    if done < 0:
-        raise UserError(f"{name}: no solution at {-done * h:g} s", "take a shorter dt")
-    if done == len(world.trace.demand):
-        text = f"{name}: the train does not stop within {LONGEST:g} s"
-        raise UserError(text, "a stronger brake that stays applied, or a better rail")
-    trace = _Trace._make(column[:done].copy() for column in world.trace)
+    trace = _stopped(name, world.trace, done, h)
     v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(done) * h
     force, peak, best = np.empty((3, *rim.shape))
     course = world.plant, world.track, seconds, v, trace.distance
@@ -271,6 +266,20 @@ def run(
     if not _stopping_distance(stop, scenario) > 0.0:
         raise UserError(f"{name}: the train stands at once", "a faster train")
     return stop
+
+
+def _stopped(name: str, trace: _Trace, done: int, h: float) -> _Trace:
+    """The ticks that are done.
+
+    Raises:
+        UserError: the train does not stand after them.
+    """
+    if done < 0:
+        raise UserError(f"{name}: no solution at {-done * h:g} s", "take a shorter dt")
+    if done == len(trace.demand):
+        text = f"{name}: the train does not stop within {LONGEST:g} s"
+        raise UserError(text, "a stronger brake that stays applied, or a better rail")
+    return _Trace._make(column[:done].copy() for column in trace)
 
 
 def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
