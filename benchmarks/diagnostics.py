@@ -41,7 +41,7 @@ PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
 MARK = "<!-- diagnostics scorecard: begin -->", "<!-- diagnostics scorecard: end -->"
 
 # Findings about how the log was written or read: they accuse no sensor, clock, unit or vehicle.
-LAYOUT = {"vehicle-assumed", "vehicle-default", "gap", "time-guessed", "empty-channel", "too-short"}
+LAYOUT = {"vehicle-assumed", "vehicle-default", "gap", "empty-channel", "too-short"}
 
 
 class Car(NamedTuple):

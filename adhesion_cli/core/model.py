@@ -118,7 +118,6 @@ class Reject(NamedTuple):
     """A row that was left out of a text log, or used without one of its cells."""
 
     line: int  # of its first line, from 1
-    byte: int  # from the start of the (decompressed) file to its first byte
     reason: str
     column: str  # of the cell, "" where the whole row was left out
     text: str  # the row as the file has it

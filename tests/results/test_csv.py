@@ -95,7 +95,7 @@ def test_missing_and_masked_values_are_empty(tmp_path: Path) -> None:
 def test_no_program_finds_a_formula_behind_its_own_separator(
     tmp_path: Path, text: str, cell: str
 ) -> None:
-    rejected = [Reject(3, 9, "no number", "p", text)]
+    rejected = [Reject(3, "no number", "p", text)]
     csv.write_rejects(tmp_path / "a.csv", [replace(log(), rejects=rejected)])
     assert table(tmp_path / "a.csv")[1][-1] == cell
 

@@ -1,12 +1,11 @@
 """One block of a text log parsed by pyarrow: typed columns, and the rows of another width.
 
-Each column has Arrow types to try in turn. A column that does not fit a type takes the next one,
-in all later blocks too.
+A column whose cells do not all fit its Arrow type is read as text, in all later blocks too.
 """
 
+import csv
 import re
-import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
 from .lines import Block
 
-_MOST_ASKED = 50  # rows of another width in a block, about which the parser asks
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
@@ -36,9 +34,8 @@ class Table:
     options: ReadOptions
     dialect: Dialect
     clock: Clock
-    types: dict[int, tuple[Any, ...]]  # Arrow types still to try by column; kept between passes
+    types: dict[int, Any]  # Arrow type by column, set to text where cells do not fit
     units: dict[int, str]  # of columns whose cells carry it
-    expected: int  # rows, roughly
 
 
 @dataclass(slots=True)
@@ -51,34 +48,17 @@ class Part:
     values: dict[int, Floats]
     states: dict[int, NDArray[np.int8]]  # of columns with a cell that is no number
     arrays: dict[int, Any]  # Arrow arrays of the columns that are looked at again
-    wrong: dict[str, Rows]  # rows of the block with another number of cells, by class
-    blank: int
-    inside: int  # line ends inside quotes
-    gone: dict[str, Rows] = field(default_factory=dict)  # rows of the block left out, by class
-    _places: Rows | None = None
+    kept: Rows  # line of each row, from 0 at the block's start
+    gone: dict[str, Rows]  # lines left out, by class
+    _ends: Rows | None = field(default=None, init=False)
 
-    def numbers(self, rows: Rows) -> Rows:
-        """Rows of the arrays as rows of the block, wrong ones included; both from 0."""
-        wrong = joined(self.wrong.values())
-        # row k of the arrays is row k + (wrong rows before it) of the block
-        gaps = wrong - np.arange(len(wrong))
-        return rows + np.searchsorted(gaps, rows, side="right")
-
-    def places(self, numbers: Rows) -> Rows:
-        """Start, end, first and last line of rows of the block, shape (n, 4)."""
-        if self._places is None:
-            self._places = self.block.rows()
-        return self._places[numbers]
-
-    def line(self, row: int) -> tuple[int, str]:
-        """Line number and text of a row of the arrays."""
-        return self.text(int(self.numbers(np.array([row]))[0]))
-
-    def text(self, number: int) -> tuple[int, str]:
-        """Line number and text of a row of the block."""
-        ((start, end, line, _),) = self.places(np.array([number]))
-        text = self.block.data[start : min(end, start + _SHOWN)]
-        return int(line), text.decode("utf-8", "replace")
+    def text(self, line: int) -> str:
+        """Text of a line of the block."""
+        if self._ends is None:
+            self._ends = _line_ends(self.block.data)
+        start = int(self._ends[line - 1]) + 1 if line else 0
+        end = min(int(self._ends[line]), start + _SHOWN)
+        return self.block.data[start:end].decode("utf-8", "replace")
 
 
 @dataclass(slots=True)
@@ -95,180 +75,109 @@ class Parser:
         Raises:
             UserError: where the parser cannot follow it.
         """
-        if not block.data.isascii():  # the parser reports no wrong row that is not UTF-8
-            text = block.data[: block.size].decode("utf-8", "replace")
-            block.data = text.replace("\ufeff", "").encode()  # a file joined to another begins so
-            block.size = len(block.data)
-        multiline = block.quotes and _line_ends(block)[1] > 0
-        wrong: dict[str, Rows] = {}
-        kept = None
-        found = self._typed(block, multiline, sys.maxsize if block.quotes else _MOST_ASKED)
-        if found is None:
-            fit, wrong, kept = self._sieved(block)
-            found = self._typed(fit, multiline, sys.maxsize)
-        assert found is not None
-        arrays, checked, refused = found
-        for kind, rows in refused.items():
-            numbers = np.array(rows, np.int64)
-            numbers = numbers if kept is None else kept[numbers]
-            wrong[kind] = joined([wrong.get(kind, numbers[:0]), numbers])
-        times, timed = self.table.clock.nanoseconds([arrays[i] for i in self.table.clock.columns])
-        blank = inside = 0
-        rows_in_all = len(times) + sum(map(len, wrong.values()))
-        if block.lines != rows_in_all:
-            blank, inside = _line_ends(block)
-        if block.lines != rows_in_all + blank + inside:
+        gone: dict[str, Rows] = {}
+        kept = np.arange(block.lines)
+        found = self._typed(block.data)
+        if isinstance(found, str) or found.num_rows != block.lines:
+            data, kept, gone = self._sieved(block)
+            if isinstance(found, str) or gone.keys() != {"blank"}:
+                found = self._typed(data)
+        if isinstance(found, str) or found.num_rows != len(kept):
+            why = found if isinstance(found, str) else "its quotes cannot be followed"
             raise UserError(
-                f"{self.table.path}: the quotes after line {block.first_line} cannot be followed",
-                "correct the quotes in the log",
+                f"{self.table.path}: cannot be read from line {block.first_line} on: {why}",
+                "correct the log, or state its dialect under [csv]",
             )
-        again = self.keys if timed.all() else (*self.keys, *self.table.clock.columns)
+        arrays = {int(name[1:]): found[name].combine_chunks() for name in found.column_names}
+        clock, decimal = self.table.clock, self.table.dialect.decimal
+        times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
+        checked = {i: floats(arrays[i], decimal, self.table.units.get(i, "")) for i in self.indices}
+        again = self.keys if timed.all() else (*self.keys, *clock.columns)
         return Part(
             block, times, timed, {i: value for i, (value, _) in checked.items()},
             {i: state for i, (_, state) in checked.items() if state.any()},
-            {i: arrays[i] for i in again}, wrong, blank, inside,
+            {i: arrays[i] for i in again}, kept, gone,
         )  # fmt: skip
 
-    def _sieved(self, block: Block) -> tuple[Block, dict[str, Rows], Rows | None]:
-        """The block without rows of another width, those, and which rows of the block are left.
+    def _sieved(self, block: Block) -> tuple[bytes, Rows, dict[str, Rows]]:
+        """The block without lines of another width, the lines that are left, and the others.
 
-        The parser asks about each of them, which takes as long as a hundred sound rows. So it gets
-        only those that may be blank, comments or holes. None where the block is as it was.
+        A line in which a quote does not close has too few cells, and so has what follows it.
         """
-        text, mark = np.frombuffer(block.data, np.uint8, block.size), ord(block.delimiter)
-        width = self.table.dialect.width
-        feeds = np.flatnonzero(text == 10)
-        starts = np.append(0, feeds[:-1] + 1)
-        starts, ends = starts[feeds > starts], feeds[feeds > starts]
-        before = np.searchsorted(np.flatnonzero(text == mark), [starts, ends])
-        cells = before[1] - before[0] + 1
-        first = text[starts]
-        bare = (first < 128) & ~np.isin(first, list(b"\0 \t\r\f\v\x1c\x1d\x1e\x1f#%/"))
-        wrong = bare & (cells != width)
-        if not wrong.any():
-            return block, {}, None
-        wrong[-1] &= not wrong.all()  # the parser takes no block without a row
-        kinds = {
-            "too few cells": wrong & (cells < width),
-            "too many cells": wrong & (cells > width),
-        }
-        away = np.zeros(block.size + 1, np.int8)
-        np.add.at(away, starts[wrong], 1)
-        np.add.at(away, ends[wrong] + 1, -1)
-        data = text[np.cumsum(away[:-1], dtype=np.int8) == 0].tobytes()
-        found = {kind: np.flatnonzero(which) for kind, which in kinds.items() if which.any()}
-        return replace(block, data=data, size=len(data)), found, np.flatnonzero(~wrong)
+        data, delimiter, width = block.data, self.table.dialect.delimiter, self.table.dialect.width
+        text, ends = np.frombuffer(data, np.uint8), _line_ends(data)
+        starts = np.append(0, ends[:-1] + 1)
+        if b'"' in data:
+            lines = data.decode("utf-8", "replace").split("\n")[:-1]
+            cells = np.array([_closed_cells(line, delimiter) for line in lines])
+        else:
+            marks = np.flatnonzero(text == ord(delimiter))
+            cells = np.searchsorted(marks, ends) - np.searchsorted(marks, starts) + 1
+        odd = np.flatnonzero((cells != width) | (ends == starts))
+        kinds: dict[str, list[int]] = {}
+        for k in odd.tolist():
+            kinds.setdefault(_kind(data[starts[k] : ends[k]], cells[k] < width), []).append(k)
+        good = np.ones(len(ends), bool)
+        good[odd] = False
+        left = text[np.repeat(good, ends + 1 - starts)].tobytes()
+        return left, np.flatnonzero(good), {kind: np.array(at) for kind, at in kinds.items()}
 
-    def _typed(
-        self, block: Block, multiline: bool, most: int
-    ) -> tuple[dict[int, Any], dict[int, tuple[Floats, Any]], dict[str, list[int]]] | None:
-        """Arrow arrays, checked numbers, and the rows that the parser refused, by class.
-
-        None where it refuses more than `most`.
-        """
+    def _typed(self, data: bytes) -> Any:
+        """The wanted columns as an Arrow table, or why they cannot be read."""
+        wanted = (*self.table.clock.columns, *self.indices, *self.keys)
         while True:
-            types = {i: self.table.types[i][0] for i in (*self.table.clock.columns, *self.indices)}
-            types |= {i: types.get(i, pa.string()) for i in self.keys}
-            refused: dict[str, list[int]] = {}
+            types = {i: self.table.types.get(i, pa.string()) for i in wanted}
+            schema = pa.schema([(f"c{i}", kind) for i, kind in types.items()])
+            if not data:
+                return schema.empty_table()
             try:
-                table = self._table(block, types, multiline, refused, most)
+                return self._read(data, schema)
             except pa.ArrowInvalid as error:
-                if sum(map(len, refused.values())) > most:
-                    return None
-                self._demote(block, str(error), types)
-                continue
-            arrays = {i: _flat(table[f"c{i}"]) for i in types}
-            checked = {
-                i: floats(arrays[i], self.table.dialect.decimal, self.table.units.get(i, ""))
-                for i in self.indices
-            }
-            floating = [i for i, kind in types.items() if pa.types.is_floating(kind)]
-            unfit = [i for i in floating if not self._is_exact(arrays[i], checked.get(i))]
-            if not unfit:
-                return arrays, checked, refused
-            for i in unfit:
-                self.table.types[i] = tuple(
-                    k for k in self.table.types[i] if not pa.types.is_floating(k)
-                )
+                found = re.search(r"In CSV column #(\d+)", str(error))
+                if not found or types[int(found[1])] == pa.string():
+                    return str(error).splitlines()[0]
+                self.table.types[int(found[1])] = pa.string()
 
-    def _is_exact(self, array: Any, checked: tuple[Floats, Any] | None) -> bool:
-        """Whether float64 holds what the cells of a column say; no `checked` for the time's.
-
-        1e400 parses as infinity. The strict grammar of text separates it from the word "inf".
-        """
-        if checked is None:
-            return self.table.clock.is_exact(array)
-        value, state = checked
-        return not (state.any() and np.isinf(value).any())
-
-    def _table(
-        self,
-        block: Block,
-        types: dict[int, Any],
-        multiline: bool,
-        refused: dict[str, list[int]],
-        most: int,
-    ) -> Any:
-        def skip(row: Any) -> str:
-            few = row.actual_columns < row.expected_columns
-            kind = "too few cells" if few else "too many cells"
-            if "\0" in row.text:
-                kind = "NUL bytes"
-            elif not row.text.strip():
-                kind = "blank"
-            elif is_comment(row.text):
-                kind = "comment"
-            refused.setdefault(kind, []).append(row.number - 1)
-            return "skip" if sum(map(len, refused.values())) <= most else "error"
-
+    def _read(self, data: bytes, schema: Any) -> Any:
+        dialect = self.table.dialect
         return pyarrow.csv.read_csv(
-            pa.BufferReader(pa.py_buffer(block.data).slice(0, block.size)),
+            pa.BufferReader(data),
             pyarrow.csv.ReadOptions(
-                column_names=[f"c{i}" for i in range(self.table.dialect.width)],
-                use_threads=False,  # blocks run in parallel; only so are wrong rows numbered
-                block_size=block.size + 1,
+                column_names=[f"c{i}" for i in range(dialect.width)],
+                use_threads=False,  # blocks run in parallel
+                block_size=len(data) + 1,
             ),
-            pyarrow.csv.ParseOptions(
-                delimiter=block.delimiter, newlines_in_values=multiline, invalid_row_handler=skip
-            ),
+            pyarrow.csv.ParseOptions(delimiter=dialect.delimiter),
             pyarrow.csv.ConvertOptions(
-                column_types={f"c{i}": kind for i, kind in types.items()},
-                include_columns=[f"c{i}" for i in types],
+                column_types=schema,
+                include_columns=schema.names,
                 null_values=list(NULLS),
                 strings_can_be_null=True,
-                decimal_point=self.table.dialect.decimal,
+                decimal_point=dialect.decimal,
             ),
         )
 
-    def _demote(self, block: Block, error: str, tried: dict[int, Any]) -> None:
-        """Sets the next type of the column whose cells do not fit; raises after the last type."""
-        found = re.search(r"CSV column #(\d+)", error)
-        i = int(found[1]) if found else -1
-        types = self.table.types
-        if i in tried and i in types and types[i][0] is not tried[i]:
-            return  # another block has done so already
-        if i in types and len(types[i]) > 1:
-            types[i] = types[i][1:]
-            return
-        why = error.splitlines()[0]
-        raise UserError(
-            f"{self.table.path}: cannot be read from line {block.first_line} on: {why}",
-            "correct the log, or state its dialect under [csv]",
-        )
+
+def _line_ends(data: bytes) -> Rows:
+    return np.flatnonzero(np.frombuffer(data, np.uint8) == 10)
 
 
-def joined(parts: Any) -> Rows:
-    """Rows of several arrays in order."""
-    parts = list(parts)
-    return np.sort(np.concatenate(parts)) if parts else np.empty(0, np.int64)
+def _closed_cells(line: str, delimiter: str) -> int:
+    """How many cells a line has, 0 where a quote does not close in it."""
+    reader = csv.reader([line, ""], delimiter=delimiter)
+    try:
+        cells = len(next(reader))
+    except csv.Error:  # a cell beyond the reader's limit of 128 KiB
+        return 0
+    return cells if reader.line_num == 1 else 0
 
 
-def _flat(column: Any) -> Any:
-    """One Arrow array from a chunked one."""
-    return column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-
-
-def _line_ends(block: Block) -> tuple[int, int]:
-    """How many lines of a block are blank, and how many line ends stand inside quotes."""
-    feeds, ends = block.ends()
-    return int((np.diff(ends, prepend=-1) == 1).sum()), len(feeds) - len(ends)
+def _kind(line: bytes, few: bool) -> str:
+    """Class of a line that has another width than the table."""
+    if not line.strip():
+        return "blank"
+    if line[:1] == b"\0":
+        return "NUL bytes"
+    if is_comment(line[:_SHOWN].decode("utf-8", "replace")):
+        return "comment"
+    return "too few cells" if few else "too many cells"

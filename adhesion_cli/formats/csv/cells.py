@@ -18,8 +18,6 @@ from .dialect import INFINITE, NULLS, number_grammar
 NUMBER, NO_VALUE, NO_NUMBER, IS_INFINITE = range(4)  # states of a cell
 _S = 1_000_000_000
 _DAY = 86_400 * _S
-_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec mär mai okt dez".split()
-_MONTH_NUMBER = np.array([*range(1, 13), 3, 5, 10, 12], dtype=np.int64)
 
 
 def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np.int8]]:
@@ -35,7 +33,11 @@ def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np
     """
     if pa.types.is_floating(array.type):
         value = array.to_numpy(zero_copy_only=False)
-        return value, (~np.isfinite(value)).view(np.int8)
+        state = (~np.isfinite(value)).view(np.int8)
+        if state.any():
+            state[np.isinf(value)] = IS_INFINITE
+            value = np.where(state, np.nan, value)
+        return value, state
     text = pc.utf8_trim_whitespace(array)
     if unit:
         text = pc.replace_substring_regex(text, r"\s*" + re.escape(unit) + "$", "")
@@ -76,56 +78,36 @@ def _whole(decimal: str) -> str:
 
 def decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:
     """Decimals times 10**scale as int64, exactly, rounded to the nearest; and which hold."""
-    powers: Any = None
     if pa.types.is_string(array.type):
-        array, powers = _decimals_in(array, decimal)
-    if array.type.scale != scale:
+        text = pc.utf8_trim_whitespace(array)
+        text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
+        plain = pc.match_substring_regex(text, r"^[+-]?[0-9]{1,19}(\.[0-9]+)?$")
+        # digits beyond the 18th decimal say nothing here
+        short = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
+        array = pc.cast(pc.if_else(plain, short, None), pa.decimal128(38, 18))
         array = pc.round(array, ndigits=scale, round_mode="half_to_even")
         array = array.cast(pa.decimal128(38, scale))
     words = np.frombuffer(array.buffers()[1], np.int64, 2 * len(array), 16 * array.offset)
     low, high = words[0::2], words[1::2]
-    ok = high == low >> 63
-    if array.null_count:
-        ok &= np.asarray(array.is_valid())
-    t = np.where(ok, low, 0)
-    if powers is not None:
-        with np.errstate(over="ignore"):
-            value = powers.to_numpy(zero_copy_only=False) * 10.0**scale
-        use = np.abs(value) < 2.0**62
-        t = np.where(use, np.rint(np.where(use, value, 0)).astype(np.int64), t)
-        ok = ok | use
-    return t, ok
-
-
-def _decimals_in(array: Any, decimal: str) -> tuple[Any, Any]:
-    """Decimals of text, and those written with a power of ten as float64; null for the others."""
-    text = pc.utf8_trim_whitespace(array)
-    text = pc.replace_substring(text, decimal, ".") if decimal != "." else text
-    ok = pc.fill_null(pc.match_substring_regex(text, _whole(".")), False)
-    power = pc.match_substring(text, "e", ignore_case=True)
-    # digits beyond the 18th decimal say nothing here; powers of ten are small enough for float
-    short = pc.replace_substring_regex(text, r"(\.[0-9]{18})[0-9]+", r"\1")
-    short = pc.if_else(pc.match_substring_regex(short, r"^[+-]?[0-9]{0,19}(?:\.|$)"), short, None)
-    plain = pc.cast(pc.if_else(pc.and_(ok, pc.invert(power)), short, None), pa.decimal128(38, 18))
-    return plain, pc.cast(pc.if_else(pc.and_(ok, power), text, None), pa.float64())
+    ok = np.asarray(array.is_valid()) & (high == low >> 63)
+    return np.where(ok, low, 0), ok
 
 
 def stamps(text: Any, pattern: str) -> tuple[Times, Bools]:
     """Times [ns] of stamps that match the pattern, and which do.
 
-    The groups of the pattern are named y, m or n, d (date), D, H, M, S, f, l, p (time), z (zone).
+    The groups of the pattern are named y, m, d (date), H, M, S, f, l, p (time), z (zone).
     """
     found = _Groups(text, pattern)
     ns, ok = _time_of_day(found)
     if "y" in found.names:
         days, holds = _days(found)
         ns, ok = ns + days * _DAY, ok & holds
-    if "z" in found.names:
-        zone = pc.replace_substring_regex(found.text("z"), "[^0-9+-]", "")
-        digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
-        shift = np.asarray(pc.cast(digits, pa.int64()))
-        shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
-        ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
+    zone = pc.replace_substring_regex(found.text("z"), "[^0-9+-]", "")
+    digits = pc.utf8_rpad(pc.utf8_slice_codeunits(zone, 1, 5), 4, padding="0")
+    shift = np.asarray(pc.cast(digits, pa.int64()))
+    shift = (shift // 100 * 3600 + shift % 100 * 60) * _S
+    ns = ns - np.where(np.asarray(pc.starts_with(zone, "-")), -shift, shift)
     ok &= found.ok
     return np.where(ok, ns, 0), ok
 
@@ -142,42 +124,31 @@ class _Groups:
     def text(self, name: str) -> Any:
         return pc.fill_null(pc.struct_field(self._found, name), "")
 
-    def number(self, name: str, default: int = 0) -> Times:
-        if name not in self.names:
-            return np.full(len(self.ok), default, np.int64)
+    def number(self, name: str) -> Times:
         cells = self.text(name)
         if name == "f":  # digits of a fraction: as many as a nanosecond has
             digits = pc.utf8_rpad(pc.utf8_slice_codeunits(cells, 0, 9), 9, padding="0")
             cells = pc.if_else(pc.equal(cells, ""), "", digits)
-        cells = pc.if_else(pc.equal(cells, ""), str(default), cells)
+        cells = pc.if_else(pc.equal(cells, ""), "0", cells)
         return np.asarray(pc.cast(cells, pa.int64()))
 
 
 def _time_of_day(found: _Groups) -> tuple[Times, Bools]:
     """Nanoseconds after midnight, and which are a time of day."""
     hour, minute, second = (found.number(name) for name in "HMS")
-    ok = np.ones(len(hour), np.bool_)
-    if "p" in found.names:
-        half = found.text("p")
-        said = np.asarray(pc.not_equal(half, ""))
-        ok &= ~said | ((hour >= 1) & (hour <= 12))
-        afternoon = np.asarray(pc.equal(pc.utf8_lower(half), "p"))
-        hour = np.where(said, hour % 12 + 12 * afternoon, hour)
-    ok &= (hour < 24) & (minute < 60) & ((second <= 60) | ("M" not in found.names))
+    half = found.text("p")
+    said = np.asarray(pc.not_equal(half, ""))
+    ok = ~said | ((hour >= 1) & (hour <= 12))
+    afternoon = np.asarray(pc.equal(pc.utf8_lower(half), "p"))
+    hour = np.where(said, hour % 12 + 12 * afternoon, hour)
+    ok &= (hour < 24) & (minute < 60) & (second <= 60)
     fraction = found.number("f") + found.number("l") * 1_000_000
-    return (hour * 3600 + minute * 60 + second) * _S + fraction + found.number("D") * _DAY, ok
+    return (hour * 3600 + minute * 60 + second) * _S + fraction, ok
 
 
 def _days(found: _Groups) -> tuple[NDArray[np.int64], Bools]:
     """Days after 1970-01-01, and which are a date."""
-    year, day = found.number("y"), found.number("d")
-    year = np.where(year < 70, year + 2000, np.where(year < 100, year + 1900, year))
-    if "n" in found.names:
-        index = pc.index_in(pc.utf8_lower(found.text("n")), pa.array(_MONTHS))
-        at = np.asarray(pc.fill_null(index, -1))
-        month = np.where(at >= 0, _MONTH_NUMBER[at], 0)
-    else:
-        month = found.number("m")
+    year, month, day = (found.number(name) for name in "ymd")
     ok = (month >= 1) & (month <= 12) & (year >= 1678) & (year <= 2261) & (day >= 1)
     months = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + np.where(ok, day - 1, 0)

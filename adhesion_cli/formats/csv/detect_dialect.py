@@ -18,19 +18,17 @@ from .dialect import (
     number_grammar,
     split,
 )
-from .head import Line, encoding_of, logical_lines, refuse_other_formats, too_long
+from .head import Line, encoding_of, first_lines, refuse_other_formats, too_long
 from .header import (
     DELIMITERS,
     FirstRows,
     Header,
     column_names,
     find_header,
-    labelled_units,
     lines_before,
     metadata,
+    refuse_table_above,
     refuse_width,
-    rows_above,
-    take_labelled,
 )
 
 _MAX_COLUMNS = 10_000
@@ -53,74 +51,64 @@ def detect_dialect(head: bytes, complete: bool, options: ReadOptions, path: Path
     refuse_other_formats(head, path)
     why: dict[str, str] = {}
     encoding, bom, why["encoding"] = encoding_of(head, options.encoding, path)
-    lines = logical_lines(head[bom:], encoding, complete, path)
-    body, block = _body(lines, complete, path)
-    stated, directive = _stated_delimiter(body[0].text, options)
+    lines = first_lines(head[bom:], encoding, complete, path)
+    body = _body(lines, complete, path)
+    stated, directive = _stated_delimiter(body[0][1], options)
     body = body[bool(directive) :]
-    delimiter, width, why["delimiter"] = _delimiter([x.text for x in body], stated, path)
+    delimiter, width, why["delimiter"] = _delimiter([text for _, text in body], stated, path)
     if directive and options.delimiter is None:
         why["delimiter"] = f"{delimiter!r} (stated in the line {directive!r})"
-    table = FirstRows(
-        lines, [(x.number, split(x.text, delimiter)) for x in body], delimiter, width, ".", path
-    )
-    labelled = take_labelled(table)
-    labelled += [(x.number, split(x.text, delimiter)) for x in block]
-    table.decimal, why["decimal"] = _decimal(table.of_width(), width, options, path)
+    rows = [(number, split(text, delimiter)) for number, text in body]
+    of_width = [cells for _, cells in rows if len(cells) == width]
+    decimal, why["decimal"] = _decimal(of_width, width, options, path)
+    table = FirstRows(lines, rows, delimiter, width, decimal, path)
     header = find_header(table, options.header)
     data = table.of_width(header.start)
     used = width - _has_trailing(header.names, data, width)
-    refuse_width(table, header, data, used)
-    names, duplicates = column_names(header.names, used)
-    _refuse_grouped(data, names, table.decimal, options, path)
-    above = rows_above(table, header.top)
-    before, first = lines_before(table, header, above)
+    refuse_table_above(table, header.top)
+    refuse_width(table, header, used)
+    names = column_names(header.names, used)
+    _refuse_grouped(data, names, decimal, options, path)
+    before = lines_before(table, header)
     why["header"] = _why_header(table, header, options)
     units: list[str] = []
     if header.units is not None:
-        n, units = table.rows[header.units]
+        n, units = rows[header.units]
         why["units row"] = f"line {n} (every cell is a unit)"
-    elif found := labelled_units(labelled):
-        n, (label, *units) = found
-        why["units row"] = f"line {n} (its first cell is {label!r})"
-        units.insert(0, "")
-    if comment := next((m[1] for x in lines if (m := COMMENT.match(x.text))), ""):
+    if comment := next((m[1] for _, text in lines if (m := COMMENT.match(text))), ""):
         why["comments"] = f"lines starting with {comment!r} (seen in the head)"
     if preamble := before.get("preamble"):
         why["preamble"] = f"{preamble} lines (before the header)"
     return Dialect(
-        encoding, bom, delimiter, table.decimal, width, names,
+        encoding, bom, delimiter, decimal, width, names,
         tuple(tuple(fit(h, used)) for h in header.names), tuple(map(bare, fit(units, used))),
-        duplicates, bool(header.names), table.rows[header.start][0], before, first,
-        metadata(table.rows[: header.top]), [row[:used] for row in data], why, above,
+        bool(header.names), rows[header.start][0], before, metadata(rows[: header.top]),
+        [row[:used] for row in data], why,
     )  # fmt: skip
 
 
-def _body(lines: list[Line], complete: bool, path: Path) -> tuple[list[Line], list[Line]]:
-    """Lines that may be header or rows, and those of LabVIEW's header before them.
+def _body(lines: list[Line], complete: bool, path: Path) -> list[Line]:
+    """Lines that may be header or rows.
 
     Raises:
         UserError: where there are too few for a table, or most are no text.
     """
-    holes = [x.number for x in lines if "\0" in x.text]
+    holes = [number for number, text in lines if "\0" in text]
     if len(holes) > len(lines) / 2:
         raise UserError(
             f"{path}: is binary or damaged: NUL bytes in line {holes[0]} and most others",
-            "give a text log",
+            "give a text log, or fetch it from the recorder again",
         )
-    body = [x for x in lines if x.text.strip() and not is_comment(x.text) and "\0" not in x.text]
-    marks = [k for k, x in enumerate(body, 1) if x.text.startswith("***End_of_Header***")]
-    end = marks[-1] if marks else 0
-    block, body = body[: max(end - 1, 0)], body[end:]  # LabVIEW's header has rows of numbers
-    if not body:
-        raise UserError(f"{path}: holds no rows", "give a log with a header and data rows")
-    if len(body) == 1 and complete:
+    body = [x for x in lines if x[1].strip() and not is_comment(x[1]) and "\0" not in x[1]]
+    marks = [k for k, x in enumerate(body, 1) if x[1].startswith("***End_of_Header***")]
+    body = body[marks[-1] if marks else 0 :]  # LabVIEW's header has rows of numbers
+    if len(body) == 1 and not complete:
+        raise too_long(lines[-1][0] + 1, path)
+    if len(body) < 2:
         raise UserError(
-            f"{path}: one line ({body[0].text[:40]!r}) and no data rows",
-            "give a log with a header and data rows",
+            f"{path}: {len(body)} line and no data rows", "give a log with a header and data rows"
         )
-    if len(body) == 1:
-        raise too_long(lines[-1].number + 1 + lines[-1].more, path)
-    return body, block
+    return body
 
 
 def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str]:
@@ -212,35 +200,18 @@ def _decimal(
 def _refuse_grouped(
     rows: list[list[str]], names: tuple[str, ...], decimal: str, options: ReadOptions, path: Path
 ) -> None:
-    """Refuses numbers with thousands separators, and points that could be some.
+    """Refuses numbers with points that could be thousands separators.
 
     One program writes a file: a point that is a decimal mark in one column groups digits in none.
     """
+    if decimal != "." or options.decimal or _proves_decimal(rows, len(names), "."):
+        return
     number = number_grammar(decimal)
-    sure = decimal != "." or bool(options.decimal) or _proves_decimal(rows, len(names), ".")
     for i, name in enumerate(names):
-        cells = [row[i] for row in rows if not is_null(row[i])]
-        numbers = [c for c in cells if number.fullmatch(c)]
-        grouped = [c for c in cells if _GROUPED.fullmatch(c) and not number.fullmatch(c)]
-        if grouped and len(numbers + grouped) > len(cells) / 2 and not is_stamp(grouped[0]):
-            mark = re.sub("[+0-9-]", "", grouped[0])[0]
-            either = mark in ",." and all(c.count(mark) == 1 for c in grouped)
-            without = grouped[0].replace(mark, "")
-            raise UserError(
-                f"{path}: column {name!r} groups digits, as in {grouped[0]!r}",
-                f"export it without thousands separators, as {without!r}"
-                + (f"; if {mark!r} is its decimal mark, with {decimal!r} as the others"
-                   if either and mark != decimal else ""),
-            )  # fmt: skip
-        dotted = [c for c in numbers if "." in c]
-        whole = [c for c in cells if c.isascii() and c.isdigit()]
-        if (
-            not sure
-            and len(dotted) > 1
-            and whole
-            and all(re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", c) for c in dotted)
-            and all(len(c) <= 3 for c in whole)
-        ):
+        cells = [row[i] for row in rows if number.fullmatch(row[i])]
+        dotted = [c for c in cells if "." in c]
+        whole = [c for c in cells if c.isdigit()]
+        if len(dotted) > 1 and whole and all(len(c) <= 3 for c in whole):
             raise UserError(
                 f"{path}: column {name!r}: {dotted[0]!r} and {whole[0]!r} may be grouped "
                 "thousands or a decimal point",

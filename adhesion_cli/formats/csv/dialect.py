@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...core.units import in_name
@@ -42,15 +43,12 @@ class Dialect:
     names: tuple[str, ...]  # one per column, distinct: the header text, else "column N"
     parts: tuple[tuple[str, ...], ...]  # cells of each header row, for headers of several rows
     units: tuple[str, ...]  # units row, "" where a cell is empty
-    duplicates: tuple[str, ...]  # header texts that stand above several columns
     headed: bool
     first_line: int  # line of the first data row, from 1
     before: dict[str, int]  # lines before it, by class
-    first: dict[str, tuple[int, str]]  # the first line of each class, and its text
     metadata: dict[str, str]  # key: value lines of the preamble
     rows: list[list[str]]  # data rows of the head, each as wide as `names`
     why: dict[str, str]
-    above: tuple[tuple[int, int, str], ...]  # rows above the header: first, last line, text
 
     def number(self) -> re.Pattern[str]:
         """Strict grammar of a number in this dialect."""
@@ -66,21 +64,26 @@ class Dialect:
         cells = (c for c in self.column(index) if number.fullmatch(c))
         return [float(c.replace(",", ".")) for c in cells]
 
-    def contradicted(self, cells: list[str]) -> bool:
+    def repeats_header(self, cells: list[str]) -> bool:
+        """Whether a row among the data is a row of the header, or the units row, once more."""
+        return _key(cells) in [_key(row) for row in (*self.parts, self.units) if any(row)]
+
+    def is_another_header(self, cells: list[str]) -> bool:
         """Whether a row among the data is a header, or a units row, of other columns than ours."""
         said = [c for c in cells if c]
         if not self.headed or len(said) < max(2, len(cells) / 2):
             return False
         if is_units_row(cells):
             ours = [u or in_name(n)[1] for n, u in zip(self.names, self.units, strict=True)]
-            pairs = zip(ours, map(bare, fit(cells, len(ours))), strict=True)
-            return any(normal(a) != normal(b) for a, b in pairs if b)
-        known = {normal(c) for row in self.parts for c in row if c}
-        names = sum(normal(c) in known or bool(in_name(c)[1]) for c in said)
-        if not any(map(time_name, said)) and (names < len(said) / 2 or any(map(is_number, said))):
-            return False
-        row = "\0".join(map(normal, cells)).rstrip("\0")  # it may have been cut off
-        return not any("\0".join(map(normal, ours)).startswith(row) for ours in self.parts)
+            return any(b and a != b for a, b in zip(_key(ours), _key(cells), strict=False))
+        units = sum(bool(in_name(c)[1]) for c in said)
+        names_time = any(map(time_name, said)) or units >= len(said) / 2
+        return names_time and not any(map(is_number, said))
+
+
+def _key(cells: Sequence[str]) -> list[str]:
+    """The cells of a header or units row as they are compared."""
+    return "\0".join(normal(bare(c)) for c in cells).rstrip("\0").split("\0")
 
 
 def number_grammar(decimal: str) -> re.Pattern[str]:

@@ -3,46 +3,30 @@
 import codecs
 import re
 from pathlib import Path
-from typing import NamedTuple
 
 from ...core.errors import UserError
-from .dialect import HEAD_BYTES, is_comment
+from .dialect import HEAD_BYTES
 
 _HEAD_LINES = 600
-_OPEN_QUOTE = re.compile(r'(?:^|[;,\t|] ?)"[^"]*(?:""[^"]*)*$')
 _CONTROLS = bytes(b for b in range(1, 32) if b not in b"\t\n\r\f\v\x1a\x1b")
 _MAGIC = (
-    (b"\x89MCAP0\r\n", "an MCAP file", "give it the suffix .mcap"),
-    (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive", "export it as CSV"),
-    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "export the sheet as CSV"),
-    (b"\x89HDF", "an HDF5 or MATLAB v7.3 file", "export the signals as CSV"),
-    (b"MATLAB 5.0", "a MATLAB file", "export the signals as CSV"),
-    (b"MDF     ", "an ASAM MDF recording", "export the signals as CSV"),
-    (b"%PDF-", "a PDF document", "export the log as CSV"),
-    (b"PAR1", "a Parquet file", "export it as CSV"),
-    (b"SQLite format 3", "an SQLite database", "export the table as CSV"),
-    (b"\x28\xb5\x2f\xfd", "zstd-compressed", "decompress it first"),
-    (b"BZh", "bzip2-compressed", "decompress it first"),
-    (b"\xfd7zXZ", "xz-compressed", "decompress it first"),
-    (b"\xff\xd8\xff", "a JPEG image", "give a log"),
-    (b"\x89PNG", "a PNG image", "give a log"),
-    (b"version https://git-lfs", "a Git LFS pointer", "fetch the file it stands for: git lfs pull"),
-)  # fmt: skip
-
-
-class Line(NamedTuple):
-    """A row of the file as it stands there."""
-
-    number: int  # of its first line, from 1
-    text: str
-    more: int  # further lines, inside quotes
+    (b"PK\x03\x04", "an Excel workbook (.xlsx) or ZIP archive"),
+    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)"),
+    (b"\x89HDF", "an HDF5 or MATLAB v7.3 file"),
+    (b"MATLAB 5.0", "a MATLAB file"),
+    (b"MDF     ", "an ASAM MDF recording"),
+    (b"PAR1", "a Parquet file"),
+    (b"\x28\xb5\x2f\xfd", "zstd-compressed"),
+    (b"version https://git-lfs", "a Git LFS pointer (git lfs pull fetches its file)"),
+)
+Line = tuple[int, str]  # number, from 1, and text
 
 
 def refuse_other_formats(head: bytes, path: Path) -> None:
     """Refuses files of a known format that is not text."""
-    for magic, what, remedy in _MAGIC:
+    for magic, what in _MAGIC:
         if head.startswith(magic):
-            raise UserError(f"{path}: is {what}, not CSV", remedy)
+            raise UserError(f"{path}: is {what}, not CSV", "export the log as CSV or MCAP")
 
 
 def encoding_of(head: bytes, stated: str | None, path: Path) -> tuple[str, int, str]:
@@ -103,8 +87,8 @@ def _decodes(head: bytes, codec: str) -> bool:
     return True
 
 
-def logical_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[Line]:
-    """The first lines; one where a quoted cell holds line ends.
+def first_lines(head: bytes, encoding: str, complete: bool, path: Path) -> list[Line]:
+    """The first lines that are whole.
 
     Raises:
         UserError: where the text is empty, HTML, XML or JSON, or a line is too long.
@@ -112,28 +96,18 @@ def logical_lines(head: bytes, encoding: str, complete: bool, path: Path) -> lis
     text = codecs.getincrementaldecoder(encoding)("replace").decode(head, complete)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     _refuse_other_texts(text, path)
-    lines = text.split("\n", 4 * _HEAD_LINES)
+    lines = text.split("\n", _HEAD_LINES)
     if not complete and len(lines) == 1:
         raise UserError(
             f"{path}: no line end in the first {len(text) >> 10} KiB",
             "give a text log with one row per line",
         )
-    if not complete or len(lines) > 4 * _HEAD_LINES or not lines[-1]:
+    if not complete or len(lines) > _HEAD_LINES or not lines[-1]:
         lines.pop()
-    out: list[Line] = []
-    i = 0
-    while i < len(lines) and len(out) < _HEAD_LINES:
-        line, more = lines[i], 0
-        if opens_quote(line) and not is_comment(line):
-            for k in range(1, min(100, len(lines) - i)):
-                if lines[i + k].count('"') % 2:
-                    line, more = "\n".join(lines[i : i + k + 1]), k
-                    break
+    for number, line in enumerate(lines, 1):
         if len(line) > HEAD_BYTES // 2:
-            raise too_long(i + 1, path)
-        out.append(Line(i + 1, line, more))
-        i += 1 + more
-    return out
+            raise too_long(number, path)
+    return list(enumerate(lines, 1))
 
 
 def _refuse_other_texts(text: str, path: Path) -> None:
@@ -149,11 +123,6 @@ def _refuse_other_texts(text: str, path: Path) -> None:
             f"{path}: holds nothing but NUL bytes: space that was reserved and never written",
             "fetch the log from the recorder again",
         )
-
-
-def opens_quote(line: str) -> bool:
-    """Whether a quote that opens a cell of the line does not close in it."""
-    return _OPEN_QUOTE.search(line) is not None
 
 
 def too_long(line: int, path: Path) -> UserError:

@@ -2,7 +2,6 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,15 +17,15 @@ from .dialect import (
     split,
     uncommented,
 )
-from .head import Line, opens_quote
-from .header_words import SIGNAL, UNITS, is_named, is_units_row, time_name
+from .head import Line
+from .header_words import is_units_row, time_name
 
 DELIMITERS = (";", "\t", ",", "|", " ")
 _REMARKS = ("comment", "comments", "remark", "remarks", "kommentar", "bemerkung", "备注", "注释")
 Row = tuple[int, list[str]]  # number of its line, and cells
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class FirstRows:
     """The first rows of a file, split into cells."""
 
@@ -37,19 +36,9 @@ class FirstRows:
     decimal: str
     path: Path
 
-    @property
-    def texts(self) -> dict[int, str]:
-        """What the rows say, by the numbers of their lines."""
-        of = {n for n, _ in self.rows}
-        return {line.number: line.text for line in self.lines if line.number in of}
-
     def of_width(self, begin: int = 0) -> list[list[str]]:
         """Cells of the rows from `begin` on that have as many as a data row."""
         return [cells for _, cells in self.rows[begin:] if len(cells) == self.width]
-
-    def later(self) -> list[list[str]]:
-        """Cells of the rows that are surely data."""
-        return self.of_width(len(self.rows) // 3)
 
 
 @dataclass(slots=True)
@@ -90,11 +79,6 @@ def find_header(table: FirstRows, stated: bool | None) -> Header:
             raise UserError(f"{table.path}: header only, no data rows", "give a log with data rows")
         return Header([table.rows[start][1]], None, start, start + 1)
     found.names = _commented_header(table, table.rows[start][0])
-    if not found.names and table.delimiter == " " and start > 0:
-        # blanks stand inside the names, above columns that blanks align: two are between names
-        cells = re.split(r"\s{2,}|\t", table.texts[table.rows[start - 1][0]].strip())
-        if len(cells) == table.width and _names_time(cells):
-            return Header([cells], found.units, found.top - 1, start)
     return found
 
 
@@ -105,7 +89,7 @@ def _first_data(table: FirstRows) -> int | None:
     def typed(c: str) -> bool:
         return number.fullmatch(c) is not None or is_stamp(c)
 
-    later = table.later()
+    later = table.of_width(len(table.rows) // 3)  # surely data
     numeric = []
     for i in range(width if later else 0):
         said = [row[i] for row in later if not is_null(row[i])]
@@ -133,7 +117,7 @@ def _text_above(table: FirstRows, start: int) -> Header:
     number = number_grammar(table.decimal)
 
     def texts(k: int) -> bool:
-        cells = rows[k][1]
+        cells = rows[k][1] if k >= 0 else []
         if not width - 1 <= len(cells) <= width + 1 or (len(cells) < width and width == 2):
             return False
         said = [c for c in cells if c]
@@ -141,28 +125,13 @@ def _text_above(table: FirstRows, start: int) -> Header:
             return True
         return bool(said) and not any(number.fullmatch(c) for c in said if c not in ("-", "1"))
 
-    def of_units(k: int) -> bool:
-        """Whether row k is a row of units below one of names."""
-        if k < 1 or not (texts(k) and is_units_row(rows[k][1])):
-            return False
-        above = rows[k - 1][1]
-        return texts(k - 1) and sum(map(bool, above)) >= len(above) / 2
-
     top, units = start, None
-    if of_units(start - 1):
-        top = units = start - 1
-    elif of_units(start - 2) and texts(start - 1):  # remarks stand below the units
-        top = units = start - 2
+    if texts(top - 1) and texts(top - 2) and is_units_row(rows[top - 1][1]):
+        top = units = top - 1
     names: list[list[str]] = []
-    while top > 0 and len(names) < 4 and texts(top - 1):
-        cells = rows[top - 1][1]
-        if names and units is None and len(cells) == width and is_units_row(cells):
-            top = units = top - 1  # above the names
-            break
-        if not _continues(names, cells, width):
-            break
-        names.insert(0, cells)
+    while len(names) < 4 and texts(top - 1) and _continues(names, rows[top - 1][1], width):
         top -= 1
+        names.insert(0, rows[top][1])
     return Header(names, units, top, start)
 
 
@@ -180,43 +149,20 @@ def _continues(names: list[list[str]], cells: list[str], width: int) -> bool:
 
 def _commented_header(table: FirstRows, first_line: int) -> list[list[str]]:
     """Names in the last comment line above the data, as numpy writes them."""
-    for line in reversed(table.lines):
-        if line.number < first_line and is_comment(line.text):
-            cells = split(uncommented(line.text), table.delimiter)
+    for number, text in reversed(table.lines):
+        if number < first_line and is_comment(text):
+            cells = split(uncommented(text), table.delimiter)
             return [cells] if len(cells) == table.width and not any(map(is_number, cells)) else []
     return []
 
 
-def _names_time(cells: list[str]) -> bool:
-    """Whether a row reads like a header: a time among names, and no number."""
-    return any(map(time_name, cells)) and not any(is_number(c) or is_stamp(c) for c in cells)
-
-
-def take_labelled(table: FirstRows) -> list[Row]:
-    """Takes out the rows that their first cell labels, where data rows leave it empty.
-
-    Exports of TDMS channels have them below the header, as "Channel", "unit_string", "Length".
-    """
-    if any(cells[0] for cells in table.later()):
-        return []
-    rows = table.rows
-    head = next((i for i, (_, cells) in enumerate(rows) if is_named(cells[0], SIGNAL)), len(rows))
-    labelled = [(n, cells) for n, cells in rows[head + 1 :] if cells[0]]
-    table.rows = [row for row in rows if row not in labelled]
-    return labelled
-
-
-def labelled_units(labelled: list[Row]) -> Row | None:
-    """The row of units among rows that their first cell labels."""
-    if any(cells[:2] == ["X_Columns", "Multi"] for _, cells in labelled):
-        return None  # LabVIEW's with a time for each channel: the units have other places
-    return next(((n, cells) for n, cells in labelled if is_named(cells[0], UNITS)), None)
-
-
-def rows_above(table: FirstRows, top: int) -> tuple[tuple[int, int, str], ...]:
-    """Lines above the header that are rows of another table: two or more, of one width.
+def refuse_table_above(table: FirstRows, top: int) -> None:
+    """Refuses rows of another table above the header: two or more, of one width.
 
     Each begins with a number or a stamp, as do half of its cells, whatever delimits them.
+
+    Raises:
+        UserError: names the first.
     """
 
     def form(text: str) -> tuple[str, int] | None:
@@ -227,52 +173,42 @@ def rows_above(table: FirstRows, top: int) -> tuple[tuple[int, int, str], ...]:
                 return delimiter, len(cells)
         return None
 
-    texts, first = table.texts, table.rows[top][0]
-    lines = [line for line in table.lines if line.number in texts and line.number < first]
-    forms = [None, *(form(line.text) for line in lines), None]
-    return tuple(
-        (line.number, line.number + line.more, line.text)
-        for k, line in enumerate(lines, 1)
-        if forms[k] and forms[k] in (forms[k - 1], forms[k + 1])
-    )
+    above = {n for n, _ in table.rows[:top]}
+    lines = [line for line in table.lines if line[0] in above]
+    forms = [form(text) for _, text in lines]
+    for k in range(1, len(forms)):
+        if forms[k] and forms[k] == forms[k - 1]:
+            raise UserError(
+                f"{table.path}: line {lines[k - 1][0]} and the next ones are rows of another "
+                f"table than those below line {table.rows[top][0]}",
+                "split the log there, and read each part by itself",
+            )
 
 
-def refuse_width(table: FirstRows, header: Header, data: list[list[str]], width: int) -> None:
+def refuse_width(table: FirstRows, header: Header, width: int) -> None:
     """Refuses a header of another width than the rows.
 
     Raises:
-        UserError: names both, and where the comma is decimal mark as well, that.
+        UserError: names both.
     """
     named = header.named(table)
     if not header.names:
         near = table.rows[max(0, header.top - 2) : header.top]
-        named = [row for row in near if _names_time(row[1])]
+        named = [row for row in near if any(map(time_name, row[1]))]
     for n, cells in named:
         extra = [c for c in cells[width:] if c and c.casefold() not in _REMARKS]
-        if len(cells) >= width and not extra:
-            continue
-        if opens_quote(table.texts[n]):
+        if len(cells) < width or extra:
             raise UserError(
-                f"{table.path}: the quote opened in line {n} does not close",
-                "correct the quotes in that line",
+                f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
+                f"{width}",
+                "correct the header; or export with semicolons if the comma is the decimal mark as "
+                "well; or state header = false under [csv] and map the columns as "
+                '"column 1", "column 2", …',
             )
-        text = f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
-        said = [c for row in data for c in row if c]
-        whole = table.delimiter == "," and all(re.fullmatch(r"[+-]?[0-9]+", c) for c in said)
-        if whole and width > len(cells) and any(re.fullmatch("0[0-9]+", c) for c in said):
-            raise UserError(
-                f"{text}{width}: the comma is delimiter and decimal mark at once",
-                "export it with semicolons between the cells, or with decimal points",
-            )
-        raise UserError(
-            f"{text}{width}",
-            "correct the header, or state header = false under [csv] and map the columns as "
-            '"column 1", "column 2", …',
-        )
 
 
-def column_names(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Distinct names, and those that stand above several columns."""
+def column_names(heads: list[list[str]], width: int) -> tuple[str, ...]:
+    """Distinct names of the columns."""
     filled = [fit(cells, width) for cells in heads]
     for cells in filled[:-1]:  # a title above several columns stands in the first of them
         for i in range(1, width):
@@ -281,39 +217,25 @@ def column_names(heads: list[list[str]], width: int) -> tuple[tuple[str, ...], t
         " ".join(dict.fromkeys(row[i] for row in filled if row[i])) or f"column {i + 1}"
         for i in range(width)
     ]
-    return tuple(distinct(names)), tuple(n for n, k in Counter(names).items() if k > 1)
+    return tuple(distinct(names))
 
 
-def lines_before(
-    table: FirstRows, header: Header, above: Sequence[tuple[int, int, str]]
-) -> tuple[dict[str, int], dict[str, tuple[int, str]]]:
-    """Lines before the first data row: how many of each class, and the first of each.
-
-    `above` are those that are rows of another table.
-    """
+def lines_before(table: FirstRows, header: Header) -> dict[str, int]:
+    """How many lines of each class stand before the first data row."""
     rows, top = table.rows, header.top
-    others = {number for number, _, _ in above}
 
-    def kind(line: Line) -> str:
-        if not line.text.strip():
+    def kind(number: int, text: str) -> str:
+        if not text.strip():
             return "blank"
-        if "\0" in line.text:
-            return "NUL bytes"
-        if is_comment(line.text):
+        if is_comment(text):
             return "comment"
-        if top < header.start and line.number >= rows[top][0]:
-            is_units = header.units is not None and line.number == rows[header.units][0]
-            return "units" if is_units else "header"
-        return "another table" if line.number in others else "preamble"
+        if top == header.start or number < rows[top][0]:
+            return "preamble"
+        is_units = header.units is not None and number == rows[header.units][0]
+        return "units" if is_units else "header"
 
-    before: Counter[str] = Counter()
-    first: dict[str, tuple[int, str]] = {}
-    for line in table.lines:
-        if line.number < rows[header.start][0]:
-            before[kind(line)] += 1
-            before["inside quotes"] += line.more
-            first.setdefault(kind(line), line[:2])
-    return dict(+before), first
+    first = rows[header.start][0]
+    return dict(Counter(kind(*line) for line in table.lines if line[0] < first))
 
 
 def metadata(preamble: list[Row]) -> dict[str, str]:

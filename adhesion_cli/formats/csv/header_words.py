@@ -18,10 +18,7 @@ _WORDS = tomllib.loads(Path(__file__).with_name("header_words.toml").read_text("
 _UNIT = {word: unit for unit, words in _WORDS["time_units"].items() for word in words.split()}
 _TIME: list[str] = _WORDS["time"].split()
 _UNITS_ROW = frozenset(_WORDS["units_row"].split())
-DATE, CLOCK, GROUP, SIGNAL, UNITS, COUNTER = (
-    frozenset(_WORDS[kind].split())
-    for kind in ("date", "clock", "group", "signal", "units", "counter")
-)
+GROUP, SIGNAL, UNITS = (frozenset(_WORDS[kind].split()) for kind in ("group", "signal", "units"))
 
 
 def normal(text: str) -> str:

@@ -3,7 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from statistics import median
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ...core.errors import UserError
 from ...core.finding import Finding
-from ...core.model import Floats, Times
+from ...core.model import Times
 from .block_parser import Table
-from .dialect import Dialect, is_null
+from .dialect import Dialect
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
 from .rows import Key, read_rows
 from .time_column import column_index, listed, toml
@@ -53,24 +53,22 @@ def find_keys(table: Table) -> Keys:
     Raises:
         UserError: where a stated column or value is not there, or has too many values.
     """
-    dialect = table.dialect
+    dialect, options = table.dialect, table.options
     free = (i for i in range(len(dialect.names)) if i not in table.clock.columns)
     named = [i for i in free if _is_key(dialect, i)]
-    if table.options.group_channel is not None:
-        return _stated(table, table.options.group_channel, named)
+    if options.group_channel is not None:
+        return _stated(table, column_index(dialect, options.group_channel, table.path), named)
     attempts = [tuple(named)] if len(named) > 1 else []
     for columns in [*attempts, *((i,) for i in named)]:
         read = read_rows(table, [], columns)
-        if _is_long(read.times, read.codes, len(read.met), _limit(dialect, columns)):
-            series = _series(dialect, columns, read.met)
-            return Keys(columns, series, (_long_layout(dialect, columns, series),))
+        if _is_long(read.times, read.codes, len(read.met)):
+            return _keys(dialect, columns, read.met)
     return Keys()
 
 
-def _stated(table: Table, channel: str, named: list[int]) -> Keys:
+def _stated(table: Table, i: int, named: list[int]) -> Keys:
     """The series of the stated column. Further columns may separate those of its one value."""
     dialect, path, equals = table.dialect, table.path, table.options.group_equals
-    i = column_index(dialect, channel, path)
     name = dialect.names[i]
     groups = [g for (g,) in read_rows(table, [], (i,)).met]
     if equals is None:
@@ -79,7 +77,7 @@ def _stated(table: Table, channel: str, named: list[int]) -> Keys:
                 f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
                 f'state one, as group = {{channel = {toml(name)}, equals = "…"}} under [channels]',
             )
-        return Keys((i,), _series(dialect, (i,), [(g,) for g in groups]))
+        return replace(_keys(dialect, (i,), [(g,) for g in groups]), findings=())
     if equals not in groups:
         raise UserError(
             f"{path}: no row has {equals!r} in column {name!r}",
@@ -94,9 +92,9 @@ def _stated(table: Table, channel: str, named: list[int]) -> Keys:
         read = read_rows(table, [], columns)
         own = [k for k, key in enumerate(read.met) if key[0] == equals]
         rows = np.isin(read.codes, own)
-        if _is_long(read.times[rows], read.codes[rows], len(own), _limit(dialect, columns)):
-            series = _series(dialect, columns, [read.met[k] for k in own])
-            return Keys(columns, series, (one, _long_layout(dialect, further, series)))
+        if _is_long(read.times[rows], read.codes[rows], len(own)):
+            keys = _keys(dialect, columns, [read.met[k] for k in own])
+            return replace(keys, findings=(one, *keys.findings))
     return Keys((i,), {(equals,): Series(equals)}, (one,))
 
 
@@ -113,12 +111,7 @@ def _holds_units(dialect: Dialect, i: int) -> bool:
     return is_named(dialect.names[i], UNITS) and is_units_row(list(set(dialect.column(i))))
 
 
-def _limit(dialect: Dialect, columns: tuple[int, ...]) -> int:
-    signals = any(is_named(dialect.names[i], SIGNAL) for i in columns)
-    return _MAX_SIGNALS if signals else _MAX_GROUPS
-
-
-def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict[Key, Series]:
+def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
     """What each key stands for: as few of its cells as separate the series."""
     places = range(len(columns))
     unit = next((p for p in places if _holds_units(dialect, columns[p])), None)
@@ -129,30 +122,26 @@ def _series(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> dict
         rest = [q for q in group if q != p] + apart
         if rest and len({tuple(key[q] for q in rest) for key in keys}) == len(keys):
             group.remove(p)
-
-    def series(key: Key, brackets: str) -> Series:
-        name = key[signal] if signal is not None else ""
-        of = key[unit].strip(brackets) if unit is not None else ""
-        return Series(", ".join(key[p] for p in group), name, of)
-
-    bare = {key: series(key, "[](){}<>") for key in keys}
-    return bare if len(set(bare.values())) == len(keys) else {k: series(k, "") for k in keys}
-
-
-def _long_layout(dialect: Dialect, columns: tuple[int, ...], series: dict[Key, Series]) -> Finding:
-    return Finding(
+    series = {
+        key: Series(
+            ", ".join(key[p] for p in group),
+            key[signal] if signal is not None else "",
+            key[unit] if unit is not None else "",
+        )
+        for key in keys
+    }
+    titles = listed(x.title for x in series.values())
+    finding = Finding(
         "long-layout", "info", channel=dialect.names[columns[0]], count=len(series),
         values={"series": len(series)},
-        names={
-            "columns": listed(dialect.names[i] for i in columns),
-            "titles": listed(x.title for x in series.values()),
-        },
+        names={"columns": listed(dialect.names[i] for i in columns), "titles": titles},
     )  # fmt: skip
+    return Keys(columns, series, (finding,))
 
 
-def _is_long(t: Times, codes: NDArray[np.int64], groups: int, limit: int) -> bool:
+def _is_long(t: Times, codes: NDArray[np.int64], groups: int) -> bool:
     """Whether keys separate several series that share one table."""
-    if not 2 <= groups <= limit:
+    if not 2 <= groups <= _MAX_SIGNALS:
         return False
     order = np.argsort(codes, kind="stable")
     within = np.diff(t[order])[np.diff(codes[order]) == 0]
@@ -170,40 +159,34 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
 
     A column of few values keeps changing. The other columns are smooth only within each of them.
     """
-    rows = dialect.rows
     number = dialect.number()
-    numeric: dict[int, Floats] = {}
-    for i in range(len(dialect.names)):
-        cells = [row[i] for row in rows]
-        if i not in time and all(number.fullmatch(c) for c in cells):
-            value = np.array([float(c.replace(",", ".")) for c in cells])
-            if np.isfinite(value).all():
-                numeric[i] = value
-    for i, name in enumerate(dialect.names):
-        cells = [row[i] for row in rows]
+    columns = {i: [row[i] for row in dialect.rows] for i in range(len(dialect.names))}
+    numeric = {
+        i: np.array([float(c.replace(",", ".")) for c in cells])
+        for i, cells in columns.items()
+        if i not in time and len(set(cells)) >= max(5, len(cells) // 10)
+        and all(map(number.fullmatch, cells))
+    }  # fmt: skip
+    for i, cells in columns.items():
         counts = Counter(cells)
-        if i in time or not 2 <= len(counts) <= 32 or min(counts.values()) < 3:
-            continue
-        if any(is_null(c) or not re.fullmatch(r"\w{1,16}", c) for c in counts):
-            continue
-        if sum(a != b for a, b in pairwise(cells)) < 0.3 * len(cells):
+        changes = sum(a != b for a, b in pairwise(cells)) >= 0.3 * len(cells)
+        few = 2 <= len(counts) <= 32 and min(counts.values()) >= 3
+        if i in time or not (few and changes and all(re.fullmatch(r"\w{1,16}", c) for c in counts)):
             continue
         key = np.array(cells)
-        smooth, judged = 0, 0
-        for k, value in numeric.items():
-            if k == i or len(set(value)) < max(5, len(value) // 10):
-                continue
+        smooth = []
+        for value in (value for k, value in numeric.items() if k != i):
             across = median(np.abs(np.diff(value)))
             within = median(np.concatenate([np.abs(np.diff(value[key == c])) for c in counts]))
-            judged += 1
-            smooth += within < 0.5 * across
-        if judged and smooth >= 0.5 * judged:
+            smooth.append(within < 0.5 * across)
+        if smooth and sum(smooth) >= 0.5 * len(smooth):
             devices = sorted(counts)
             return Finding(
-                "devices-interleaved", "warning", channel=name, count=len(devices),
+                "devices-interleaved", "warning", channel=dialect.names[i], count=len(devices),
                 values={"devices": len(devices)},
                 names={
-                    "groups": listed(devices), "column": toml(name), "first": toml(devices[0]),
+                    "groups": listed(devices), "column": toml(dialect.names[i]),
+                    "first": toml(devices[0]),
                 },
             )  # fmt: skip
     return None

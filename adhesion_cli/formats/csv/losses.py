@@ -2,164 +2,140 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.finding import Finding, Severity, Span, merged
-from ...core.model import Bools, Times
+from ...core.model import Bools, Reject, Times
 from .block_parser import Part, Rows
 from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
 from .dialect import Dialect, split
-from .rejects import Rejects
+from .lines import Lines
 
 _MOST = 20  # spans of one finding
 _SHOWN = 40  # characters of a cell or row in a message
 
-SKIPPED = {  # classes of rows that are data and are left out
+_SKIPPED = {  # classes of rows that are data and are left out
     "too few cells": "too few cells",
     "too many cells": "too many cells",
     "time missing": "no time stamp",
     "time unreadable": "time stamp not readable",
     "group missing": "no device or axle",
     "NUL bytes": "NUL bytes, from space that was never written",
-    "cut off": "cut off at the end of the data",
-    "another table": "another table above the header",
-    "another header": "below a header of other columns or units",
 }
-_CODES: dict[int, tuple[str, Severity, str]] = {
+_CELLS: dict[int, tuple[str, Severity, str]] = {
     NO_VALUE: ("csv-missing-cells", "info", ""),
     NO_NUMBER: ("csv-bad-cells", "warning", "no number"),
     IS_INFINITE: ("not-a-number", "warning", "infinite"),
 }
 
 
+@dataclass(slots=True)
+class _Loss:
+    """Rows, or cells of one column, that are left out for one reason."""
+
+    line: int  # of the first
+    text: str
+    count: int = 0
+    places: list[Rows] = field(default_factory=list)  # rows used before each
+    lines: list[Rows] = field(default_factory=list)  # only where rejects are wanted
+
+
 class Losses:
     """Counts lines by class, and cells that hold no number.
 
-    `rejects` remembers each row and cell; None where the user does not want them.
+    It is also the list of rejects: each row and cell left out, in the file's order. Their texts are
+    read from the file again.
     """
 
-    def __init__(self, dialect: Dialect, rejects: Rejects | None) -> None:
+    def __init__(self, dialect: Dialect, source: Lines, remember: bool) -> None:
         self.lines: Counter[str] = Counter(dialect.before)
-        self.cells: Counter[tuple[int, int]] = Counter()  # column and state
-        self.rejects = rejects
-        self._dialect = dialect
-        self._first = dict(dialect.first)  # line and text
-        self._first_cell: dict[tuple[int, int], tuple[int, str]] = {}
-        self._spans: dict[str | tuple[int, int], list[Span]] = {}  # [ns]
-        self._early = set(self.lines)  # classes of lines before the first row that has a time
-        if rejects is not None and dialect.above:
-            rejects.add(np.array([row[:2] for row in dialect.above]), "another table")
+        self.rows: dict[str, _Loss] = {}
+        self.cells: dict[tuple[int, int], _Loss] = {}  # by column and state
+        self._dialect, self._source, self._remember = dialect, source, remember
 
-    def parsed(self, part: Part) -> None:
-        """Counts what the parser left out of a block."""
-        self.lines.update({"blank": part.blank, "inside quotes": part.inside})
-        for kind, numbers in part.wrong.items():
-            self._count(part, numbers, kind)
+    def add(self, part: Part, keep: Bools, used: int) -> None:
+        """Counts what is left out of a block.
 
-    def rows(self, part: Part, which: Bools, kind: str) -> None:
-        """Counts rows of a block's arrays that are left out."""
-        if which.any():
-            self._count(part, part.numbers(np.flatnonzero(which)), kind)
-
-    def _count(self, part: Part, numbers: Rows, kind: str) -> None:
-        self.lines[kind] += len(numbers)
-        if kind not in self._first:
-            self._first[kind] = part.text(int(numbers[0]))
-        if kind in SKIPPED:
-            part.gone[kind] = numbers
-            self._reject(part, numbers, kind)
-
-    def _reject(self, part: Part, numbers: Rows, reason: str, column: int = -1) -> None:
-        if self.rejects is not None:
-            self.rejects.add(part.places(numbers)[:, 2:], reason, column)
-
-    def cells_of(self, part: Part, keep: Bools) -> None:
-        """Counts cells without a number in the rows of a block that are kept."""
-        for (i, state), k in ((item, k) for item in part.states.items() for k in _CODES):
-            which = (state == k) & keep
-            if not which.any():
-                continue
-            rows = np.flatnonzero(which)
-            self.cells[i, k] += len(rows)
-            ends = np.flatnonzero(np.diff(rows, prepend=-2, append=-2) != 1)
-            t = part.times[rows]
-            self._spans.setdefault((i, k), []).extend(_longest(t[ends[:-1]], t[ends[1:] - 1]))
-            if k != NO_VALUE:
-                self._reject(part, part.numbers(rows), _CODES[k][2], i)
-            if (i, k) not in self._first_cell:
-                line, text = part.line(int(rows[0]))
-                cells = split(text, part.block.delimiter)
-                self._first_cell[i, k] = line, cells[i] if i < len(cells) else ""
-
-    def timed(self, part: Part, keep: Bools, before: int | None) -> None:
-        """Notes when rows were left out: from the time of the row before to that of the next.
-
-        `keep` are the rows that are used. `before` is the time of the last one before the block
-        [ns], None where there is none.
+        `keep` are the rows of its arrays that are used, `used` counts those of earlier blocks.
         """
-        t = part.times[keep]
-        if before is None and not len(t):
-            self._early |= part.gone.keys()
-            return
-        first = t[0] if before is None else before
-        for kind in self._early:
-            self._spans.setdefault(kind, []).append((int(first), int(first)))
-        self._early = set()
-        if not part.gone:
-            return
-        edges = np.concatenate(([first], t, [t[-1] if len(t) else first]))
-        rows = part.numbers(np.flatnonzero(keep))
-        for kind, numbers in part.gone.items():
-            at = np.unique(np.searchsorted(rows, numbers))
-            self._spans.setdefault(kind, []).extend(_longest(edges[at], edges[at + 1]))
+        kept = part.kept[keep]
+        for kind, lines in part.gone.items():
+            self.lines[kind] += len(lines)
+            if kind in _SKIPPED:
+                first = int(lines[0])
+                new = _Loss(part.block.first_line + first, part.text(first))
+                loss = self.rows.setdefault(kind, new)
+                self._add(loss, part, lines, used + np.searchsorted(kept, lines))
+        for i, state in part.states.items():
+            for k in _CELLS:
+                rows = np.flatnonzero(state[keep] == k)
+                if not len(rows):
+                    continue
+                if (i, k) not in self.cells:
+                    first = int(kept[rows[0]])
+                    cells = split(part.text(first), self._dialect.delimiter)
+                    cell = cells[i] if i < len(cells) else ""
+                    self.cells[i, k] = _Loss(part.block.first_line + first, cell)
+                self._add(self.cells[i, k], part, kept[rows], used + rows)
 
-    def cut_off(self, line: int, text: str, last: int) -> None:
-        """Counts the row in which the data end; `last` is the time of the row before [ns]."""
-        self.lines["cut off"] += 1
-        self._first["cut off"] = line, text
-        self._spans["cut off"] = [(last, last)]
-        if self.rejects is not None:
-            self.rejects.add(np.full((1, 2), line), "cut off")
+    def _add(self, loss: _Loss, part: Part, lines: Rows, places: Rows) -> None:
+        loss.count += len(lines)
+        loss.places.append(np.unique(places))
+        if self._remember:
+            loss.lines.append(part.block.first_line + lines)
 
-    def findings(self, start: int) -> Iterator[Finding]:
-        """What was left out, as findings; `start` is the log's first time [ns]."""
-        for kind, reason in SKIPPED.items():
-            if n := self.lines[kind]:
-                line, text = self._first[kind]
-                yield Finding(
-                    "csv-rows-skipped", "warning", count=n, spans=self._seconds(kind, start),
-                    values={"line": line}, names={"reason": reason, "example": quoted(text)},
-                )  # fmt: skip
-        if n := self.lines["header again"]:
-            line, _ = self._first["header again"]
-            yield Finding("csv-header-again", "info", count=n, values={"line": line})
-        for (i, k), n in sorted(self.cells.items()):
-            code, severity, _ = _CODES[k]
-            line, cell = self._first_cell[i, k]
-            said = self.lines["used"] - self.cells[i, NO_VALUE]
-            if k == NO_NUMBER and not self._dialect.column(i) and n == said:
+    def findings(self, t: Times, start: int) -> Iterator[Finding]:
+        """What was left out, as findings.
+
+        Args:
+            t: times of the rows that are used [ns], shape (n,).
+            start: the log's first time [ns].
+        """
+        for kind, loss in sorted(self.rows.items(), key=lambda item: [*_SKIPPED].index(item[0])):
+            spans = _spans(loss, t, start, whole=True)
+            names = {"reason": _SKIPPED[kind], "example": quoted(loss.text)}
+            yield Finding(
+                "csv-rows-skipped", "warning", count=loss.count, spans=spans,
+                values={"line": loss.line}, names=names,
+            )  # fmt: skip
+        for (i, k), loss in sorted(self.cells.items()):
+            code, severity, _ = _CELLS[k]
+            empty = self.cells.get((i, NO_VALUE))
+            said = len(t) - (empty.count if empty else 0)
+            if k == NO_NUMBER and not self._dialect.column(i) and loss.count == said:
                 severity = "info"  # a column of words that begin late is not a channel
             yield Finding(
-                code, severity, channel=self._dialect.names[i], count=n,
-                spans=self._seconds((i, k), start), values={"line": line},
-                names={"example": quoted(cell)},
+                code, severity, channel=self._dialect.names[i], count=loss.count,
+                spans=_spans(loss, t, start, whole=False), values={"line": loss.line},
+                names={"example": quoted(loss.text)},
             )  # fmt: skip
 
-    def _seconds(self, of: str | tuple[int, int], start: int) -> tuple[Span, ...]:
-        spans = [((a - start) / 1e9, (b - start) / 1e9) for a, b in self._spans.get(of, [])]
-        return merged(spans, _MOST)
+    def __iter__(self) -> Iterator[Reject]:
+        names = self._dialect.names
+        found = [(loss, kind, "") for kind, loss in self.rows.items()]
+        found += [(loss, _CELLS[k][2], names[i]) for (i, k), loss in self.cells.items() if k > 1]
+        every = sorted(
+            (line, n) for n, (loss, _, _) in enumerate(found) for part in loss.lines
+            for line in part.tolist()
+        )  # fmt: skip
+        texts = self._source.texts([line for line, _ in every])
+        for (line, n), text in zip(every, texts, strict=True):
+            yield Reject(line, found[n][1], found[n][2], text)
 
 
-def _longest(begins: Times, ends: Times) -> list[Span]:
-    """Stretches [ns], those with the least time between them joined to `_MOST`."""
-    if len(begins) > _MOST:
-        gaps = begins[1:] - ends[:-1]
-        cuts = np.sort(np.argpartition(gaps, 1 - _MOST)[1 - _MOST :])
+def _spans(loss: _Loss, t: Times, start: int, *, whole: bool) -> tuple[Span, ...]:
+    """When cells were lost; of whole rows from the time of the row before to that of the next."""
+    places = np.unique(np.concatenate(loss.places))
+    cuts = np.flatnonzero(np.diff(places) != 1)
+    first, last = places[np.append(0, cuts + 1)], places[np.append(cuts, -1)]
+    begins, ends = t[np.maximum(first - whole, 0)], t[np.minimum(last, len(t) - 1)]
+    if len(begins) > _MOST:  # those with the least time between them are joined
+        cuts = np.sort(np.argpartition(begins[1:] - ends[:-1], 1 - _MOST)[1 - _MOST :])
         begins, ends = begins[np.append(0, cuts + 1)], ends[np.append(cuts, -1)]
-    both: NDArray[np.int64] = np.sort([begins, ends], axis=0)  # a clock may have gone back
-    return list(zip(*both.tolist(), strict=True))
+    both = np.sort([begins, ends], axis=0) - start  # a clock may have gone back
+    return merged([(a / 1e9, b / 1e9) for a, b in both.T.tolist()], _MOST)
 
 
 def quoted(text: str) -> str:

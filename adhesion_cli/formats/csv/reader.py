@@ -1,8 +1,4 @@
-"""Delimited text logs: their fields, their columns, and findings about their rows and cells.
-
-`detect_dialect` decides how the log is written, `time_column` which column is the time, and
-`long_table` which rows belong together. `rows` reads the wanted columns.
-"""
+"""Delimited text logs: their fields, their columns, and findings about their rows and cells."""
 
 import re
 from collections import Counter
@@ -14,25 +10,25 @@ import numpy as np
 import pyarrow as pa
 
 from ...core.errors import UserError
-from ...core.finding import Finding, merged
+from ...core.finding import Finding
 from ...core.model import Column, Reject, Times
-from ...core.time_axis import earliest, unwrapped
+from ...core.time_axis import earliest
 from ...core.units import in_name
 from ...core.units import unit as known_unit
 from ..source import Field, ReadOptions
 from .block_parser import Table
-from .clock import Clock, backwards
+from .clock import Clock
 from .detect_dialect import detect_dialect
-from .dialect import Dialect, is_null, number_grammar
-from .lines import read_head, read_tail
+from .dialect import Dialect, is_stamp, number_grammar
+from .lines import read_head
 from .long_table import Series, find_keys, interleaved
 from .losses import quoted
-from .rows import Reading, read_rows
-from .time_column import find_clock, listed, toml
+from .rows import read_rows
+from .time_column import find_clock, toml
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
+_DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*")
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
-_HALF_DAY = 43_200 * 1_000_000_000
 
 
 def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
@@ -55,7 +51,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     if not dialect.headed and options.time_channel is None:
         raise _headerless(dialect, path)
     rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path), int(rows))
+    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path))
 
 
 class CsvSource:
@@ -66,9 +62,7 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(
-        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, expected: int
-    ) -> None:
+    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
         self.path = path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
@@ -79,17 +73,16 @@ class CsvSource:
         self.lines: Counter[str] = Counter()
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
-        types = dict.fromkeys(clock.columns, clock.types)
-        self._table = Table(path, options, dialect, clock, types, {}, expected)
+        types = dict.fromkeys(clock.columns, clock.type)
+        self._table = Table(path, options, dialect, clock, types, {})
         self._keys = find_keys(self._table)
         self._series = list(self._keys.series.values()) or [Series()]
         self.findings += self._keys.findings
         names = dialect.names
         taken = {*clock.columns, *self._keys.columns}
-        self._tail = read_tail(path, dialect)
         for i in range(len(names)):
             if unit := _unit_in(dialect.column(i), dialect.decimal):
-                types[i], self._table.units[i] = (pa.string(),), unit
+                types[i], self._table.units[i] = pa.string(), unit
         free = [i for i in range(len(names)) if i not in taken]
         numeric = [i for i in free if self._is_numeric(i)]
         self._places = self._fields(numeric)  # number of the series, and column
@@ -103,14 +96,7 @@ class CsvSource:
         if self._keys.columns:
             keys = " and ".join(repr(names[i]) for i in self._keys.columns)
             self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
-        if dialect.duplicates:
-            self._report(
-                Finding(
-                    "csv-duplicate-names", "info", count=len(dialect.duplicates),
-                    names={"columns": listed(dialect.duplicates)},
-                )
-            )  # fmt: skip
-        if not self._keys.columns and (found := interleaved(dialect, clock.columns)):
+        elif found := interleaved(dialect, clock.columns):
             self._report(found)
 
     def _fields(self, numeric: Sequence[int]) -> dict[Field, tuple[int, int]]:
@@ -135,14 +121,11 @@ class CsvSource:
         return places
 
     def _report_text(self, i: int) -> None:
-        """Reports a column of words that looks as if it should hold numbers."""
+        """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
         name, cells = self._dialect.names[i], self._dialect.column(i)
-        if self._other_decimal(i):
-            decimal = {"decimal": repr(self._dialect.decimal)}
-            self._report(Finding("csv-mixed-decimals", "warning", channel=name, names=decimal))
-            return
         unit = known_unit(self._dialect.units[i] or in_name(name)[1])
-        if cells and unit and unit.dimension in _MEASURED:
+        digits = sum(bool(_DIGITS.fullmatch(c)) and not is_stamp(c) for c in cells)
+        if cells and (digits > len(cells) / 2 or (unit and unit.dimension in _MEASURED)):
             self._report(
                 Finding(
                     "csv-no-numbers", "warning", channel=name, count=len(cells),
@@ -162,38 +145,35 @@ class CsvSource:
         """
         indices = sorted({self._places[f][1] for f in wanted})
         read = read_rows(self._table, indices, self._keys.columns, list(self._keys.series))
-        t, codes, values, losses = read.times, read.codes, read.values, read.losses
-        self.lines = Counter({kind: n for kind, n in losses.lines.items() if n})
-        self.rows = losses.lines["used"] + losses.lines["other group"]
-        self.rejects = losses.rejects or ()
+        t, codes = read.times, read.codes
+        self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
+        self.rows = self.lines["used"] + self.lines["other group"]
+        self.rejects = read.losses if self._options.rejects else ()
         self._refuse_time(t)
-        self._report_reading(read)
+        for finding in read.losses.findings(t, earliest(t)):
+            self._report(finding)
+        if read.lines.open_end:
+            self._report(Finding("csv-no-final-newline", "info"))
+        lossy = {i for i, _ in read.losses.cells}
         order = np.argsort(codes, kind="stable")  # each series in the log's own order
         bounds = np.searchsorted(codes, np.arange(len(self._series) + 1), sorter=order)
         times: dict[int, Times] = {}
         out = []
         for f in wanted:
             k, i = self._places[f]
-            value = values[i]
-            if len(codes):
+            value = read.values[i]
+            if len(self._series) > 1:
                 rows = order[bounds[k] : bounds[k + 1]]
                 value = value[rows]
                 times.setdefault(k, t[rows])
-            whole = not any(column == i for column, _ in losses.cells)
-            valid = np.ones(len(value), np.bool_) if whole else np.isfinite(value)
+            valid = np.isfinite(value) if i in lossy else np.ones(len(value), np.bool_)
             out.append(Column(times.get(k, t), value, valid))
         return out
 
     def _refuse_time(self, t: Times) -> None:
-        """Refuses times that never change, always fall, or are hours and minutes."""
+        """Refuses times that never change, or nearly always fall."""
         i = self._clock.columns[-1]
         name, cells = self._dialect.names[i], self._dialect.column(i)
-        if self._clock.is_packed(t, cells):
-            raise UserError(
-                f"{self.path}: time column {name!r} writes hours, minutes and seconds as one "
-                f"number, as {cells[0]!r}",
-                "export it in seconds, or as 12:34:56.7",
-            )
         falls = np.count_nonzero(t[1:] < t[:-1])
         if not falls and t[0] == t[-1]:
             what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
@@ -202,51 +182,20 @@ class CsvSource:
                 "state another column, as time = {channel = …} under [channels], or log anew",
             )
         if falls > 0.9 * (len(t) - 1) > 1:
-            raise backwards(self.path, name, cells)
+            raise UserError(
+                f"{self.path}: time column {name!r} runs backwards (from {cells[0]} to "
+                f"{cells[-1]})",
+                "export the rows in the order of time, the oldest first; nothing is sorted here",
+            )
 
     def _is_numeric(self, i: int) -> bool:
-        """Whether a column holds numbers: in the head, or else near the end of the file."""
+        """Whether a column holds numbers in the head; an empty one may later, if it has a name."""
         if i in self._table.units:
             return True
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
-            return not self._dialect.headed  # an empty column without a name
-        number = self._dialect.number()
-        late = [c for row in self._tail if not is_null(c := row[i])]
-        return any(
-            sum(bool(number.fullmatch(c)) for c in of) >= _NUMERIC * len(of) for of in (cells, late)
-        )
-
-    def _other_decimal(self, i: int) -> bool:
-        """Whether a column's numbers have the decimal mark that the other columns do not."""
-        mark = "." if self._dialect.decimal == "," else ","
-        cells = self._dialect.column(i)
-        found = [c for c in cells if mark in c and number_grammar(mark).fullmatch(c)]
-        return len(found) > len(cells) / 2
-
-    def _report_reading(self, read: Reading) -> None:
-        """Reports what a pass over the file has left out, and how the file ends."""
-        start = earliest(read.times)
-        for finding in read.losses.findings(start):
-            self._report(finding)
-        if read.lines.damage:
-            damage = {"damage": read.lines.damage}
-            self._report(Finding("csv-gzip-damaged", "warning", names=damage))
-        if read.lines.open_end:
-            self._report(Finding("csv-no-final-newline", "info"))
-        if self._clock.pattern and not self.absolute:
-            t = read.times
-            back = np.flatnonzero(np.diff(unwrapped(t)[0]) < -_HALF_DAY)
-            if len(back):
-                pairs = np.sort([t[back], t[back + 1]], axis=0) - start
-                spans = [(a / 1e9, b / 1e9) for a, b in pairs.T.tolist()]
-                name = self._dialect.names[self._clock.columns[0]]
-                self._report(
-                    Finding(
-                        "time-of-day-wrapped", "warning", channel=name, count=len(back),
-                        spans=merged(spans),
-                    )
-                )  # fmt: skip
+            return not self._dialect.headed
+        return len(self._dialect.numbers(i)) >= _NUMERIC * len(cells)
 
     def _report(self, finding: Finding) -> None:
         """Adds a finding that is not there from an earlier reading.
@@ -275,12 +224,6 @@ def _unit_in(cells: list[str], decimal: str) -> str:
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:
     """The refusal of a table without names of columns, with the mapping to write."""
-    if dialect.above:
-        return UserError(
-            f"{path}: the rows from line {dialect.first_line} on have no header, and those above, "
-            f"from line {dialect.above[0][0]} on, another delimiter or number of columns",
-            "split the log there, and read each part by itself",
-        )
     first = dialect.rows[0]
     found = interleaved(dialect, (0,))
     group, hint, rest = "", "", list(range(2, len(first) + 1))

@@ -15,11 +15,10 @@ from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
 from .block_parser import Parser, Part, Table
-from .dialect import is_null
+from .cells import is_missing
+from .dialect import is_comment, is_null, split
 from .lines import Lines
 from .losses import Losses
-from .rejects import Rejects
-from .row_filter import RowFilter
 
 Key = tuple[str, ...]  # cells of the key columns
 
@@ -32,7 +31,7 @@ class Reading:
     """What one pass gave: rows that have a time and a wanted key; arrays of shape (n,)."""
 
     times: Times
-    codes: NDArray[np.int64]  # number of each row's key in `met`; empty without keys
+    codes: NDArray[Any]  # number of each row's key in `met`; zeros without keys
     values: dict[int, Floats]
     met: list[Key]
     losses: Losses
@@ -51,35 +50,34 @@ def read_rows(
         wanted: their cells; None for every series that occurs.
 
     Raises:
-        UserError: where no row has a time, or the file cannot be read.
+        UserError: where no row has a time, another header stands among the rows, or the file
+            cannot be read.
     """
     for i in indices:
-        table.types.setdefault(i, (pa.float64(), pa.string()))
+        table.types.setdefault(i, pa.float64())
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
-    rejects = Rejects(lines, table.dialect.names) if table.options.rejects else None
-    losses = Losses(table.dialect, rejects)
-    rows = RowFilter(table, losses, bool(keys))
-    groups = _Groups(keys, wanted, losses)
-    parser = Parser(table, indices, keys)
-    kept = _Kept([_T, _SERIES] if keys else [_T], indices, table.expected)
-    for part in _parts(lines, parser):
-        losses.parsed(part)
-        keep = rows.used(part)
+    losses = Losses(table.dialect, lines, table.options.rejects)
+    groups = _Groups(keys, wanted)
+    kept: dict[int, list[NDArray[Any]]] = {i: [] for i in (_T, _SERIES, *indices)}
+    used = 0
+    for part in _parts(lines, Parser(table, indices, keys)):
+        if not part.timed.all():
+            _classify_untimed(table, part)
+        keep = part.timed.copy()
         codes = groups.codes(part, keep)
-        losses.cells_of(part, keep)
-        losses.timed(part, keep, kept.last)
-        kept.add({_T: part.times, _SERIES: codes, **part.values}, keep)
-    if kept.last is None:
+        losses.add(part, keep, used)
+        every = bool(keep.all())
+        for i, array in {_T: part.times, _SERIES: codes, **part.values}.items():
+            kept[i].append(array if every else array[keep])
+        used += int(keep.sum())
+    if not used:
         raise UserError(
             f"{table.path}: no row has a time stamp that can be read",
             'state the time, as time = {channel = "…", unit = "s"} under [channels]',
         )
-    losses.lines["used"] = kept.used
-    if lines.cut_off:
-        losses.cut_off(*lines.cut_off, kept.last)
-    final = kept.columns()
-    codes = final.pop(_SERIES, np.empty(0, np.int64))
-    return Reading(final.pop(_T), codes, final, groups.met, losses, lines)
+    losses.lines["used"] = used
+    whole = {i: np.concatenate(kept.pop(i)) for i in list(kept)}
+    return Reading(whole.pop(_T), whole.pop(_SERIES), whole, groups.met, losses, lines)
 
 
 def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
@@ -95,47 +93,47 @@ def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
             yield waiting.popleft().result()
 
 
-class _Kept:
-    """Columns that grow as rows are added."""
+def _classify_untimed(table: Table, part: Part) -> None:
+    """Notes the rows that have no time by class.
 
-    def __init__(self, whole: list[int], floats: list[int], expected: int) -> None:
-        self.used = 0
-        room = expected + expected // 16
-        self._columns: dict[int, NDArray[Any]] = {i: np.empty(room, np.int64) for i in whole}
-        self._columns |= {i: np.empty(room) for i in floats}
-
-    @property
-    def last(self) -> int | None:
-        """Time of the last row [ns]."""
-        return int(self._columns[_T][self.used - 1]) if self.used else None
-
-    def add(self, arrays: dict[int, NDArray[Any]], keep: Bools) -> None:
-        """Adds the rows that are kept of each column."""
-        end = self.used + int(keep.sum())
-        every = bool(keep.all())
-        for i, column in self._columns.items():
-            if end > len(column):
-                self._columns[i] = np.empty(2 * end, column.dtype)
-                self._columns[i][: self.used] = column[: self.used]
-            self._columns[i][self.used : end] = arrays[i] if every else arrays[i][keep]
-        self.used = end
-
-    def columns(self) -> dict[int, NDArray[Any]]:
-        """The columns as far as they are filled."""
-        return {i: column[: self.used] for i, column in self._columns.items()}
+    Raises:
+        UserError: where one of them is a header of other columns or units.
+    """
+    dialect = table.dialect
+    missing = np.zeros(len(part.timed), bool)
+    for i in table.clock.columns:
+        missing |= is_missing(part.arrays[i])
+    kinds: dict[str, list[int]] = {}
+    for row in np.flatnonzero(~part.timed).tolist():
+        line = int(part.kept[row])
+        text = part.text(line)
+        kind = "time missing" if missing[row] else "time unreadable"
+        if is_comment(text):
+            kind = "comment"
+        elif not missing[row] and dialect.repeats_header(cells := split(text, dialect.delimiter)):
+            kind = "header"
+        elif not missing[row] and dialect.is_another_header(cells):
+            raise UserError(
+                f"{table.path}: line {part.block.first_line + line} is a header of other columns "
+                "or units",
+                "split the log there, and read each part by itself",
+            )
+        kinds.setdefault(kind, []).append(line)
+    for kind, at in kinds.items():
+        part.gone[kind] = np.sort(np.append(part.gone.get(kind, np.empty(0, np.int64)), at))
 
 
 class _Groups:
-    """Finds the key of each row, and counts rows of no or another series."""
+    """Finds the key of each row, and the rows of no or another series."""
 
-    def __init__(self, keys: tuple[int, ...], wanted: list[Key] | None, losses: Losses) -> None:
+    def __init__(self, keys: tuple[int, ...], wanted: list[Key] | None) -> None:
         self.met = list(wanted or [])
-        self._keys, self._all, self._losses = keys, wanted is None, losses
+        self._keys, self._all = keys, wanted is None
 
-    def codes(self, part: Part, keep: Bools) -> NDArray[np.int64]:
+    def codes(self, part: Part, keep: Bools) -> NDArray[Any]:
         """Number of each row's key in `met`; takes rows without a wanted one from `keep`."""
         if not self._keys:
-            return np.empty(0, np.int64)
+            return np.zeros(len(keep), np.int8)
         cells = [pc.fill_null(pc.cast(part.arrays[i], pa.string()), "") for i in self._keys]
         cells = [pc.utf8_trim_whitespace(c) for c in cells]
         encoded = pc.binary_join_element_wise(*cells, "\0").dictionary_encode()  # no row has a NUL
@@ -148,7 +146,8 @@ class _Groups:
                 at.setdefault(keys[k], len(at))
             self.met = list(at)
         codes: NDArray[np.int64] = np.array([at.get(v, -1) for v in keys], np.int64)[index]
-        self._losses.rows(part, keep & ~said[index], "group missing")
-        self._losses.rows(part, keep & said[index] & (codes < 0), "other group")
+        for kind, which in (("group missing", ~said[index]), ("other group", said[index])):
+            if (lost := keep & which & (codes < 0)).any():
+                part.gone[kind] = part.kept[lost]
         keep &= codes >= 0
         return codes

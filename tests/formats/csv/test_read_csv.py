@@ -91,8 +91,6 @@ SAME = {
     "lines of blanks": PLAIN.replace("\n", "\n  \n"),
     "units row": PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"),
     "units row in brackets": PLAIN.replace("t [s],p,v\n", "t,p,v\n[s],[bar],[km/h]\n"),
-    "blanks in aligned names": "t in s   p of 1  v of 1\n0.00      1.5     20\n"
-    "0.01      2.5     19\n0.02      3.5     18\n",
     "ms": "time_ms,p,v\n0,1.5,20\n10,2.5,19\n20,3.5,18\n",
     "us": "timestamp_us,p,v\n0,1.5,20\n10000,2.5,19\n20000,3.5,18\n",
     "ns": "t [ns],p,v\n0,1.5,20\n10000000,2.5,19\n20000000,3.5,18\n",
@@ -110,8 +108,8 @@ SAME = {
     .replace("0\n", "0,on\n")
     .replace("9\n", '9,"o,f"\n')
     .replace("8\n", "8,on\n"),
-    "quoted line ends": PLAIN.replace("v\n", 'v,"no\nte"\n')
-    .replace("0\n", '0,"a\nb"\n')
+    "quoted quotes": PLAIN.replace("v\n", 'v,"no,te"\n')
+    .replace("0\n", '0,"a""b"\n')
     .replace("9\n", '9,""""\n')
     .replace("8\n", "8,c\n"),
     "catman": (
@@ -155,10 +153,8 @@ STAMPS = {
     "German in Datum": ("Datum", "21.11.2026 13:05:07,000", "21.11.2026 13:05:07,250"),
     "US, day above 12": ("Time", "11/21/2026 1:05:07.000 PM", "11/21/2026 1:05:07.250 PM"),
     "British, day above 12": ("Time", "21/11/2026 13:05:07.000", "21/11/2026 13:05:07.250"),
-    "MATLAB": ("Time", "21-Nov-2026 13:05:07.000", "21-Nov-2026 13:05:07.250"),
     "date and time": ("Date;Time", "2026-11-21;13:05:07.000", "2026-11-21;13:05:07.250"),
     "Datum und Uhrzeit": ("Datum;Uhrzeit", "21.11.2026;13:05:07,000", "21.11.2026;13:05:07,250"),
-    "compact date": ("日期;时间", "20261121;13:05:07.000", "20261121;13:05:07.250"),
     "epoch s": ("t", "1795266307.000", "1795266307.250"),
     "epoch s, six digits": ("timestamp", "1795266307.000000", "1795266307.250000"),
     "epoch ms": ("t", "1795266307000", "1795266307250"),
@@ -171,7 +167,6 @@ STAMPS = {
     ),
     "epoch with exponent": ("t", "1.795266307e9", "1.79526630725e9"),
     "Excel": ("t", "46347.5452199074", "46347.5452228009"),
-    "MATLAB serial": ("t", "740307.545219907", "740307.545222801"),
 }
 
 
@@ -182,7 +177,7 @@ def test_reads_every_form_of_absolute_time(log, name, delimiter):
     text = f"{header};p\n{first};1\n{second};2\n"
     source, columns = read(log, text.replace(";", delimiter))
     t = columns["p"].t
-    tolerance = 50_000 if "Excel" in name or "serial" in name else 0
+    tolerance = 50_000 if "Excel" in name else 0
     assert abs(t - [EPOCH, EPOCH + S // 4]).max() <= tolerance
     assert source.absolute
     assert not codes(source)
@@ -190,13 +185,6 @@ def test_reads_every_form_of_absolute_time(log, name, delimiter):
 
 RELATIVE = {
     "time of day": ("Time;p\n13:05:07,000;1\n13:05:07,250;2\n", {}, 47_107 * S),
-    "minutes and seconds": ("Time;p\n05:07.000;1\n05:07.250;2\n", {}, 307 * S),
-    "seconds, MATLAB": ("Time,p\n75.000 sec,1\n75.25 sec,2\n", {}, 75 * S),
-    "days, pandas": (
-        "time,p\n1 days 00:00:12.500000,1\n1 days 00:00:12.750000,2\n",
-        {},
-        86_412_500_000_000,
-    ),
     "minutes": ("Zeit [min];p\n0.5;1\n0.75;2\n", {}, 30 * S),
     "stated ms": ("x;p\n1000;1\n1250;2\n", {"time_channel": "x", "time_unit": "ms"}, S),
     "by number": ("1;7\n1.25;8\n1.5;9\n", {"time_channel": "column 1", "time_unit": "s"}, S),
@@ -214,7 +202,7 @@ def test_reads_every_form_of_relative_time(log, name):
 
 def test_a_time_in_an_unknown_form_is_refused_and_no_measured_column_taken_for_it(log):
     log.write_text("time,p [bar]\n" + "".join(f"PT{k}S,{k / 10}\n" for k in range(9)))
-    with pytest.raises(UserError, match="'time' holds no times, as 'PT0S'") as error:
+    with pytest.raises(UserError, match=r"'time' holds no times .* as 'PT0S'") as error:
         open_csv(log, ReadOptions())
     assert "export it in seconds" in error.value.hint
 
@@ -307,49 +295,13 @@ def test_rows_left_out_say_when(log, lines, first_s):
     assert min(found)[0][0] == first_s
 
 
-@pytest.mark.parametrize("stamp", ["2024-10-27 02:59:{}", "02:59:{}", "02:59:{} +0100", "{}"])
-@pytest.mark.parametrize(("rate", "digits"), [(100, 3), (30, 6)])
-def test_fractions_without_leading_zeros_are_refused(log, stamp, rate, digits):
-    seconds = [divmod(k * 10**digits // rate, 10**digits) for k in range(300)]
-
-    def text(form):
-        rows = (f"{stamp.format(f'{5 + s:02}.{form(f)}')};{s}" for s, f in seconds)
-        return "Time;p\n" + "\n".join(rows) + "\n"
-
-    with pytest.raises(UserError, match="lack their leading zeros") as refused:
-        read(log, text(str))
-    assert f"all {digits} decimals" in refused.value.hint
-    for sound in (lambda f: f"{f:0{digits}}", lambda f: f"{f:0{digits}}".rstrip("0") or "0"):
-        _, columns = read(log, text(sound))
-        assert len(columns["p"].t) == 300
-
-
-@pytest.mark.parametrize("stamp", ["2024-10-27T02:59:{}Z", "{}"])
-def test_fractions_without_leading_zeros_are_refused_behind_the_head_too(log, stamp):
-    seconds = [divmod(k, 10_000) for k in range(11_000, 32_000)]  # 1100 to 1999 and on
-    rows = (f"{stamp.format(f'{5 + s:02}.{f}')};1" for s, f in seconds)
-    with pytest.raises(UserError, match="lack their leading zeros"):
-        read(log, "Time;p\n" + "\n".join(rows) + "\n")
-
-
-def test_row_that_ends_inside_a_number_is_left_out(log):
-    whole = "t [s];p\n" + "".join(f"{k};{k},25\n" for k in range(30))
-    for end, left in (("30;30,2", 1), ("30;30,", 1), ("30;3", 1), ("30;30,25", 0)):
-        source, columns = read(log, whole + end, rejects=True)
-        assert len(columns["p"].t) == 31 - left
-        assert source.lines["cut off"] == left
-        assert [(r.line, r.text) for r in source.rejects] == [(32, end)] * left
-    many = "t [s];p\n" + "".join(f"{k};{k / 7!r}\n" for k in range(30))
-    assert len(read(log, many.replace(".", ",") + "30;4,2")[1]["p"].t) == 31  # as they come
-
-
 @pytest.mark.parametrize("end", ["\n", "\r"])
 def test_half_a_character_at_the_end_is_a_line(log, end):
     data = b"\xff\xfe" + PLAIN.replace("\n", end).encode("utf-16-le") + b"1"
     source, columns = read(log, data, rejects=True)
     assert columns["p"].value.tolist() == P
     assert source.lines == {"header": 1, "used": 3, "too few cells": 1}
-    assert [(r.line, r.byte) for r in source.rejects] == [(5, len(data) - 1)]
+    assert [r.line for r in source.rejects] == [5]
 
 
 def test_column_with_a_unit_and_no_numbers_is_told(log):
@@ -386,6 +338,16 @@ def test_second_reading_reports_nothing_twice(log):
     assert source.findings == before
 
 
+@pytest.mark.parametrize("cell", ['"1,23{}.5"', "51;{}", "1'00{}"])
+def test_column_of_digits_that_cannot_be_read_is_reported(log, cell):
+    rows = "".join(f"0.{k},{k}.5,{cell.format(k)}\n" for k in range(9)).replace(";", '"",')
+    rows = rows.replace('51"",', '"51,').replace("\n", '"\n') if ";" in cell else rows
+    source, columns = read(log, "t [s],v,p\n" + rows)
+    assert list(columns) == ["v"]
+    (told,) = source.findings
+    assert (told.code, told.channel, told.count) == ("csv-no-numbers", "p", 9)
+
+
 def test_temperatures_are_no_times(log):
     text = "T,T1,Datum\n" + "".join(f"{20 - k % 2},{k},2026-11-21 13:05:0{k}\n" for k in range(9))
     source, columns = read(log, text)
@@ -397,7 +359,7 @@ def test_time_in_doubt_gives_way_to_one_that_is_not(log):
     text = "time,timestamp,p\n" + "".join(f"{k},2026-11-21T13:05:0{k}Z,1\n" for k in range(2))
     source, columns = read(log, text)
     assert columns["p"].t[0] == EPOCH - 7 * S
-    assert "time-other-columns" in {f.code for f in source.findings}
+    assert "'timestamp'" in source.time_reason
 
 
 @pytest.mark.parametrize(
@@ -429,39 +391,8 @@ def test_knows_what_is_no_time(header):
     assert time_name(header) is None
 
 
-def test_midnight_that_is_continued_is_not_told_as_a_new_start(log):
-    source, _ = read(log, "Uhrzeit;p\n23:59:59.50;1\n00:00:00.50;2\n00:00:01.50;3\n")
-    assert "time-of-day-wrapped" not in codes(source)
-
-
-def test_time_of_day_is_told_to_start_anew_at_midnight(log):
-    source, columns = read(log, "Time,p\n23:59:59.5,5\n00:10:00.0,5.5\n00:10:00.5,5.5\n")
-    assert columns["p"].t.tolist() == [86_399_500_000_000, 600 * S, 600 * S + S // 2]
-    assert codes(source) == {"time-of-day-wrapped"}
-    (told,) = source.findings
-    assert (told.count, len(told.spans)) == (1, 1)
-
-
-def test_column_that_starts_with_words_is_still_a_channel(log):
-    late = "".join(f"{k},1.5,{'OFF' if k < 900 else k}\n" for k in range(1000))
-    source, columns = read(log, "t [s],p,v\n" + late)
-    assert columns["v"].value[columns["v"].valid].tolist() == list(range(900, 1000))
-    (bad,) = (f for f in source.findings if f.code == "csv-bad-cells")
-    assert (bad.count, bad.channel) == (900, "v")
-
-
-def test_column_of_the_other_decimal_mark_is_left_out_and_told(log):
-    text = "t [s];p;lat\n" + "".join(f"{k},5;1,{k}5;51.{k}\n" for k in range(8))
-    source, columns = read(log, text)
-    assert list(columns) == ["p"]
-    assert codes(source) == {"csv-mixed-decimals"}
-
-
-@pytest.mark.parametrize(
-    "head", ["s,bar,km/h\nt,p,v\n", "t,p,v\ns,bar,km/h\nof the logger,cylinder,wheel\n"]
-)
-def test_units_stand_above_the_names_or_above_remarks(log, head):
-    source, columns = read(log, PLAIN.replace("t [s],p,v\n", head))
+def test_units_stand_below_the_names(log):
+    source, columns = read(log, PLAIN.replace("t [s],p,v\n", "t,p,v\ns,bar,km/h\n"))
     assert [f.unit for f in source.fields] == ["bar", "km/h"]
     assert columns[source.fields[0].channel].t.tolist() == T
     assert source.lines["units"] == 1
@@ -499,27 +430,18 @@ def left_out(source: CsvSource) -> list[tuple[int, str, int]]:
 
 
 @pytest.mark.parametrize("widths", [(3, 4), (4, 3)])
-def test_rows_above_a_second_header_are_left_out_and_told(log, widths):
+def test_rows_above_a_second_header_are_refused(log, widths):
     names = [",".join(["t [s]", "p [bar]", "v [km/h]", "w [km/h]"][:w]) + "\n" for w in widths]
     text = names[0] + numbered(widths[0], 0, 20) + names[1] + numbered(widths[1], 20, 90)
-    source, columns = read(log, text, rejects=True)
-    assert source.rows == 90
-    assert len(columns) == widths[1] - 1
-    ((line, first, count),) = left_out(source)
-    assert (line, first[:5], count) == (2, "0.00,", 20)
-    assert [r.line for r in source.rejects] == [*range(2, 22)]
-    with pytest.raises(UserError, match="another table"):
-        read(log, text, strict=True)
-
-
-def test_a_change_of_delimiter_is_told_with_its_line(log):
-    text = "t [s],p,v\n" + numbered(3, 0, 20) + numbered(3, 20, 90, ";")
-    with pytest.raises(UserError, match="from line 22 on have no header") as error:
+    with pytest.raises(UserError, match=r"line 2 .* another table") as error:
         read(log, text)
     assert "split" in error.value.hint
-    source, _ = read(log, text, rejects=True, time_channel="column 1", time_unit="s")
-    assert source.rows == 90
-    assert left_out(source)[0][2] == 20
+
+
+def test_a_change_of_delimiter_is_refused(log):
+    text = "t [s],p,v\n" + numbered(3, 0, 20) + numbered(3, 20, 90, ";")
+    with pytest.raises(UserError, match=r"line 2 .* another table"):
+        read(log, text)
 
 
 def test_a_preamble_of_words_and_numbers_is_no_rows(log):
@@ -540,47 +462,31 @@ def test_a_preamble_of_words_and_numbers_is_no_rows(log):
         "s,kPa,km/h",
     ],
 )
-def test_a_later_header_of_other_columns_ends_the_table(log, second):
+def test_a_later_header_of_other_columns_is_refused(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
-    source, columns = read(log, text, rejects=True)
-    assert source.rows == 30
-    assert columns["p"].t.max() == 290_000_000
-    found = left_out(source)
-    assert sum(count for *_, count in found) == 51
-    assert (33, second) in [(line, text) for line, text, _ in found]
-    with pytest.raises(UserError):
-        read(log, text, strict=True)
+    with pytest.raises(UserError, match="line 33 is a header of other columns") as error:
+        read(log, text)
+    assert "split" in error.value.hint
 
 
 @pytest.mark.parametrize(
-    "second", ["t [s],p,v", "s,bar,km/h", "\ufefft [s],p,v", '"t [s]", p,v', "[s],[bar],[km/h]"]
+    "second",
+    ["t [s],p,v", "s,bar,km/h", "\ufefft [s],p,v", '"T [s]", P ,v', "[s],[bar],[km/h]"],
 )
 def test_the_same_header_again_is_no_loss(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
     source, _ = read(log, text, rejects=True, strict=True)
     assert (source.rows, list(source.rejects), codes(source)) == (80, [], set())
     assert sum(source.lines.values()) == text.count("\n")
-    (told,) = (f for f in source.findings if f.code == "csv-header-again")
-    assert (told.severity, told.count) == ("info", 1)
-    assert told.values["line"] == 33
+    assert source.lines["header"] + source.lines["units"] == 3
 
 
-@pytest.mark.parametrize("second", ['"T [s]", P ,v', "t [s],p", "lost,lost,lost"])
+@pytest.mark.parametrize("second", ["t [s],p", "lost,lost,lost"])
 def test_the_same_header_again_costs_its_own_row(log, second):
     text = f"t [s],p,v\ns,bar,km/h\n{numbered(3, 0, 30)}{second}\n{numbered(3, 30, 50)}"
     source, _ = read(log, text, rejects=True)
     assert source.rows == 80
     assert [count for *_, count in left_out(source)] == [1]
-
-
-def test_a_later_header_in_a_comment_ends_the_table_too(log):
-    text = numbered(3, 0, 30, " ")
-    head = "# time p v\n"
-    source, _ = read(log, f"{head}{text}# time for tea\n{text}", time_unit="s")
-    assert source.rows == 60
-    source, _ = read(log, f"{head}{text}{head}{text}# time v p\n{text}", time_unit="s")
-    assert source.rows == 60
-    assert source.lines["another header"] == 30
 
 
 def test_a_header_again_in_a_long_table_is_no_device(log):
@@ -636,38 +542,7 @@ def test_units_row_gives_units_and_header_text_stays(log):
 
 
 _ROWS = [f"{i / 100:.2f}\t{1 + i / 7:.4f}\t{70 - i / 9:.4f}" for i in range(30)]
-_LABVIEW = (
-    "LabVIEW Measurement\t\nSeparator\tTab\nX_Columns\t{columns}\n***End_of_Header***\t\n\t\n"
-    "Channels\t2\t\t\nY_Unit_Label\tbar\tkm/h\t\nDelta_X\t0.01\t0.01\t\n"
-    "***End_of_Header***\t\t\t\nX_Value\tp\tv\tComment\n"
-) + "".join(f"{row}\t\n" for row in _ROWS)
 _UNNAMED = "".join(f"\t{row}\n" for row in _ROWS)
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "label"),
-    [
-        (_LABVIEW.replace("{columns}", "One"), 7, "Y_Unit_Label"),
-        ("Channel\tTime\tp\tv\nunit_string\ts\tbar\tkm/h\n" + _UNNAMED, 2, "unit_string"),
-        (
-            "Channel Name\tTime\tp\tv\nUnit\ts\tbar\tkm/h\nNI_ChannelLength\t30\t30\t30\n"
-            + _UNNAMED,
-            2, "Unit",
-        ),
-    ],
-)  # fmt: skip
-def test_rows_that_their_first_cell_names_give_units_and_no_data(log, text, line, label):
-    source, columns = read(log, text)
-    assert [f.unit for f in source.fields if f.channel in ("p", "v")] == ["bar", "km/h"]
-    assert source.stated["units row"] == f"line {line} (its first cell is {label!r})"
-    assert columns["p"].value[:2].tolist() == [1.0, 1.1429]
-    assert len(columns["v"].value) == 30
-    assert not codes(source)
-
-
-def test_units_of_a_labview_log_with_a_time_for_each_channel_are_not_guessed(log):
-    source, _ = read(log, _LABVIEW.replace("{columns}", "Multi"))
-    assert not any(f.unit for f in source.fields)
 
 
 def test_a_remark_beside_a_row_is_no_label(log):
@@ -723,7 +598,7 @@ def test_duplicate_names_are_made_distinct(log):
     source, columns = read(log, "t [s],x,x\n0,1,2\n1,2,3\n")
     assert list(columns) == ["x", "x (2)"]
     assert columns["x (2)"].value.tolist() == [2, 3]
-    assert "csv-duplicate-names" in {f.code for f in source.findings}
+    assert not source.findings
 
 
 LONG = "time [s],axle,p\n0,1,10\n0,2,20\n0.1,1,11\n0.1,2,21\n0.2,1,12\n0.2,2,22\n"
@@ -831,7 +706,7 @@ def test_group_keeps_only_the_rows_asked_for(log):
         ({"encoding": "foo"}, "unknown encoding 'foo'", "cp1252"),
         (
             {"time_channel": "t [s]", "time_unit": "iso"},
-            "column 't .s.' holds numbers, as '0.00', not stamps",
+            "column 't .s.' holds no times that can be read, as '0.00'",
             "one of ns, us, ms, s",
         ),
         ({"time_unit": "weeks"}, "unknown time unit 'weeks'", "known: ns"),
@@ -851,16 +726,14 @@ def test_unknown_group_value_names_the_known_ones(log):
     assert "1, 2" in error.value.hint
 
 
-def test_time_guessed_from_a_rising_column_is_told(log):
-    source, columns = read(log, "idx,a,p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n4,1.5,6\n5,4.5,5\n")
-    assert columns["p"].t.tolist() == [0, S // 2, S, 3 * S // 2, 9 * S // 2]
-    assert codes(source) == {"time-guessed"}
-    for name in ("x [s]", "Test time", "sec"):  # it says that it is a time
-        source, _ = read(log, f"idx,{name},p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
-        assert not codes(source)
+@pytest.mark.parametrize("name", ["x [s]", "Test time", "sec"])
+def test_a_rising_column_that_says_time_is_one(log, name):
+    source, columns = read(log, f"idx,{name},p\n1,0.0,5\n2,0.5,7\n3,1.0,6\n")
+    assert columns["p"].t.tolist() == [0, S // 2, S]
+    assert not codes(source)
 
 
-@pytest.mark.parametrize("name", ["", "k", "Scan", "Distance [m]", "angle [°]"])
+@pytest.mark.parametrize("name", ["", "k", "a", "Scan", "Distance [m]", "angle [°]"])
 def test_what_rises_but_counts_rows_or_is_measured_is_no_time(log, name):
     log.write_text(f"{name},p,v\n" + "".join(f"{k},1.5,{9 - k}\n" for k in range(9)))
     with pytest.raises(UserError, match="no column is a time") as error:
@@ -871,31 +744,15 @@ def test_what_rises_but_counts_rows_or_is_measured_is_no_time(log, name):
 
 def test_no_count_of_rows_stands_in_for_stamps_that_cannot_be_read(log):
     log.write_text("x,Timestamp,p\n" + "".join(f"{k}.5,day {k},1.5\n" for k in range(9)))
-    with pytest.raises(UserError, match="'Timestamp' holds no times, as 'day 0'"):
+    with pytest.raises(UserError, match="'Timestamp' holds no times that can be read, as 'day 0'"):
         open_csv(log, ReadOptions())
 
 
-@pytest.mark.parametrize("start", [0, 43_200])
-@pytest.mark.parametrize("rate", [1, 10])
-def test_clock_times_written_as_one_number_are_refused(log, start, rate):
-    def text(form):
-        times = (divmod(k, rate) for k in range(200 * rate))
-        rows = (f"{form((start + s) % 86_400)}.{f};1" for s, f in times)
-        return "UTC time;p\n" + "\n".join(rows) + "\n"
-
-    with pytest.raises(UserError, match="hours, minutes and seconds as one number") as refused:
-        read(log, text(lambda s: f"{s // 3600:02}{s // 60 % 60:02}{s % 60:02}"))
-    assert "12:34:56.7" in refused.value.hint
-    source, _ = read(log, text(lambda s: f"{s:06}"))
-    assert source.rows == 200 * rate
-
-
-def test_stamps_of_which_some_have_a_zone_are_told(log):
+def test_stamps_of_which_some_have_a_zone(log):
     text = "".join(f"2026-11-21T13:05:0{k}{'Z' * (k % 3 > 0)},1\n" for k in range(9))
     source, columns = read(log, "time,p\n" + text)
     assert np.diff(columns["p"].t).tolist() == [S] * 8
-    (told,) = (f for f in source.findings if f.code == "time-zone-missing")
-    assert (told.channel, told.values) == ("time", {"share": 1 / 3})
+    assert "UTC where no zone is stated" in source.time_reason
 
 
 def test_log_order_is_kept(log):
@@ -916,20 +773,25 @@ def test_space_never_written_costs_only_its_rows(log, rows):
     assert skipped(source) == [(lines[:hole].count(10) + 2, "\0", 2)]
 
 
-def test_damaged_gzip_keeps_what_was_whole(log):
+def test_damaged_gzip_is_refused(log):
     text = "t [s],p\n" + "".join(f"{k},{k % 77}.5\n" for k in range(50_000))
-    source, columns = read(log, gzip.compress(text.encode())[:-4000])
-    n = len(columns["p"].t)
-    assert 10_000 < n < 50_000
-    assert columns["p"].t.tolist() == [k * S for k in range(n)]
-    assert "csv-gzip-damaged" in codes(source)
-    assert source.lines["cut off"] <= 1
+    with pytest.raises(UserError, match="gzip data are damaged") as error:
+        read(log, gzip.compress(text.encode())[:-4000])
+    assert "gzip -dc" in error.value.hint
+
+
+@pytest.mark.parametrize("rows", [9, 300_000])
+def test_a_row_of_several_lines_is_left_out(log, rows):
+    head = "".join(f"{k},{k},1\n" for k in range(rows))
+    source, columns = read(log, f't [s],p,"note"\n{head}{rows},5,"a\nb"\n{rows + 1},6,"c"\n')
+    assert columns["p"].value[-2:].tolist() == [rows - 1, 6]
+    assert source.lines == {"header": 1, "used": rows + 1, "too few cells": 2}
 
 
 REFUSED = {
     "empty": (b"", "is empty", "header and data"),
     "only blanks": (b"\n \n\n", "is empty", "header and data"),
-    "header only": (b"t [s],p 1 [bar],v 1 [km/h]\n", "one line .* and no data rows", "data rows"),
+    "header only": (b"t [s],p 1 [bar],v 1 [km/h]\n", "1 line and no data rows", "data rows"),
     "header and units only": (b"t;p;v\ns;bar;km/h\n", "no data rows", "data rows"),
     "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
     "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
@@ -938,23 +800,7 @@ REFUSED = {
     "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
     "HTML": (b"<!DOCTYPE html><html><body><table>", "HTML", "download"),
     "HTML behind a remark": (b"<!-- saved --><html><body>\n<table>\n", "HTML", "download"),
-    "Git LFS pointer": (
-        b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12\n",
-        "Git LFS",
-        "git lfs pull",
-    ),
     "JSON": (b'[{"t": 0, "p": 1}, {"t": 1, "p": 2}]', "JSON", "export"),
-    "MCAP": (b"\x89MCAP0\r\n" + bytes(100), "MCAP", "suffix"),
-    "unterminated quote": (
-        b't [s],p\n0,1\n1,"2\n' + b"2,3\n" * 500,
-        "quote opened in line 3",
-        "quote",
-    ),
-    "unterminated quote in the header": (
-        b't [s],"p [bar],v [km/h]\n' + b"2,3,4\n" * 500,
-        "quote opened in line 1 does not close",
-        "quote",
-    ),
     "no header": (
         b"0,1,2\n1,2,3\n2,3,4\n",
         "no header",
@@ -967,30 +813,15 @@ REFUSED = {
     ),
     "decimal comma as delimiter": (
         b"t [s],p,v\n" + b"".join(b"0,%02d,1,50,80,05\n" % k for k in range(9)),
-        "names 3 columns, the rows have 6: the comma is delimiter and decimal mark",
+        "names 3 columns, the rows have 6",
         "semicolons",
     ),
     "only NUL bytes": (bytes(2_000_000), "holds nothing but NUL bytes", "again"),
-    "rows out of order": (
-        b"t [s],p\n" + b"".join(b"%d,1\n" % (k ^ 1) for k in range(30)),
-        "'t .s.' falls in 15 of the first 30 rows",
-        "rows older than those before are then left out",
-    ),
     "no line end": (b"1" * 50_000_000, "no line end", "one row per line"),
     "20000 columns": (
         b"\n".join([b",".join([b"%d" % k for k in range(20_000)])] * 3),
         "20000 columns",
         "channels",
-    ),
-    "grouped thousands": (
-        b't [s],p\n0,"1,234.5"\n1,"1,235.5"\n2,"1,236.5"\n',
-        "column 'p' groups digits, as in '1,234.5'",
-        "without thousands separators, as '1234.5'",
-    ),
-    "grouped thousands or another decimal mark": (
-        b"t [s];p\n0.00;7,000\n0.01;8,100\n0.02;8,200\n",
-        "column 'p' groups digits, as in '7,000'",
-        "if ',' is its decimal mark, with '.' as the others",
     ),
     "cell of 10 MB in the first row": (
         b't [s],p\n0,"' + b"x" * 10_000_000 + b'"\n1,2\n',
@@ -1013,14 +844,9 @@ REFUSED = {
         "day/month or month/day",
         'unit = "dmy"',
     ),
-    "day or year": (
-        b"Date;Time;p\n24/05/13;13:00:00;1\n24/05/13;13:00:01;2\n",
-        "'24/05/13' in 'Date' . 'Time' may be day/month/year or year/month/day",
-        "four digits",
-    ),
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",
-        "'Date' holds no times, as '2026-01-01'",
+        "no column is a time",
         "time = {channel",
     ),
     "two different times": (
@@ -1064,10 +890,10 @@ REFUSED = {
         "unit of time column 'time_ms' is stated twice: 's' .units row. and 'ms' .header.",
         'channel = "time_ms"',
     ),
-    "hours or minutes": (
+    "hours and minutes": (
         b"Time;p\n12:05;1\n12:06;2\n",
-        "hours and minutes or minutes and seconds",
-        "seconds",
+        "'Time' holds no times that can be read, as '12:05'",
+        "13:05:07",
     ),
     "clock stands still": (
         b"t [s],p\n5.0,1\n5.0,2\n5.0,3\n",
@@ -1160,7 +986,7 @@ REJECTED = {
     "x,1,压": ("time unreadable", ""),
     ",=1+2,压": ("time missing", ""),
     "63,压,1": ("no number", "p"),
-    '64,x,"\n\n压"': ("no number", "p"),
+    '64,x,"""压"': ("no number", "p"),
     "\0\0,1": ("NUL bytes", ""),
 }
 
@@ -1176,13 +1002,8 @@ def test_every_row_and_cell_left_out_can_be_found_again(log, monkeypatch, encodi
     source, _ = read(log, raw, rejects=True, encoding=encoding)
     found = list(source.rejects)
     assert [(r.reason, r.column) for r in found] == list(REJECTED.values())
-    mark = 3 * (encoding == "utf-8-sig")
-    for reject, row in zip(found, REJECTED, strict=True):
-        text = row.replace("\n", end)
-        assert reject.text == text
-        assert raw[reject.byte :].startswith(text.encode(encoding.removesuffix("-sig")))
-        before = raw[mark : reject.byte].decode(encoding)
-        assert before.count(end) == reject.line - 1
+    assert [r.text for r in found] == list(REJECTED)
+    assert [r.line for r in found] == [63 + k for k in range(len(REJECTED))]
     assert list(source.rejects) == found
 
 
