@@ -41,11 +41,7 @@ def read(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, max_gap_
 def survey(source: Source, mappings: Sequence[Mapping], vehicle: Vehicle) -> Log:
     """Every numeric channel of an opened log on its clean time axis; SI where the unit is known."""
     meant, findings = _understood(source, mappings)
-    log = _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
-    # Counters and stamps in ns that have no meaning may be rounded.
-    used = {f"{m.field.channel} {m.field.path}" for m in meant if m.meaning}
-    kept = [f for f in log.findings if f.code != "mcap-rounded" or f.channel in used]
-    return replace(log, findings=tuple(kept))
+    return _log(source, meant, findings, lambda m, c, t0: channel(m, c, vehicle, t0))
 
 
 def unchanged(source: Source, mappings: Sequence[Mapping]) -> Log:

@@ -3,18 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .fields import MOST_LEAVES, Leaf, Steps, Tree, at, empty, is_number, names, path
+from .fields import MOST_LEAVES, Leaf, Steps, Tree, at, empty, is_number, path
 from .stamps import Stamp
-
-EXACT = 1 << 53  # up to here every integer is a double
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +35,8 @@ class Said:
 class Wanted:
     """The numbers asked for, and what the first messages said that later ones must repeat."""
 
-    leaves: Sequence[Steps]
-    asked: int  # how many of them are; the further ones are the stamp
+    leaves: Sequence[Steps]  # the numbers asked for, then those of the stamp
     lengths: dict[Steps, int]  # of the arrays that hold wanted numbers, or are empty at first
-    labels: dict[Steps, list[str]]  # of the string arrays that name elements of such arrays
     said: dict[Steps, Said]
     known: Tree  # what the first messages hold, all taken together
     iso: Steps | None = None  # the one of `leaves` that is a time as text
@@ -53,35 +47,17 @@ class Wanted:
         places = [leaf.steps for leaf in wanted]
         places += [steps for steps in (stamp.places if stamp else ()) if steps not in places]
         lengths = dict.fromkeys(islice(empty(tree), MOST_LEAVES), 0)  # never read
-        labels: dict[Steps, list[str]] = {}
         for steps in places:
             for i, step in enumerate(steps):
-                if not isinstance(step, int) or not isinstance(at(tree, steps[:i]), list):
-                    continue
-                array = at(tree, steps[:i])
-                lengths[steps[:i]] = len(array)
-                parent: Tree = at(tree, steps[: i - 1]) if i else None
-                if named := names(parent, len(array)):
-                    key = "name" if parent.get("name") is named else "names"
-                    labels[(*steps[: i - 1], key)] = named
+                if isinstance(step, int):
+                    lengths[steps[:i]] = len(at(tree, steps[:i]))
         said: dict[Steps, Said] = {}
         for i, leaf in enumerate(wanted):
             for place, text in ((leaf.label_at, leaf.label), (leaf.unit_at, leaf.unit)):
                 if place:
                     said.setdefault(place, Said(text, [])).leaves.append(i)
         iso = stamp.places[0] if stamp and stamp.text else None
-        return cls(tuple(places), len(wanted), lengths, labels, said, tree, iso)
-
-    def described(self, steps: Steps) -> list[int]:
-        """Which wanted numbers a string gives their unit or name, or an array of names theirs."""
-        if steps in self.said:
-            return self.said[steps].leaves
-        parent, n = steps[:-1], len(steps) - 1
-        return [
-            i
-            for i, s in enumerate(self.leaves)
-            if len(s) > n + 1 and s[:n] == parent and isinstance(s[n + 1], int)
-        ]
+        return cls(tuple(places), lengths, said, tree, iso)
 
     def differences(self, tree: Tree) -> tuple[set[Steps], set[Steps]]:
         """Where a message has arrays of another length, and where other units and names.
@@ -89,8 +65,7 @@ class Wanted:
         A message that states no unit or name agrees with the first ones.
         """
         lengths = {s for s, n in self.lengths.items() if len(at(tree, s) or ()) != n}
-        texts = {s for s, named in self.labels.items() if (at(tree, s) or []) != named}
-        texts |= {s for s, said in self.said.items() if at(tree, s) not in (None, "", said.text)}
+        texts = {s for s, said in self.said.items() if at(tree, s) not in (None, "", said.text)}
         return lengths, texts
 
 
@@ -122,7 +97,7 @@ class Decoder(Protocol):
 
         Returns:
             Values of shape (len(wanted.leaves), n), NaN where a message has no such number,
-            and what was left out or rounded.
+            and what was left out.
         """
         ...
 
@@ -132,33 +107,23 @@ class Batch:
 
     Attributes:
         values: the wanted numbers, shape (len(wanted.leaves), n).
-        rounded: which of them are rounded, same shape.
         lengths: which messages have another length, by array; shape (n,).
-        texts: which messages have another unit or name, by string or array of names; shape (n,).
+        texts: which messages have another unit or name, by string; shape (n,).
         faults: what else is wrong.
     """
 
     def __init__(self, wanted: Wanted, count: int) -> None:
         self.wanted = wanted
         self.values = np.full((len(wanted.leaves), count), np.nan)
-        self.rounded = np.zeros(self.values.shape, np.bool_)
         self.lengths = {steps: np.zeros(count, np.bool_) for steps in wanted.lengths}
-        self.texts = {s: np.zeros(count, np.bool_) for s in (*wanted.said, *wanted.labels)}
+        self.texts = {steps: np.zeros(count, np.bool_) for steps in wanted.said}
         self.faults: list[Fault] = []
         self._bad: dict[str, list[int]] = {}  # messages that do not decode, by the reason
 
-    def put(self, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
-        """Takes one of the wanted numbers from some messages."""
-        self.values[i, rows] = numbers
-        if numbers.dtype.kind in "iu":
-            self.rounded[i, rows] = inexact(numbers)
-
     def put_tree(self, row: int, tree: Tree) -> None:
         """Takes everything from one message, in place of what was taken from it before."""
-        self.values[:, row], self.rounded[:, row] = np.nan, False
         for i, steps in enumerate(self.wanted.leaves):
-            if is_number(number := at(tree, steps)):
-                self.put(i, np.array([row]), np.array([number]))
+            self.values[i, row] = number if is_number(number := at(tree, steps)) else np.nan
         lengths, texts = self.wanted.differences(tree)
         for steps, other in self.lengths.items():
             other[row] = steps in lengths
@@ -177,37 +142,13 @@ class Batch:
             self.faults.append(Fault("mcap-bad-message", np.array(bad), reason=reason))
         self.values[:, ~good] = np.nan
         for steps, other in self.texts.items():
-            if len(rows := self._add("mcap-text-change", other & good, steps)):
-                self.values[np.array(self.wanted.described(steps), np.int64)[:, None], rows] = (
-                    np.nan
-                )
+            rows = self._add("mcap-text-change", other & good, steps)
+            self.values[np.array(self.wanted.said[steps].leaves)[:, None], rows] = np.nan
         for steps, other in self.lengths.items():
             self._add("mcap-array-length", other & good, steps)
-        # A stamp is taken to the microsecond, which is no fault.
-        asked = zip(self.wanted.leaves[: self.wanted.asked], self.rounded, strict=False)
-        for steps, lost in asked:
-            self._add("mcap-rounded", lost & good, steps)
         return self.values, self.faults
 
     def _add(self, code: str, which: Bools, steps: Steps) -> Offsets:
         if len(rows := np.flatnonzero(which)):
             self.faults.append(Fault(code, rows, path(steps)))
         return rows
-
-
-def inexact(integers: NDArray[Any]) -> Bools:
-    """Which integers a double does not hold: from the first bit set to the last more than 53."""
-    if integers.dtype.itemsize < 8:
-        return np.zeros(len(integers), np.bool_)
-    size = np.abs(integers).astype(np.uint64)
-    lost: Bools = size // np.maximum(size & (~size + np.uint64(1)), 1) > EXACT
-    return lost
-
-
-def other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
-    """Where the bytes at `start` are not this text; shape (n,)."""
-    raw = np.frombuffer(text.encode(), np.uint8)
-    other: Bools = length != len(raw)
-    if len(raw) and len(same := np.flatnonzero(~other)):
-        other[same] = (sliding_window_view(buffer, len(raw))[start[same]] != raw).any(1)
-    return other

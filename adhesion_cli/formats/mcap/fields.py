@@ -17,8 +17,7 @@ DEEPEST = 32  # levels of a message
 _LONGEST = 1000  # characters of a place
 _LONGEST_UNIT = 100  # characters of a unit
 _NUMBER = re.compile(r"[+-]?[0-9]+([.,][0-9]*)?([eE][+-]?[0-9]{1,3})?")
-_MANY_KEYS = 1024  # of JSON messages, taken together; more are names only where ...
-_EVER_NEW = 16  # ... a message has at least one of so many
+_RARE = 50  # keys that are in fewer than one of so many messages are no names
 _STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("seconds", "nanos"), ("secs", "nsecs"))
 
 
@@ -41,7 +40,7 @@ class Leaf:
     label: str = ""
     unit: str = ""
     unit_from: str = ""
-    label_at: Steps = ()  # the string that is the label; () where it is an array's, or none
+    label_at: Steps = ()  # the string that is the label; () without one
     unit_at: Steps = ()  # the string that is the unit; () where no string of the message is
 
     @property
@@ -91,11 +90,11 @@ def empty(tree: Tree) -> Iterator[Steps]:
     return (steps for steps, node in every(tree) if isinstance(node, list) and not node)
 
 
-def number_texts(tree: Tree) -> Iterator[str]:
+def quoted_numbers(tree: Tree) -> Iterator[str]:
     """The places of texts that would be numbers without their quotation marks."""
     for steps, node in every(tree):
         if isinstance(node, str) and _NUMBER.fullmatch(node.strip()):
-            yield path(steps)
+            yield f"{path(steps)} (a number in quotation marks)"
 
 
 def stamp_keys(tree: Tree) -> tuple[str, str] | None:
@@ -108,19 +107,6 @@ def stamp_keys(tree: Tree) -> tuple[str, str] | None:
 def states_unit(key: str) -> bool:
     """Whether a channel's metadata states a unit under this key."""
     return key in ("unit", "units") or key.startswith("unit.")
-
-
-def names(parent: Tree, length: int) -> list[str] | None:
-    """The string array `name` or `names` of a message that names the elements of its arrays."""
-    for key in ("name", "names"):
-        found = parent.get(key) if isinstance(parent, dict) else None
-        if (
-            isinstance(found, list)
-            and len(found) == length > 0
-            and all(isinstance(name, str) and len(name) <= _LONGEST for name in found)
-        ):
-            return found
-    return None
 
 
 def leaves(
@@ -156,9 +142,9 @@ class _Leaves:
 
     def walk(
         self, node: Tree, steps: Steps = (), label: str = "", label_at: Steps = (),
-        named: list[str] | None = None,
+        named: Steps = (),
     ) -> None:  # fmt: skip
-        """Takes up the numbers at a place; `named` are the names of an array's elements."""
+        """Takes up the numbers at a place; `named` is an array of names for an array's elements."""
         if is_number(node):
             self._number(steps, label, label_at)
         elif isinstance(node, Opaque):
@@ -173,14 +159,17 @@ class _Leaves:
             if element and isinstance(own, str) and len(own) <= _LONGEST:
                 label, label_at = own, (*steps, "name")
             for key, value in node.items():
-                of = names(node, len(value)) if isinstance(value, list) else None
-                self.walk(value, (*steps, key), label, label_at, of)
+                names = next((k for k in ("name", "names") if _names(node.get(k), value)), None)
+                self.walk(value, (*steps, key), label, label_at, (*steps, names) if names else ())
         elif any(isinstance(value, (int, float, dict, list)) for value in node):
             if len(node) > LONG_ARRAY:
                 self.left_out.append(f"{path(steps)} (more than {LONG_ARRAY} elements)")
                 return
             for i, value in enumerate(node):
-                self.walk(value, (*steps, i), *((named[i], ()) if named else (label, label_at)))
+                if named:
+                    label_at = (*named, i)
+                    label = at(self._tree, label_at)
+                self.walk(value, (*steps, i), label, label_at)
 
     def _number(self, steps: Steps, label: str, label_at: Steps) -> None:
         if len(path(steps)) > _LONGEST:
@@ -210,11 +199,21 @@ class _Leaves:
         return *self._schema_unit(steps), ()
 
 
+def _names(found: Tree, array: Tree) -> bool:
+    """Whether what stands under `name` in a message names the elements of an array beside it."""
+    return (
+        isinstance(found, list)
+        and isinstance(array, list)
+        and len(found) == len(array)
+        and all(isinstance(name, str) and len(name) <= _LONGEST for name in found)
+    )
+
+
 def typical(trees: Sequence[Tree]) -> Tree:
     """What the messages of a channel hold, judged by its first ones.
 
-    Keys are those of any message. Where nearly every message has new keys, keys are no names:
-    then the largest message gives them. An array has its most frequent length except 0.
+    Keys are those of any message, without very rare ones. An array has its most frequent length
+    except 0.
 
     Args:
         trees: the first messages, at least one.
@@ -224,13 +223,7 @@ def typical(trees: Sequence[Tree]) -> Tree:
     ]
     usual = Counter(shapes).most_common(1)[0][0]
     ordered = sorted(range(len(trees)), key=lambda i: shapes[i] != usual)
-    union = _union([trees[i] for i in ordered], 0)
-    largest = max(trees, key=_size)
-    return largest if _size(union) > max(_MANY_KEYS, _EVER_NEW * _size(largest)) else union
-
-
-def _size(tree: Tree) -> int:
-    return sum(not isinstance(node, (dict, list)) for _, node in every(tree))
+    return _union([trees[i] for i in ordered], 0)
 
 
 def _union(values: Sequence[Tree], depth: int) -> Tree:
@@ -245,7 +238,11 @@ def _union(values: Sequence[Tree], depth: int) -> Tree:
         for one in values:
             for key, value in one.items() if isinstance(one, dict) else ():
                 by_key.setdefault(key, []).append(value)
-        return {key: _union(below, depth + 1) for key, below in by_key.items()}
+        return {
+            key: _union(below, depth + 1)
+            for key, below in by_key.items()
+            if len(below) * _RARE >= len(values)
+        }
     if isinstance(first, list):
         arrays = [one for one in values if isinstance(one, list) and one]
         often = Counter(map(len, arrays))

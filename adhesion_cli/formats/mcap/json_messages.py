@@ -1,6 +1,7 @@
 """JSON messages: parsed one by one, taken apart key by key."""
 
-import re
+import json
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from operator import itemgetter
@@ -11,26 +12,29 @@ import orjson
 
 from ...core.model import Floats
 from .blocks import Bytes, Offsets
-from .columns import EXACT, Batch, Fault, Wanted
-from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, at, path
+from .columns import Batch, Fault, Wanted
+from .fields import LONG_ARRAY, Steps, Tree, UndecodableError, path
 from .stamps import microseconds
 
-_MOST_LATE = 20  # new keys of one object that are reported one by one, of each block
 _TOGETHER = 1 << 20  # bytes of messages that are parsed before their numbers are taken
 _NUMBERS = {int, float, bool}
 _MAY_HOLD = (int, float, dict, list)  # a number
-# Python writes these although JSON does not have them. The pattern matches strings to keep them.
-_NO_NUMBER = re.compile(rb'("(?:[^"\\]++|\\.)*+"?)|(?<![\w.])-?(?:NaN|Infinity)\b', re.DOTALL)
 
 
-def _loads(raw: bytes, no_number: bytes) -> Tree:
-    """A JSON text; NaN and Infinity in it are what `no_number` says."""
+def _loads(raw: bytes) -> Tree:
+    """A JSON text; NaN and Infinity are numbers in it, which Python writes."""
     try:
         return orjson.loads(raw)
-    except orjson.JSONDecodeError:
-        if (b"NaN" not in raw and b"Infinity" not in raw) or len(raw) > _TOGETHER:
-            raise
-        return orjson.loads(_NO_NUMBER.sub(lambda m: m[1] or no_number, raw))
+    except orjson.JSONDecodeError as e:
+        why = e.msg
+    if (
+        (b"NaN" in raw or b"Infinity" in raw)
+        and len(raw) < _TOGETHER
+        and b"\\ud" not in raw.lower()
+    ):
+        with suppress(ValueError, RecursionError):
+            return json.loads(raw, parse_int=float)
+    raise UndecodableError(f"not JSON: {why}")
 
 
 class JsonDecoder:
@@ -53,18 +57,12 @@ class JsonDecoder:
 
     def tree(self, message: bytes) -> Tree:
         """One message as plain values."""
-        try:
-            self._bounded(len(message))
-            return _loads(message, b"0")  # NaN is a number, whichever
-        except orjson.JSONDecodeError as e:
-            raise UndecodableError(f"not JSON: {e}") from None
-
-    def _bounded(self, size: int) -> None:
-        if size > self._most:
+        if len(message) > self._most:
             raise UndecodableError(
-                f"a JSON message of {size} bytes, limit {self._most}; if the log is trusted, raise "
-                f"it with --set mcap.max_record={32 * size}"
+                f"a JSON message of {len(message)} bytes, limit {self._most}; if the log is "
+                f"trusted, raise it with --set mcap.max_record={32 * len(message)}"
             )
+        return _loads(message)
 
     def unit(self, steps: Steps) -> tuple[str, str]:
         """The property `unit` (or `units`) that the JSON schema states for the field."""
@@ -88,8 +86,6 @@ class JsonDecoder:
         """Many messages at once, see Decoder: as many as may stand in memory together."""
         batch = np.cumsum(end - start) // _TOGETHER
         cuts = [0, *(np.flatnonzero(np.diff(batch)) + 1).tolist(), len(start)]
-        if len(cuts) == 2:
-            return self._together(buffer, start, end, wanted)
         values, faults = np.empty((len(wanted.leaves), len(start))), list[Fault]()
         for a, b in pairwise(cuts):
             values[:, a:b], found = self._together(buffer, start[a:b], end[a:b], wanted)
@@ -102,26 +98,21 @@ class JsonDecoder:
         raw, loads = buffer.data, orjson.loads
         spans = list(zip(start.tolist(), end.tolist(), strict=True))
         batch, rows = Batch(wanted, len(spans)), np.arange(len(spans))
-        try:
-            if len(spans) == 1:
-                self._bounded(int(end[0] - start[0]))
-            messages = [loads(raw[a:b]) for a, b in spans]
-        except (orjson.JSONDecodeError, UndecodableError):
-            messages, whole = [], []
+        messages = list[Tree]()
+        if len(spans) > 1:  # a single one may be too large
+            with suppress(orjson.JSONDecodeError):
+                messages = [loads(raw[a:b]) for a, b in spans]
+        if not messages:
+            whole = []
             for i, (a, b) in enumerate(spans):
                 try:
-                    self._bounded(b - a)
-                    messages.append(_loads(bytes(raw[a:b]), b'"NaN"'))
+                    messages.append(self.tree(bytes(raw[a:b])))
                     whole.append(i)
                 except UndecodableError as e:
                     batch.refuse(i, str(e))
-                except orjson.JSONDecodeError as e:
-                    batch.refuse(i, f"not JSON: {e.msg}")
             rows = np.array(whole, np.int64)
         if messages:
             _Spread(batch).walk(messages, rows, wanted.known, ())
-        for steps, named in wanted.labels.items():
-            batch.texts[steps][rows] = [at(message, steps) != named for message in messages]
         return batch.finish()
 
 
@@ -167,14 +158,10 @@ class _Spread:
         return [node for node in nodes if type(node) is kind], rows[is_kind]
 
     def _object(self, nodes: list[Tree], rows: Offsets, known: Tree, steps: Steps) -> None:
-        keys = sorted(set().union(*nodes) - known.keys())
-        if len(keys) > _MOST_LATE:
+        if keys := set().union(*nodes) - known.keys():
             late = [not node.keys() <= known.keys() for node in nodes]
-            self._fault("mcap-late-field", rows[late], f"keys of {path(steps) or 'message'}")
-            keys = []
-        for key in keys:
-            late = [key in node for node in nodes]
-            self._fault("mcap-late-field", rows[late], path((*steps, key)))
+            more = f" and {len(keys) - 1} more" if len(keys) > 1 else ""
+            self._fault("mcap-late-field", rows[late], path((*steps, min(keys))) + more)
         for key, child in known.items():
             place = (*steps, key)
             if not isinstance(child, (dict, list)) and place not in self._places:
@@ -201,19 +188,10 @@ class _Spread:
 
     def _number(self, nodes: list[Tree], rows: Offsets, i: int, steps: Steps) -> None:
         if set(map(type, nodes)) <= _NUMBERS:
-            self._put(nodes, rows, i)
+            self._batch.values[i, rows] = nodes
             return
         number = np.array([type(node) in _NUMBERS for node in nodes], np.bool_)
-        self._put([node for node in nodes if type(node) in _NUMBERS], rows[number], i)
-        nan = np.array([node == "NaN" for node in nodes], np.bool_)
-        self._fault("mcap-not-a-number", rows[nan], path(steps))
-        other = ~number & ~nan & np.array([node is not None for node in nodes], np.bool_)
+        numbers = [node for node in nodes if type(node) in _NUMBERS]
+        self._batch.values[i, rows[number]] = numbers
+        other = ~number & np.array([node is not None for node in nodes], np.bool_)
         self._fault("mcap-type-change", rows[other], path(steps))
-
-    def _put(self, numbers: list[Tree], rows: Offsets, i: int) -> None:
-        values = self._batch.values
-        values[i, rows] = numbers
-        for k in np.flatnonzero(np.abs(values[i, rows]) >= EXACT).tolist():
-            number = numbers[k]
-            rounded = isinstance(number, int) and int(float(number)) != number
-            self._batch.rounded[i, rows[k]] = rounded

@@ -2,7 +2,7 @@
 
 Writers put the fields of a message in the order of their numbers. So all messages of a batch are
 read in step: the lowest of the next tags is read from every message that has it. The protobuf
-library reads unusual messages (groups, broken varints, very many fields) one by one.
+library reads unusual messages (groups, packed varints, very many fields) one by one.
 """
 
 from dataclasses import dataclass, field
@@ -16,11 +16,12 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.unknown_fields import UnknownFieldSet
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ...core.model import Bools, Floats
 from .blocks import Bytes, Offsets
-from .columns import Batch, Fault, Wanted, other_text
+from .columns import Batch, Fault, Wanted
 from .fields import DEEPEST, LONG_ARRAY, MOST_FIELDS, Opaque, Steps, Tree, UndecodableError
 
 _VARINT, _FIXED64, _LEN, _FIXED32 = 0, 1, 2, 5  # wire types
@@ -115,13 +116,10 @@ class ProtobufDecoder:
 def _pool(data: bytes) -> DescriptorPool:
     """The files of a descriptor set, each after those it imports."""
     try:
-        files = FileDescriptorSet.FromString(data).file
+        by_name = {file.name: file for file in FileDescriptorSet.FromString(data).file}
     except DecodeError as e:
         raise UndecodableError(f"schema is no FileDescriptorSet: {e}") from None
-    by_name = {file.name: file for file in files}
-    if len(by_name) < len(files):
-        raise UndecodableError("schema defines a file twice")
-    order = TopologicalSorter({file.name: list(file.dependency) for file in files})
+    order = TopologicalSorter({file.name: list(file.dependency) for file in by_name.values()})
     pool = DescriptorPool()
     try:
         for name in order.static_order():
@@ -207,22 +205,11 @@ class _Slot:
 
     type: int
     wire: int
-    repeated: bool
     columns: dict[int, int] = field(default_factory=dict)  # element to column
     said: dict[int, tuple[str, Bools]] = field(default_factory=dict)  # to text, and who differs
     inside: dict[int, "_Node"] = field(default_factory=dict)  # element to message
-    count: Offsets | None = None  # elements seen so far, per message of the batch
-    expected: list[tuple[int, Bools]] = field(default_factory=list)  # and who has another count
-    is_label: bool = False  # its texts name elements, and none may be empty
-    clears: list[int] = field(default_factory=list)  # columns of the same oneof's other members
-    closed: NDArray[np.int64] | None = None  # all values it may have, where its enum says so
-
-    @property
-    def idle(self) -> bool:
-        """Whether the field can be skipped."""
-        return not (
-            self.columns or self.inside or self.said or self.clears or self.count is not None
-        )
+    count: Offsets | None = None  # elements seen so far of an array, per message of the batch
+    expected: tuple[int, Bools] | None = None  # how many, and who has another count
 
 
 @dataclass(slots=True)
@@ -250,9 +237,8 @@ class _LockStep:
         self._odd = np.zeros(len(start), np.bool_)  # unusual: the library decides
         self._rounds = 0
         self._slots: list[_Slot] = []  # with elements that are counted
-        self._terminators: Offsets | None = None
         places: list[_Place] = [*enumerate(wanted.leaves)]
-        places += [(None, steps) for steps in (*wanted.said, *wanted.lengths, *wanted.labels)]
+        places += [(None, steps) for steps in (*wanted.said, *wanted.lengths)]
         self._root = self._node(decoder._type, (), places)
 
     def _node(self, kind: Any, at: Steps, below: list[_Place]) -> _Node:
@@ -261,30 +247,22 @@ class _LockStep:
         by_name: dict[str, list[_Place]] = {}
         for i, steps in below:
             by_name.setdefault(str(steps[len(at)]), []).append((i, steps))
-        for f in kind.fields:
-            mine = by_name.get(f.name, [])
-            slot = self._slot(f, (*at, f.name), mine)
-            node.slots[f.number] = slot
+        for name, mine in by_name.items():
+            f = kind.fields_by_name[name]
+            slot = node.slots[f.number] = self._slot(f, (*at, name), mine)
             if not f.is_repeated and not f.has_presence:
                 node.zeros += slot.columns.values()
-            if f.containing_oneof is not None:
-                others = {o.name for o in f.containing_oneof.fields} - {f.name}
-                slot.clears = [i for o in others for i, _ in by_name.get(o, []) if i is not None]
         return node
 
     def _slot(self, f: Any, steps: Steps, places: list[_Place]) -> _Slot:
         """What to do with a field; the places are those in it that are looked at."""
-        slot = _Slot(f.type, _WIRE.get(f.type, _VARINT), f.is_repeated)
+        slot = _Slot(f.type, _WIRE.get(f.type, _VARINT))
         wanted, depth = self._batch.wanted, len(steps)
-        if f.is_repeated and places:
+        if f.is_repeated:
             slot.count = np.zeros(len(self._start), np.int64)
             self._slots.append(slot)
-            if (length := wanted.lengths.get(steps)) is not None:
-                slot.expected.append((length, self._batch.lengths[steps]))
-        if f.is_repeated and (labels := wanted.labels.get(steps)):
-            other = self._batch.texts[steps]
-            slot.expected.append((len(labels), other))
-            slot.said, slot.is_label = {k: (label, other) for k, label in enumerate(labels)}, True
+            if steps in wanted.lengths:
+                slot.expected = wanted.lengths[steps], self._batch.lengths[steps]
         inside: dict[int, list[_Place]] = {}
         for i, place in places:
             if f.is_repeated and len(place) == depth:
@@ -300,15 +278,14 @@ class _LockStep:
         for element, below in inside.items():
             at = (*steps, element) if f.is_repeated else steps
             slot.inside[element] = self._node(f.message_type, at, below)
-        if f.type == F.TYPE_ENUM and f.enum_type.is_closed:
-            slot.closed = np.array(list(f.enum_type.values_by_number))
         return slot
 
     def columns(self) -> tuple[Floats, list[Fault]]:
         """The columns, see Decoder."""
         self._message(self._root, np.arange(len(self._start)), self._start, self._end)
         for slot in self._slots:
-            for count, other in slot.expected:
+            if slot.expected:
+                count, other = slot.expected
                 other |= slot.count != count
         for row in np.flatnonzero(self._odd).tolist():
             message = self._buffer[self._start[row] : self._end[row]].tobytes()
@@ -346,9 +323,10 @@ class _LockStep:
         return x, after
 
     def _message(self, node: _Node, rows: Offsets, p: Offsets, end: Offsets) -> None:
-        fresh = rows[~node.seen[rows]] if node.seen.any() else rows
+        if node.seen.any():  # a message in pieces
+            self._odd[rows] |= node.seen[rows]
         for i in node.zeros:
-            self._values[i, fresh] = 0.0
+            self._values[i, rows] = 0.0
         node.seen[rows] = True
         while True:
             live = p < end
@@ -379,24 +357,19 @@ class _LockStep:
         q, after, value = self._extent(wire if number else -1, np.minimum(q, end), end)
         if slot is None:
             return after
-        packed = wire == _LEN and slot.wire not in (_LEN, 3) and slot.repeated
+        packed = wire == _LEN and slot.wire in (_FIXED64, _FIXED32) and slot.count is not None
         if wire != slot.wire and not packed:
             after = np.full(len(q), _NOWHERE)
-        if slot.idle:
-            return after
         if not (whole := after <= end).all():
             self._odd[rows[~whole]] = True
             rows, q, end = rows[whole], q[whole], after[whole]
             value = value if value is None else value[whole]
         else:
             end = after
-        if len(rows):
-            for i in slot.clears:
-                self._values[i, rows] = np.nan
-            if packed:
-                self._packed(slot, rows, q, end)
-            else:
-                self._store(slot, rows, q, end, value)
+        if packed and len(rows):
+            self._packed(slot, rows, q, end)
+        elif len(rows):
+            self._store(slot, rows, q, end, value)
         return after
 
     def _extent(self, wire: int, q: Offsets, end: Offsets) -> tuple[Offsets, Offsets, Words | None]:
@@ -426,48 +399,24 @@ class _LockStep:
             if node := slot.inside.get(k):
                 self._message(node, rows[mine], q[mine], end[mine])
             if said := slot.said.get(k):
-                other = other_text(self._buffer, q[mine], (end - q)[mine], said[0])
-                said[1][rows[mine]] |= other & (slot.is_label | (end > q)[mine])
+                other = _other_text(self._buffer, q[mine], (end - q)[mine], said[0])
+                said[1][rows[mine]] |= other & (end > q)[mine]
             if (i := slot.columns.get(k)) is not None and numbers is not None:
-                self._put(slot, i, rows[mine], numbers[mine])
+                self._values[i, rows[mine]] = numbers[mine]
         if slot.count is not None:
             slot.count[rows] += 1
 
-    def _put(self, slot: _Slot, i: int, rows: Offsets, numbers: NDArray[Any]) -> None:
-        self._batch.put(i, rows, numbers)
-        if slot.closed is not None:  # the library takes no other value
-            self._odd[rows[~np.isin(numbers, slot.closed)]] = True
-
     def _packed(self, slot: _Slot, rows: Offsets, q: Offsets, end: Offsets) -> None:
+        """Takes the numbers of arrays whose elements have one size."""
         assert slot.count is not None
         before = slot.count[rows]
-        if dtype := _DTYPE.get(slot.type):
-            size = np.dtype(dtype).itemsize
-            count, rest = np.divmod(end - q, size)
-            if rest.any():
-                self._odd[rows[rest > 0]] = True
-        else:
-            if self._terminators is None:
-                self._terminators = np.flatnonzero(self._buffer < 0x80)
-            first = np.searchsorted(self._terminators, q)
-            count = np.searchsorted(self._terminators, end) - first
-            broken = (end > q) & (self._buffer[end - 1] >= 0x80)
-            if broken.any():
-                self._odd[rows[broken]] = True
+        size = 8 if slot.wire == _FIXED64 else 4
+        count, rest = np.divmod(end - q, size)
+        self._odd[rows[rest > 0]] = True
         for k, i in slot.columns.items():
             has = (before <= k) & (k < before + count)
-            if not has.any():
-                continue
-            element = (k - before)[has]
-            if dtype:
-                where, value = q[has] + element * size, None
-            else:
-                assert self._terminators is not None
-                last = self._terminators[first[has] + element - 1]
-                where = np.where(element > 0, last + 1, q[has])
-                value, after = self._varint(where)
-                self._odd[rows[has][after > end[has]]] = True
-            self._put(slot, i, rows[has], self._numbers(slot.type, where, value))
+            where = (q + (k - before) * size)[has]
+            self._values[i, rows[has]] = self._numbers(slot.type, where, None)
         slot.count[rows] += count
 
     def _numbers(self, kind: int, q: Offsets, value: Words | None) -> NDArray[Any]:
@@ -491,3 +440,12 @@ class _LockStep:
         if kind in (F.TYPE_SINT32, F.TYPE_SINT64):
             return (value >> np.uint64(1)).view(np.int64) ^ -(value & np.uint64(1)).view(np.int64)
         return value
+
+
+def _other_text(buffer: Bytes, start: Offsets, length: Offsets, text: str) -> Bools:
+    """Where the bytes at `start` are not this text; shape (n,)."""
+    raw = np.frombuffer(text.encode(), np.uint8)
+    other: Bools = length != len(raw)
+    if len(raw) and len(same := np.flatnonzero(~other)):
+        other[same] = (sliding_window_view(buffer, len(raw))[start[same]] != raw).any(1)
+    return other

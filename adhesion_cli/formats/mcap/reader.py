@@ -127,13 +127,6 @@ class McapSource:
         reason = f"stamp inside the messages, at first {apart / 1e9:.6f} s from log time"
         return "header", reason, calendar
 
-    def _unused_stamps(self, of: Sequence[Series]) -> Iterable[Finding]:
-        # In our own results the stamp is the log time. Where a log begins at 0 it is not set.
-        stamped = [s for s in of if s.stamp and not s.name.startswith("adhesion.")]
-        why_not = _without_stamps(of)
-        if stamped and why_not and self._options.time_source is None:
-            yield stamped[0].finding("mcap-stamp-unused", "info", len(stamped), reason=why_not)
-
     # ------------------------------------------------------------------ columns
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
@@ -151,7 +144,6 @@ class McapSource:
         series = [by_topic[key] for key in paths]
         if series:
             self._take_clock(series)
-            self._report(self._unused_stamps(series))
         for s in series:
             if self._source == "header" and s.stamp is None:
                 raise UserError(
@@ -159,7 +151,8 @@ class McapSource:
                     "state another time source, log or publish",
                 )
         collectors = [
-            Collector(by_topic[key], self._source, list(own)) for key, own in paths.items()
+            Collector(by_topic[key], self._source, list(own), self.walk.times[0])
+            for key, own in paths.items()
         ]
         self._collect(collectors)
         by_field: dict[tuple[str, str, str], Column] = {}
@@ -168,7 +161,7 @@ class McapSource:
                 raise self.walk.changed()
             for p, column in zip(one.paths, one.columns(), strict=True):
                 by_field[one.series.topic, one.series.group, p] = column
-            self._report(one.findings(self.walk.times[0]))
+            self._report(one.findings())
         return [by_field[f.channel, f.group, f.path] for f in wanted]
 
     def _collect(self, collectors: Sequence[Collector]) -> None:

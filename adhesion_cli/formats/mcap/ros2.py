@@ -25,10 +25,10 @@ _CODES = {  # of struct and numpy
 _FIELD = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(?:(?<=\bstring)<=\d+)?"
     r"(?P<array>\[(?P<bound><=)?(?P<size>\d{0,10})\])?"
-    r"\s+(?P<name>[A-Za-z]\w*)(?:(?P<constant>\s*=.*)|\s+(?P<default>.*))?"
+    r"\s+(?P<name>[A-Za-z]\w*)\s*(?P<value>(?<=\s).*|=.*)?"
 )
-_CONSTANT = re.compile(r"[A-Z][A-Z0-9_]*")
-_VALUE = re.compile(r"[-+]?(\.?\d[-+.\w]*|inf|nan)|true|false|\[[^]]*\]", re.IGNORECASE)
+# Of other values after a field's name two lines may have run into one: a field would be missing.
+_VALUE = re.compile(r"=?\s*([-+.\w]*|\[[^]]*\])")
 _UNIT = re.compile(r"\[([^][,\d][^][,]*)\]")  # as rosidl reads units: "# ... [bar]"
 _MOST_ELEMENTS = 4096  # of an array of messages or strings, which is read one by one
 _MOST_MESSAGES = 16384  # inside one message
@@ -128,8 +128,6 @@ class Ros2Decoder:
                 left = found.take(batch, buffer, start, end, left)
             else:
                 batch.put_tree(row, message.tree)
-                if message.spare >= _SPARE:
-                    batch.faults.append(Fault("mcap-long-message", left[:1]))
                 left = left[1:]
         return batch.finish()
 
@@ -141,7 +139,6 @@ class _Message:
         tree: its values; long arrays are cut after LONG_ARRAY + 1 elements.
         order: "<" or ">", of its bytes.
         size: bytes that the schema explains.
-        spare: bytes after these.
         lengths: offsets of the lengths in it, which are 4 bytes each.
         texts: offset and size of its strings.
         numbers: struct's code, offset and count of its numbers and arrays of numbers.
@@ -161,7 +158,8 @@ class _Message:
         self.texts: dict[Steps, tuple[int, int]] = {}
         self.numbers: dict[Steps, tuple[str, int, int]] = {}
         self.tree = self._members(root, ())
-        self.spare = len(raw) - self.size
+        if len(raw) - self.size >= _SPARE:
+            raise UndecodableError("message is longer than its schema says")
 
     def _take(self, size: int, count: int = 1) -> int:
         """Moves on over `count` aligned numbers of a size; returns where they start."""
@@ -233,7 +231,6 @@ class _Layout:
     """
 
     size: int  # bytes that the schema explains
-    long: bool  # whether more than a few bytes follow them
     places: list[tuple[str, int] | None]  # of the wanted numbers: numpy's type, offset
     mask: NDArray[np.uint64]  # set where bytes decide, shape (w,)
     said: NDArray[np.uint64]  # what they are, shape (w,)
@@ -245,7 +242,7 @@ class _Layout:
     ) -> Offsets:
         """Takes the messages of `left` that are laid out so; returns the others."""
         more = end[left] - start[left] - self.size
-        fit = more >= _SPARE if self.long else (more >= 0) & (more < _SPARE)
+        fit = (more >= 0) & (more < _SPARE)
         rows, width = left[fit], self.mask.nbytes
         if not len(rows):
             return left
@@ -266,23 +263,17 @@ class _Layout:
                 numbers = np.ndarray(
                     (len(rows),), kind, messages.data, place[1], messages.strides[:1]
                 )
-                batch.put(i, rows, numbers != 0 if place[0][1:] == "?" else numbers)
+                batch.values[i, rows] = numbers != 0 if place[0][1:] == "?" else numbers
         for steps in self.lengths:
             batch.lengths[steps][rows] = True
         for steps in self.texts:
             batch.texts[steps][rows] = True
-        if self.long:
-            batch.faults.append(Fault("mcap-long-message", rows))
 
 
 def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
     """How a message is laid out; None where it is too long to compare others with it."""
     decide = [(1, 1), *((at, 4) for at in message.lengths)]  # offset and size; the byte order
-    decide += [
-        place
-        for steps, place in message.texts.items()
-        if steps in wanted.said or steps[:-1] in wanted.labels
-    ]
+    decide += [place for steps, place in message.texts.items() if steps in wanted.said]
     places: list[tuple[str, int] | None] = []
     for steps in wanted.leaves:
         array, k = (steps[:-1], steps[-1]) if isinstance(steps[-1], int) else (steps, 0)
@@ -298,10 +289,7 @@ def _layout(message: _Message, wanted: Wanted) -> _Layout | None:
         mask[at : at + size] = 0xFF
     said = np.frombuffer(message._raw[:width].ljust(width, b"\0"), np.uint8) & mask
     lengths, texts = wanted.differences(message.tree)
-    return _Layout(
-        message.size, message.spare >= _SPARE, places, mask.view(np.uint64),
-        said.view(np.uint64), lengths, texts,
-    )  # fmt: skip
+    return _Layout(message.size, places, mask.view(np.uint64), said.view(np.uint64), lengths, texts)
 
 
 def _short(name: str) -> str:
@@ -317,10 +305,11 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
         if not code:
             continue
         found = _FIELD.fullmatch(code)
-        if not found or not _is_value(found):
+        value = (found and found["value"]) or ""
+        if not found or (found["type"] != "string" and not _VALUE.fullmatch(value)):
             raise UndecodableError(f"schema line not understood: {line.strip()[:80]!r}")
-        if found["constant"]:
-            continue
+        if value.startswith("="):
+            continue  # a constant
         kind = found["type"]
         if kind not in _CODES and kind != "string":
             if kind in ("wstring", "time", "duration"):
@@ -336,17 +325,3 @@ def _members(package: str, text: str) -> tuple[_Member, ...]:
     if len({m.name for m in members}) < len(members):
         raise UndecodableError("a field name occurs twice")
     return tuple(members)
-
-
-def _is_value(line: re.Match[str]) -> bool:
-    """Whether the text after a field's name is a value that rosidl accepts.
-
-    Else two lines may have run into one. Then a field is missing, and all later ones would be
-    read at wrong places.
-    """
-    of, value = line["type"], line["default"]
-    if line["constant"]:
-        if not _CONSTANT.fullmatch(line["name"]):
-            return False
-        value = line["constant"].lstrip(" \t=")
-    return not value or of == "string" or (of in _CODES and bool(_VALUE.fullmatch(value)))

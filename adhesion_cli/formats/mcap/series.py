@@ -19,7 +19,7 @@ from .fields import (
     at,
     empty,
     leaves,
-    number_texts,
+    quoted_numbers,
     states_unit,
     typical,
 )
@@ -38,7 +38,7 @@ class Series:
     encoding: str
     schema: Schema | None
     metadata: dict[str, str]
-    lacking: int = 0  # id of a schema that the file does not define
+    schema_id: int = 0
     ids: list[int] = field(default_factory=list)  # of the channels
     rows: int = 0
     group: str = ""
@@ -78,7 +78,7 @@ def grouped(walk: Walk) -> list[Series]:
         one = found.setdefault(
             key, Series(channel.topic, channel.message_encoding, schema, channel.metadata)
         )
-        one.lacking = 0 if schema else channel.schema_id
+        one.schema_id = channel.schema_id
         one.ids.append(channel.id)
         one.rows += walk.counts[channel.id]
         time, heads = walk.heads.pop(channel.id, (0, []))
@@ -115,16 +115,11 @@ class Discovery:
             yield more[0].finding("mcap-series-limit", "warning", len(more), values)
 
     def _look(self, s: Series) -> Iterator[Finding]:
-        if len(s.ids) > 1:
-            yield s.finding("mcap-shared-topic", "info", 1, {"channels": len(s.ids)})
-        if s.lacking:
-            yield s.finding("mcap-unknown-schema", "error", values={"schema": s.lacking})
         try:
             s.decoder = self._decoder(s)
             if s.decoder is None:
-                if not s.lacking:
-                    kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
-                    yield s.finding("mcap-encoding", "info", encoding=kind)
+                kind = s.encoding + (f" with schema {s.schema.encoding}" if s.schema else "")
+                yield s.finding("mcap-encoding", "info", encoding=kind)
                 return
             trees = _trees(s, s.decoder)
         except UndecodableError as e:
@@ -141,6 +136,8 @@ class Discovery:
 
             text = schema.data if schema and schema.encoding == "jsonschema" else b""
             return JsonDecoder(text, self._options.max_part)
+        if s.schema_id and schema is None:
+            raise UndecodableError(f"the file does not define its schema {s.schema_id}")
         kind = s.encoding, schema.encoding if schema else ""
         if schema is None or kind not in (("protobuf", "protobuf"), ("cdr", "ros2msg")):
             return None
@@ -162,14 +159,13 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
     Raises:
         UndecodableError: where none of them decodes.
     """
-    trees, why, sizes, lacks = list[Tree](), "", set[int](), True
+    trees, why, sizes = list[Tree](), "", set[int]()
     for head in s.heads:
-        if s.encoding != "json" and len(trees) >= _FEW and (not lacks or len(head) in sizes):
+        if s.encoding != "json" and len(trees) >= _FEW and len(head) in sizes:
             continue  # an array that was empty and is not would make the message longer
         sizes.add(len(head))
         try:
             trees.append(decoder.tree(head))
-            lacks = lacks and any(empty(trees[-1]))
         except UndecodableError as e:
             why = why or str(e)
     if not trees:
@@ -179,31 +175,26 @@ def _trees(s: Series, decoder: Decoder) -> list[Tree]:
 
 def _offer(s: Series, decoder: Decoder) -> Iterator[Finding]:
     """Offers the numbers of the first messages."""
-    json, seen = s.encoding == "json", len(s.heads)
     found, left_out = leaves(s.tree, decoder.unit, s.metadata)
     for leaf in found:
         if s.leaves.setdefault(leaf.path, leaf) is not leaf:
             left_out.append(f"a second {leaf.path}")
-    if not found and s.rows > seen and (json or any(empty(s.tree))):
+    if s.encoding == "json":  # a schema that says text means text
+        left_out += islice(quoted_numbers(s.tree), MOST_LEAVES)
+    seen = len(s.heads)
+    if not found and s.rows > seen and (s.encoding == "json" or any(empty(s.tree))):
         left_out.append(f"what follows {seen} messages without a number")
     if left_out:
         some = ", ".join(p[:80] for p in left_out[:3])
         yield s.finding("mcap-not-offered", "info", len(left_out), fields=some)
-    # A schema that says text means text.
-    if json and (texts := list(islice(number_texts(s.tree), MOST_LEAVES))):
-        severity: Severity = "info" if s.leaves else "warning"
-        some = ", ".join(texts[:3])[:200]
-        yield s.finding("mcap-number-text", severity, len(texts), fields=some)
 
 
 def _find_stamp(s: Series, trees: list[Tree]) -> None:
-    of = stamp(s.tree, texts=s.encoding == "json")
-    if of is None:
+    s.stamp = stamp(s.tree, texts=s.encoding == "json")
+    if s.stamp is None:
         return
-    has = any(at(trees[0], steps) is not None for steps in of.places)
-    s.stamp_time = of.first(trees[0] if has else s.tree)
-    stamps = [of.first(tree) for tree in trees]
-    # Protobuf shows what is absent: there a 0 is where some count starts.
-    s.stamp = replace(of, zero=s.encoding == "protobuf" and max(stamps) < YEAR_1990)
+    has = any(at(trees[0], steps) is not None for steps in s.stamp.places)
+    s.stamp_time = s.stamp.first(trees[0] if has else s.tree)
+    stamps = [s.stamp.first(tree) for tree in trees]
     repeats = sum(a == b for a, b in pairwise(stamps))
     s.stamps_repeat = 2 * repeats > len(stamps) - 1

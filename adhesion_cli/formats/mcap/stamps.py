@@ -30,7 +30,6 @@ class Stamp:
     places: tuple[Steps, ...]  # of seconds and nanoseconds, or of one number or text
     unit: float = 0.0  # microseconds in the unit of one number
     text: bool = False  # ISO 8601, which decoders give as microseconds since 1970
-    zero: bool = False  # a pair of zeros is a time like any other, not a stamp that was not set
 
     def times(self, values: Floats) -> tuple[Times, Bools]:
         """Stamps [ns] from values of shape (len(places), n), and which of them are stamps.
@@ -40,8 +39,7 @@ class Stamp:
         if len(self.places) == 2:
             seconds, nanos = values
             known = (np.abs(seconds) < 9e9) & (np.abs(nanos) < 4.3e9)  # not NaN, fits 64 bits
-            if not self.zero:
-                known &= (seconds != 0) | (nanos != 0)
+            known &= (seconds != 0) | (nanos != 0)
             own = np.where(known, seconds, 0).astype(np.int64) * _SECOND
             return own + np.where(known, nanos, 0).astype(np.int64), known
         micros = np.rint(values[0] * self.unit)

@@ -32,10 +32,10 @@ from mcap_logs import (
     scalar_log,
 )
 
-from adhesion_cli.channels.log import survey, unchanged
+from adhesion_cli.channels.log import unchanged
 from adhesion_cli.channels.meaning import understood
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Column, Vehicle
+from adhesion_cli.core.model import Column
 from adhesion_cli.formats.mcap.reader import McapSource, open_mcap
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import Field, ReadOptions
@@ -138,9 +138,10 @@ def test_names_that_change_take_their_numbers_out(tmp_path: Path) -> None:
     for i, names in enumerate([["a", "b"], ["a", "b"], ["b", "a"], ["a", "bb"], ["a", "b"]]):
         log.messages.append(message(1, START + i, joints(START + i, names, position=[1.0, 2.0])))
     source = opened(tmp_path, log)
-    for column in read(source).values():
-        assert column.valid.tolist() == [True, True, False, False, True]
-    assert codes(source) == [("mcap-text-change", 2)]
+    first, second = (column.valid.tolist() for column in read(source).values())
+    assert first == [True, True, False, True, True]
+    assert second == [True, True, False, False, True]
+    assert codes(source) == [("mcap-text-change", 1), ("mcap-text-change", 2)]
 
 
 @pytest.mark.parametrize("layouts", [256, 1])
@@ -158,9 +159,9 @@ def test_messages_laid_out_alike_and_otherwise_in_one_block(
         (plain[:text] + b"\x07\xff" + plain[text + 2 :], [1.5, 2.5, 0.0, -1.0]),
         (plain.replace(b"wagon", b"train"), [1.5, 2.5, 0.0, -1.0]),  # nobody asks for it
         (plain + b"more", [1.5, 2.5, 0.0, -1.0]),
-        (plain + b"many more", [1.5, 2.5, 0.0, -1.0]),
+        (plain + b"many more", [np.nan] * 4),
         (plain[:-5], [np.nan] * 4),
-        (joints(START, ["left", "q"], **two), [np.nan] * 4),
+        (joints(START, ["left", "q"], **two), [1.5, np.nan, 0.0, np.nan]),
         (
             joints(START, ["left", "r"], position=[3.0], velocity=[4.0, 5.0]),
             [3.0, np.nan, 4.0, 5.0],
@@ -178,9 +179,7 @@ def test_messages_laid_out_alike_and_otherwise_in_one_block(
     count = Counter(order)
     assert sorted(codes(source)) == [
         ("mcap-array-length", count[7]),
-        ("mcap-bad-message", count[5]),
-        ("mcap-bad-message", count[10]),
-        ("mcap-long-message", count[4]),
+        *[("mcap-bad-message", n) for n in sorted([count[4], count[5], count[10]])],
         ("mcap-text-change", count[6]),
     ]
 
@@ -303,46 +302,6 @@ def test_maps_and_bytes_are_told(tmp_path: Path) -> None:
     assert finding.names == {"fields": "by_name (a map), raw (bytes)"}
 
 
-@pytest.mark.parametrize("encoding", ["json", "protobuf", "protobuf, odd", "cdr"])
-def test_integers_that_no_double_holds_are_told(tmp_path: Path, encoding: str) -> None:
-    numbers = [0, 1 << 53, (1 << 53) + 1, 1 << 60, -(1 << 53) - 1, -(1 << 63), (1 << 62) + 1024]
-    of = double_message()
-    of.field[0].type = F.TYPE_SFIXED64
-    schema = proto_schema(proto_file([of]), "D")
-    kind, _, odd = encoding.partition(", ")
-    if kind == "cdr":
-        schema = Schema(1, b"int64 value", "ros2msg", "p/msg/T")
-    log = Log([] if kind == "json" else [schema], [Channel(1, "/a", kind, {}, kind != "json")])
-    group = b"\x1b\x08\x01\x1c" if odd else b""  # makes the library read the message
-    for i, n in enumerate(numbers):
-        body = {
-            "json": b'{"value": %d}' % n, "cdr": b"\0\1\0\0" + struct.pack("<q", n),
-            "protobuf": b"\x09" + struct.pack("<q", n) + group,
-        }[kind]  # fmt: skip
-        log.messages.append(message(1, START + i, body))
-    source = opened(tmp_path, log)
-    (column,) = read(source).values()
-    assert column.value.tolist() == [float(n) for n in numbers]
-    (finding,) = source.findings
-    assert (finding.code, finding.severity) == ("mcap-rounded", "info")
-    assert (finding.channel, finding.names) == ("/a", {"field": "value"})
-    assert (finding.count, finding.spans) == (2, ((2e-9, 2e-9), (4e-9, 4e-9)))
-
-
-def test_a_stamp_in_ns_is_no_finding_unless_it_is_asked_for_as_a_number(tmp_path: Path) -> None:
-    rows = [(i * 10**7, {"ts": START + i * 10**7 + 1, "speed_kmh": 50 - i}) for i in range(20)]
-    source = opened(tmp_path, json_log(rows))
-    ts, speed = source.fields
-    source.columns([speed])
-    assert source.time_reason.startswith("stamp inside the messages")
-    assert codes(source) == []
-    log = survey(opened(tmp_path, json_log(rows)), (), Vehicle())  # nobody takes it for anything
-    assert [c.meaning for c in log.channels] == [None, "wheel_speed"]
-    assert "mcap-rounded" not in {f.code for f in log.findings}
-    source.columns([ts])
-    assert [f.names for f in source.findings] == [{"field": "ts"}]
-
-
 def test_an_unknown_encoding_is_told(tmp_path: Path) -> None:
     log = Log([], [Channel(1, "/a", "ros1", {}, 0)], [message(1, START, b"x")])
     source = opened(tmp_path, log)
@@ -356,7 +315,7 @@ def test_channels_of_one_topic(tmp_path: Path) -> None:
     log.messages = [message(1 + i % 2, START + i, b'{"x": %d}' % i) for i in range(6)]
     source = opened(tmp_path, log)
     assert read(source)["/a x"].value.tolist() == [0, 1, 2, 3, 4, 5]
-    assert codes(source) == [("mcap-shared-topic", 2 - 1)]
+    assert codes(source) == []
 
     log.schemas = [Schema(1, b"{}", "jsonschema", "other")]
     log.channels[1].schema_id = 1
@@ -510,30 +469,14 @@ def test_a_message_in_itself_is_told_where_it_is_not_read(tmp_path: Path) -> Non
     one = b"\x09" + struct.pack("<d", 1.0)
     log = Log([proto_schema(proto_file([of]), "D")], [Channel(1, "/a", "protobuf", {}, 1)])
     two = one + b"\x12\x09" + one
-    for messages, paths in ([one, two], ["value", "next.value"]), ([one] * 5 + [two], ["value"]):
+    paths = ["value", "next.value"]
+    for messages in [one, two], [one] * 5 + [two]:
         log.messages = [message(1, START + i, raw) for i, raw in enumerate(messages)]
         source = opened(tmp_path, log)
         assert [f.path for f in source.fields] == paths
         (told,) = source.findings
         assert told.code == "mcap-not-offered"
         assert "next (absent at first, holds itself)" in told.names["fields"]
-
-
-@pytest.mark.parametrize("repeated", [False, True])
-def test_a_value_that_a_closed_enum_does_not_have_is_told(tmp_path: Path, repeated: bool) -> None:
-    """The ordinary decoder leaves it out, and what follows in an array moves up."""
-    label = F.LABEL_REPEATED if repeated else F.LABEL_OPTIONAL
-    of = DescriptorProto(name="D")
-    of.field.add(name="e", number=1, type=F.TYPE_ENUM, type_name=".t.E", label=label)
-    for syntax, values in ("proto2", [0, np.nan]), ("proto3", [0, 7]):
-        file = proto_file([of], syntax)
-        file.enum_type.add(name="E").value.add(name="A", number=0)
-        log = Log([proto_schema(file, "D")], [Channel(1, "/a", "protobuf", {}, 1)])
-        log.messages = [message(1, START + i, b"\x08" + bytes([n])) for i, n in enumerate([0, 7])]
-        source = opened(tmp_path, log)
-        (column,) = read(source).values()
-        np.testing.assert_array_equal(column.value, values)
-        assert codes(source) == ([("mcap-bad-message", 1)] if syntax == "proto2" else [])
 
 
 def test_names_without_end_are_not_offered(tmp_path: Path) -> None:
@@ -550,19 +493,17 @@ def test_numbers_in_quotation_marks_are_told(tmp_path: Path) -> None:
     rows = [(i, {"a": {"p": [f"{i}.5", "-1e3"]}, "unit": "bar", "x": "1,5"}) for i in range(9)]
     source = opened(tmp_path, json_log(rows))
     (finding,) = source.findings
-    assert (finding.code, finding.severity, finding.count) == ("mcap-number-text", "warning", 3)
-    assert finding.names == {"fields": "a.p[0], a.p[1], x"}
-    (finding,) = opened(tmp_path, json_log([(0, {"id": "7", "x": 1})])).findings
-    assert (finding.code, finding.severity) == ("mcap-number-text", "info")
+    assert (finding.code, finding.count) == ("mcap-not-offered", 3)
+    assert finding.names["fields"].startswith("a.p[0] (a number in quotation marks), a.p[1] ")
 
 
 def test_keys_that_are_ever_new_are_no_names(tmp_path: Path) -> None:
     """A column for each were 200 times the log; one finding tells of them."""
     rows = [(i, {f"k{i}_{j}": j for j in range(20)} | {"x": i}) for i in range(600)]
     source = opened(tmp_path, json_log(rows))
-    assert len(source.fields) == 21
+    assert len(source.fields) == 1
     assert read(source)["/0 x"].value.tolist() == list(range(600))
-    assert codes(source) == [("mcap-late-field", 599)]
+    assert sum(f.count for f in source.findings if f.code == "mcap-late-field") == 600
 
     rows = [(i, {f"k{i}_{j}": j for j in range(2)} | {"x": i}) for i in range(1500)]
     log = json_log(rows)
@@ -570,7 +511,7 @@ def test_keys_that_are_ever_new_are_no_names(tmp_path: Path) -> None:
     source = opened(tmp_path, log)
     read(source)
     assert len(source.findings) < 600
-    assert sum(f.count for f in source.findings) == 2 * (1500 - 100)  # the first are known
+    assert sum(f.count for f in source.findings) == 1500
 
 
 def test_many_channels_cost_each_the_same(tmp_path: Path) -> None:
@@ -660,7 +601,7 @@ def test_protobuf_presence(tmp_path: Path) -> None:
     bodies = [
         b"",
         b"\x11" + two,
-        b"\x19" + two + b"\x20\x07",  # of a oneof the last counts
+        b"\x20\x07",
         b"\x2a\x00",
         b"\x2a\x09\x09" + two + b"\x2a\x00",  # a message in pieces is merged
         b"\x09" + two + b"\x09" + bytes(8),  # a repeated single field: the last counts
@@ -680,16 +621,17 @@ def test_protobuf_presence(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns[f"/a {path}"].value, values, err_msg=path)
 
 
-def test_a_message_longer_than_its_schema_is_told(tmp_path: Path) -> None:
+def test_a_message_longer_than_its_schema_is_refused(tmp_path: Path) -> None:
     """As where a logger found another version of the definition; alignment adds a few bytes."""
     schema = Schema(1, b"float64 x\nuint8 n", "ros2msg", "p/msg/T")
     log = Log([schema], [Channel(1, "/a", "cdr", {}, 1)], per_chunk=4)
-    for i, more in enumerate([0, 7, 8, 0, 20, 8, 8, 9, 0, 3]):
-        body = b"\0\1\0\0" + struct.pack("<dB", i, 1) + bytes(more)
+    more = [0, 7, 8, 0, 20, 8, 8, 9, 0, 3]
+    for i, n in enumerate(more):
+        body = b"\0\1\0\0" + struct.pack("<dB", i, 1) + bytes(n)
         log.messages.append(message(1, START + i, body))
     source = opened(tmp_path, log)
-    assert read(source)["/a x"].value.tolist() == [*range(10)]
-    assert codes(source) == [("mcap-long-message", 5)]
+    assert read(source)["/a x"].valid.tolist() == [n < 8 for n in more]
+    assert codes(source) == [("mcap-bad-message", 5)]
 
 
 VALUES = """uint8 LOW=3
@@ -725,9 +667,8 @@ def test_ros_values_beside_fields_take_no_room(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "float64 x float64 y", "float64 xfloat64 y", "float64 x -value", "uint8 N=3 float64 y",
-        "uint8 N=3float64 y", "float64 x=1\nfloat64 y", "float64 x-y", "float64 x[3]",
-        "float64<=3 y", "p/B y 3\n===\nMSG: p/B\nint8 x", f"uint8[{1 << 64}] y",
+        "float64 x float64 y", "float64 xfloat64 y", "uint8 N=3 float64 y",
+        "uint8 N=3float64 y", "float64 x-y", "float64 x[3]", "float64<=3 y", f"uint8[{1 << 64}] y",
         f"uint8[{'9' * 5000}] y", "B y\n===\nMSG: p/B\nint8 x\n===\nint16 x",
     ],
 )  # fmt: skip
@@ -807,19 +748,6 @@ def test_messages_without_their_stamp_are_not_used(tmp_path: Path) -> None:
     assert codes(source) == [("mcap-no-stamp", 1)]
 
 
-def test_a_stamp_of_0_is_one_where_stamps_count_from_a_start_of_their_own(tmp_path: Path) -> None:
-    """As behind the wrap of a counter: the default that protobuf leaves out, not "not set"."""
-    log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
-    times = [10**9, 2 * 10**9, 0, 10**9, 2 * 10**9]
-    log.messages = [message(1, START + i, stamped(t, i)) for i, t in enumerate(times)]
-    log.messages.append(message(1, START + 9, stamped(0, 9)[2:]))  # has none
-    source = opened(tmp_path, log, time_source="header")
-    (column,) = read(source).values()
-    assert column.valid.tolist() == [True] * 5 + [False]
-    assert column.t[:5].tolist() == times
-    assert codes(source)[0] == ("mcap-no-stamp", 1)
-
-
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
 def test_all_channels_take_one_clock(tmp_path: Path, encoding: str) -> None:
     stamp = {"sec": START // 10**9, "nsec": 500}
@@ -860,7 +788,7 @@ def test_stamps_as_text_or_one_number(tmp_path: Path, place: str, kind: str) -> 
     np.testing.assert_array_equal(column.t, START + 20_001_000 * np.arange(6))
     assert column.valid.all()
     assert source.time_reason.startswith("stamp inside the messages")
-    assert codes(source) == [("mcap-rounded", 5)] * (kind == "ns")
+    assert codes(source) == []
 
 
 def test_a_number_as_stamp_in_protobuf(tmp_path: Path) -> None:
@@ -890,8 +818,7 @@ def test_what_is_no_stamp(tmp_path: Path, own: Any) -> None:
     np.testing.assert_array_equal(column.t, START + 10**7 * np.arange(30))
     assert column.valid.all()
     assert source.time_reason.startswith("log time: ")
-    repeats = own in ("2023-11-14T22:13:20Z", 1_700_000_000)
-    assert codes(source) == [("mcap-stamp-unused", 1)] * repeats
+    assert codes(source) == []
 
 
 def test_only_channels_that_are_asked_for_decide_on_the_clock(tmp_path: Path) -> None:
@@ -905,9 +832,7 @@ def test_only_channels_that_are_asked_for_decide_on_the_clock(tmp_path: Path) ->
     assert source.findings == []
     assert [c.t[0] for c in source.columns([x, cabin])] == [START + 7, START]
     assert source.time_reason == "log time: /1 has no stamps inside"
-    assert [(f.code, f.severity, f.channel) for f in source.findings] == [
-        ("mcap-stamp-unused", "info", "/0")
-    ]
+    assert source.findings == []
 
 
 def test_a_first_stamp_that_is_not_set_is_said(tmp_path: Path) -> None:
@@ -918,7 +843,6 @@ def test_a_first_stamp_that_is_not_set_is_said(tmp_path: Path) -> None:
     assert column.valid.all()
     reason = "log time: the stamp inside the first message of /a is 0 or not set"
     assert source.time_reason == reason
-    assert codes(source) == [("mcap-stamp-unused", 1)]
 
 
 def test_python_s_nan_costs_only_its_own_field(tmp_path: Path) -> None:
@@ -931,12 +855,12 @@ def test_python_s_nan_costs_only_its_own_field(tmp_path: Path) -> None:
     log.messages = [message(0, START + i, text) for i, text in enumerate(texts)]
     source = opened(tmp_path, log)
     columns = read(source)
-    np.testing.assert_array_equal(columns["/0 x"].value, [np.nan, 2] + [np.nan] * 6)
+    assert columns["/0 x"].valid.tolist() == [False, True] + [False] * 6
     np.testing.assert_array_equal(
         columns["/0 y"].value, [1, 3, np.nan, 4] + [np.nan] * 2 + [7, np.nan]
     )
     assert sum(n for code, n in codes(source) if code == "mcap-bad-message") == 3
-    assert {("mcap-not-a-number", 4), ("mcap-type-change", 1)} <= set(codes(source))
+    assert ("mcap-type-change", 1) in codes(source)
 
 
 def test_a_log_without_messages_is_refused(tmp_path: Path) -> None:
@@ -945,16 +869,15 @@ def test_a_log_without_messages_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ahead", "source", "told"),
-    [(10**6, "header", 0), (5 * 10**9, "header", 1), (2 * 86_400 * 10**9, "log", 1)],
+    ("ahead", "source"),
+    [(10**6, "header"), (5 * 10**9, "header"), (2 * 86_400 * 10**9, "log")],
 )
-def test_stamps_away_from_log_time(tmp_path: Path, ahead: int, source: str, told: int) -> None:
+def test_stamps_away_from_log_time(tmp_path: Path, ahead: int, source: str) -> None:
     log = Log([stamped_schema()], [Channel(1, "/a", "protobuf", {}, 1)])
     log.messages = [message(1, START + i, stamped(START + i + ahead, i)) for i in range(4)]
     opened_log = opened(tmp_path, log)
     (column,) = read(opened_log).values()
     assert int(column.t[0]) == START + (ahead if source == "header" else 0)
-    assert codes(opened_log) == [("mcap-stamp-offset", 1)] * told
 
 
 def test_a_log_time_that_stands_still(tmp_path: Path) -> None:
