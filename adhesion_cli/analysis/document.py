@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..core.finding import Finding
-from ..core.model import Channel, Floats, Log, Result
+from ..core.model import AxleResult, Channel, Floats, Log, Result
 from ..core.text import utf8
 
 if TYPE_CHECKING:
@@ -23,13 +23,8 @@ if TYPE_CHECKING:
     from ..wsp.scenario import Limit, Scenario
     from ..wsp.sweep import Row
 
-Kind = Literal[
-    "result", "inspect", "convert", "recover", "simulate", "scenarios", "estimators", "response",
-    "reproduce", "slip", "antiskid", "antiskid-sweep",
-]  # fmt: skip
 
-
-def tagged(kind: Kind, **body: Any) -> dict[str, Any]:
+def tagged(kind: str, **body: Any) -> dict[str, Any]:
     """A document of this kind; what the run wrote stands in its `outputs`, by format."""
     return {"schema": f"adhesion.{kind}/1", **body}
 
@@ -50,22 +45,6 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
     used = [c for c in log.channels if c.meaning]
     start = log.start_ns()
     end = max((int(c.data.t.max()) for c in used if len(c.data.t)), default=start)
-    axles = []
-    for axle in result.axles:
-        ref = axle.reference
-        # While the wheel only rolls, force and errors are almost zero.
-        braked = np.r_[axle.applications] if axle.applications else slice(None)
-        axles.append(
-            {
-                "axle": axle.record.axle,
-                "reference": {
-                    "method": ref.method,
-                    "sigma_n": _median(ref.sigma[braked]),
-                    "band_n": _median(ref.half[braked]),
-                },
-                "estimators": [asdict(s) for s in axle.scores],
-            }
-        )
     return {
         "log": {
             "path": log.path,
@@ -77,9 +56,24 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
             "rows_used": rows_used(result),
         },
         "outputs": outputs,
-        "axles": axles,
+        "axles": [_axle(axle) for axle in result.axles],
         "channels": [channel_document(c) for c in used],
         "findings": findings_document(result.findings),
+    }
+
+
+def _axle(axle: AxleResult) -> dict[str, Any]:
+    ref = axle.reference
+    # While the wheel only rolls, force and errors are almost zero.
+    braked = np.r_[axle.applications] if axle.applications else slice(None)
+    return {
+        "axle": axle.record.axle,
+        "reference": {
+            "method": ref.method,
+            "sigma_n": _median(ref.sigma[braked]),
+            "band_n": _median(ref.half[braked]),
+        },
+        "estimators": [asdict(s) for s in axle.scores],
     }
 
 
@@ -104,10 +98,8 @@ def slip_document(
         for s in of
     ]
     told = findings_document([f for of in findings for f in of])
-    if not outputs:
-        return tagged("slip", axles=axles, findings=told)
-    files = {log.path: of for log, of in zip(logs, outputs, strict=True)}
-    return tagged("slip", outputs=files, axles=axles, findings=told)
+    files = {"outputs": {log.path: of for log, of in zip(logs, outputs, strict=False)}}
+    return tagged("slip", **(files if outputs else {}), axles=axles, findings=told)
 
 
 def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
@@ -260,9 +252,7 @@ def sweep_document(
     """
     rails: dict[str, dict[str, Any]] = {}
     for r in rows:
-        rails.setdefault(r.rail, {})[r.controller] = {
-            **r.values, **r.compared._asdict(),
-        }  # fmt: skip
+        rails.setdefault(r.rail, {})[r.controller] = {**r.values, **r.compared._asdict()}
     limits = [
         {"rail": r.rail, **x}
         for r in rows

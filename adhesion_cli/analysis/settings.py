@@ -13,13 +13,12 @@ from collections.abc import Mapping as Tree
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, NamedTuple, get_args
 
 from ..channels.meaning import Mapping
 from ..core import controller, estimator, methods, toml
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
-from ..core.methods import Method
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
@@ -105,18 +104,14 @@ def load(
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
     here = Path("adhesion.toml")
-    layers: list[Tree[str, Any]] = []
-    if base:
-        layers.append({k: v for k, v in base.items() if k not in _ORIGIN})
-    if folder and here.is_file():
-        layers.append(toml.read(here, _IS))
-    if config:
-        layers.append(toml.read(config, _IS))
-    flags: dict[str, Any] = {}
+    layers = [{k: v for k, v in (base or {}).items() if k not in _ORIGIN}]
+    layers += [toml.read(here, _IS)] if folder and here.is_file() else []
+    layers += [toml.read(config, _IS)] if config else []
+    layers.append({})
     for text in assignments:
-        _merge(flags, _assignment(text))
+        _merge(layers[-1], _assignment(text))
     tree: dict[str, Any] = {}
-    for layer in (*layers, flags):
+    for layer in layers:
         _merge(tree, _one_spelling(layer))
     return _typed(tree, read)
 
@@ -140,18 +135,18 @@ def tree(
         axles: `--axle`, as given.
         window: `--from` and `--to`, as given.
     """
-    v = settings.vehicle
-    plain: dict[str, Any] = {}
-    for f in dataclasses.fields(v):
-        value = getattr(v, f.name)
-        of = [dict(p._asdict()) for p in (value if f.name == "wheel_radius" else (value,))]
-        plain[f.name] = of if len(of) > 1 else of[0]
-    out: dict[str, Any] = {"vehicle": plain, "analysis": dataclasses.asdict(settings.analysis)}
-    out |= {"slope": settings.slope._asdict(), "bands": settings.bands._asdict()}
-    out["diagnostics"] = {name: p._asdict() for name, p in settings.checks.items()}
-    for est in algos:
-        out[est.name] = {k: float(x) for k, x in settings.params(est)._asdict().items()}
-    return out | _of_log(settings, axles, window)
+    vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
+    radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
+    plain = {name: p._asdict() for name, p in vehicle.items()}
+    return {
+        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **plain},
+        "analysis": dataclasses.asdict(settings.analysis),
+        "slope": settings.slope._asdict(),
+        "bands": settings.bands._asdict(),
+        "diagnostics": {name: p._asdict() for name, p in settings.checks.items()},
+        **{e.name: settings.params(e)._asdict() for e in algos},
+        **_of_log(settings, axles, window),
+    }
 
 
 def _of_log(
@@ -182,11 +177,12 @@ def nested(flat: Tree[str, str]) -> dict[str, Any]:
     """The tree from dotted keys with JSON values, as a result file carries it."""
     out: dict[str, Any] = {}
     for name, text in flat.items():
-        value = json.loads(text)
-        for section in reversed(name.split(".")):
-            value = {section: value}
-        _merge(out, value)
+        _merge(out, _nested(name.split("."), json.loads(text)))
     return out
+
+
+def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
+    return {keys[0]: value if len(keys) == 1 else _nested(keys[1:], value)}
 
 
 def _assignment(text: str) -> dict[str, Any]:
@@ -200,10 +196,7 @@ def _assignment(text: str) -> dict[str, Any]:
         # as people write numbers and TOML does not; else a bare word is a text
         parsed = float(value) if re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value) else value
     *sections, key = name.strip().split(".")
-    out: dict[str, Any] = {key: parsed}
-    for section in reversed(sections):
-        out = {section: out}
-    return out
+    return _nested([*sections, key], parsed)
 
 
 def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
@@ -248,20 +241,17 @@ def _halved(value: Any) -> Any:
 
 
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
-    registered: dict[str, Method] = {**estimator.registry(), **controller.registry()}
-    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "slope", "bands", "diagnostics"]
-    sections += registered
-    overrides: dict[str, dict[str, float]] = {}
+    numeric: dict[str, methods.Tunable] = {**estimator.registry(), **controller.registry()}
+    numeric |= {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
+    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "diagnostics", *numeric]
     for key, value in tree.items():
         if key not in sections:
             raise unknown("setting", key, [*sections, *_vehicle_keys()])
         _table_of(key, value)
-        if key in registered:
-            overrides[key] = {k: _number(f"{key}.{k}", v) for k, v in value.items()}
-            methods.validated(registered[key], overrides[key])
-    if slope := _checked("slope", tree, Params, _floats(Params)):
-        overrides["slope"] = slope
-    vehicle = tree.get("vehicle", {})
+    overrides = {
+        key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
+    }
+    bands = Bands(**overrides.pop("bands", {}))
     mappings, stated = _channels(tree.get("channels", {}))
     options = {
         **stated,
@@ -270,44 +260,36 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         **{k: v for k, v in read.items() if v is not None},
     }
     kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
+    analysis = _fields("analysis", tree.get("analysis", {}), kinds)
+    for name in analysis.keys() - {"reference"}:
+        quantities(Analysis)[name].check(f"analysis.{name}", analysis[name])
+    checks = tree.get("diagnostics", {})
+    for name in checks.keys() - tunable().keys():
+        raise unknown("check", f"diagnostics.{name}", [f"diagnostics.{k}" for k in tunable()])
     return Settings(
-        _vehicle(vehicle),
+        _vehicle(tree.get("vehicle", {})),
         tuple(mappings),
         ReadOptions(**options),
-        Analysis(**_checked("analysis", tree, Analysis, kinds)),
-        Params(**slope),
-        checked(Bands(**_checked("bands", tree, Bands, _floats(Bands))), "bands"),
+        Analysis(**analysis),
+        Params(**overrides.get("slope", {})),
+        checked(bands, "bands"),
         overrides,
-        _thresholds(tree.get("diagnostics", {})),
+        {n: c.Params(**_numbers(c, checks.get(n, {}))) for n, c in tunable().items()},
     )
 
 
-def _thresholds(stated: dict[str, Any]) -> dict[str, Any]:
-    """The thresholds of every check: its defaults and what `[diagnostics.CHECK]` states."""
-    known = tunable()
-    given: dict[str, dict[str, float]] = {}
-    for name, value in stated.items():
-        if name not in known:
-            raise unknown("check", f"diagnostics.{name}", [f"diagnostics.{k}" for k in known])
-        table = _table_of(f"diagnostics.{name}", value)
-        given[name] = {k: _number(f"diagnostics.{name}.{k}", v) for k, v in table.items()}
-    return {name: methods.validated(c, given.get(name, {})) for name, c in known.items()}
+class _Section(NamedTuple):
+    """A section of numbers that belong to no method."""
+
+    name: str
+    Params: type[Any]
 
 
-def _checked(
-    section: str, tree: dict[str, Any], of: type, kinds: dict[str, type]
-) -> dict[str, Any]:
-    """The entries of a section, with numbers checked against their range."""
-    hints = quantities(of)
-    values = _fields(section, tree.get(section, {}), kinds)
-    for name, value in values.items():
-        if isinstance(value, float):
-            hints[name].check(f"{section}.{name}", value)
-    return values
-
-
-def _floats(of: type) -> dict[str, type]:
-    return dict.fromkeys(quantities(of), float)
+def _numbers(of: methods.Tunable, stated: Any) -> dict[str, float]:
+    """The numbers that a section states, checked against their ranges."""
+    numbers = {k: _number(f"{of.name}.{k}", v) for k, v in _table_of(of.name, stated).items()}
+    methods.validated(of, numbers)
+    return numbers
 
 
 def _vehicle_keys() -> dict[str, str]:
@@ -318,39 +300,31 @@ def _vehicle_keys() -> dict[str, str]:
 
 
 def _vehicle(stated: dict[str, Any]) -> Vehicle:
-    hints, default = quantities(Vehicle), Vehicle()
     values: dict[str, Any] = {}
     for name, value in stated.items():
-        known = getattr(default, name)
+        known = getattr(Vehicle(), name)
         if name == "wheel_radius":
             many = value if isinstance(value, list) else [value]
             if not many:
                 hint = "one value, or one per axle"
                 raise UserError(f"vehicle.{name} is an empty list", hint, code=2)
-            values[name] = tuple(_parameter(name, v, known[0], hints[name]) for v in many)
+            values[name] = tuple(_parameter(name, v, known[0]) for v in many)
         else:
-            values[name] = _parameter(name, value, known, hints[name])
+            values[name] = _parameter(name, value, known)
     return Vehicle(**values)
 
 
-def _parameter(key: str, stated: Any, default: Parameter, q: Quantity) -> Parameter:
+def _parameter(key: str, stated: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name = f"vehicle.{key}"
     table = stated if isinstance(stated, dict) else {"value": stated}
-    if extra := set(table) - {"value", "tolerance"}:
-        raise unknown(f"key of {name}", min(extra), ["value", "tolerance"])
+    given = _fields(name, table, {"value": float, "tolerance": float})
+    value = quantities(Vehicle)[key].check(name, given.get("value", default.value))
     share = default.tolerance / default.value if default.value else 0.0
-    value = _number(name, table["value"]) if "value" in table else default.value
-    tolerance = (
-        _number(f"{name}.tolerance", table["tolerance"])
-        if "tolerance" in table
-        else share * abs(value)
-    )
-    q.check(name, value)
+    tolerance = given.get("tolerance", share * abs(value))
     if tolerance < 0.0:
-        raise UserError(
-            f"{name}: tolerance is negative", "1 sigma, in the parameter's unit", code=2
-        )
+        hint = "1 sigma, in the parameter's unit"
+        raise UserError(f"{name}: tolerance is negative", hint, code=2)
     return Parameter(value, tolerance)
 
 
@@ -358,22 +332,19 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
     """`[channels]`: what each log name means, and how to read the time."""
     mappings: list[Mapping] = []
     options: dict[str, Any] = {}
+    of_rows = {"time": TIME_KEYS, "group": GROUP_KEYS}
     for key, value in stated.items():
-        if key == "time":
-            table = _fields("channels.time", _table(value), TIME_KEYS)
-            options |= {f"time_{k}": v for k, v in table.items()}
-        elif key == "group":
-            table = _fields("channels.group", _table(value), GROUP_KEYS)
-            options |= {f"group_{k}": v for k, v in table.items()}
-        elif key in MEANINGS:
-            for axle, entry in _by_axle(key, value):
-                table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
-                if "channel" not in table:
-                    hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
-                    raise UserError(f"channels.{key} names no channel", hint, code=2)
-                mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
-        else:
-            raise unknown("meaning in [channels]", key, ["time", "group", *MEANINGS])
+        if key in of_rows:
+            table = _fields(f"channels.{key}", _table(value), of_rows[key])
+            options |= {f"{key}_{k}": v for k, v in table.items()}
+        elif key not in MEANINGS:
+            raise unknown("meaning in [channels]", key, [*of_rows, *MEANINGS])
+        for axle, entry in _by_axle(key, value) if key in MEANINGS else []:
+            table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
+            if "channel" not in table:
+                hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
+                raise UserError(f"channels.{key} names no channel", hint, code=2)
+            mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
     for name in ("time_channel", "group_channel"):
         if options.get(name, "").isdigit():
             options[name] = f"column {options[name]}"
