@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
 from . import results
 from .options import (
+    ScenarioName,
     Seed,
     Shared,
     completes,
@@ -17,8 +16,8 @@ from .options import (
     estimators,
     inputs,
     loader,
+    option,
     pictures,
-    scenarios,
     shared,
     targets,
 )
@@ -31,42 +30,36 @@ if TYPE_CHECKING:
     from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
-_OF_LOGS = {name: "--" + name.strip("_") for name in ("axle", "from_", "to", "strict", "reference")}
-_OF_FILES = {name: "--" + name for name in ("out", "force", "view")}
+_OF_LOGS = {"--" + name.strip("_"): name for name in ("axle", "from_", "to", "strict", "reference")}
+_OF_FILES = {"--" + name: name for name in ("force", "out", "view")}
+_IDLE = {  # what has no effect, by what says where to stop
+    "SCENARIO": [*_OF_LOGS, "--seeds"],
+    "--rails": [*_OF_LOGS, *_OF_FILES, "--from-log", "--seed"],
+    "--from-log": ["--rails", "--seeds"],
+}
 
 
-@shared(*_OF_LOGS, *_OF_FILES, "config", "set_", "json", "figure")
+@shared(*_OF_LOGS.values(), *_OF_FILES.values(), "config", "set_", "json", "figure")
 def command(  # noqa: PLR0913 (one parameter per option)
     shared: Shared,
-    scenario: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)
-        ),
-    ] = None,
+    scenario: Annotated[str | None, ScenarioName] = None,
     from_log: Annotated[
         Path | None,
-        typer.Option(
-            "--from-log", metavar="LOG", help="Instead of a scenario, the stop and rail of a log."
-        ),
+        option("--from-log", "LOG", "Instead of a scenario, the stop and rail of a log."),
     ] = None,
     algo: Annotated[
-        str,
-        typer.Option(
-            "-a", "--algo", metavar="NAME", help="Estimator in the loop.", **completes(estimators)
-        ),
+        str, option("-a --algo", "NAME", "Estimator in the loop.", **completes(estimators))
     ] = "kalman",
     seed: Seed = None,
     train_speed: Annotated[
         TrainSpeed | None,
-        typer.Option("--train-speed", help="Source of train speed, instead of the scenario's."),
+        option("--train-speed", None, "Source of train speed, instead of the scenario's."),
     ] = None,
     rails: Annotated[
-        bool, typer.Option("--rails", help="A set of rails instead of the scenario's; no results.")
+        bool, option("--rails", None, "A set of rails instead of the scenario's; no results.")
     ] = False,
     seeds: Annotated[
-        int | None,
-        typer.Option("--seeds", metavar="N", min=1, help="Stops on each rail of --rails; else 10."),
+        int | None, option("--seeds", "N", "Stops on each rail of --rails; else 10.", min=1)
     ] = None,
 ) -> int:
     """Stop a train under the patent's law, a rule-based WSP and none, on the same rail.
@@ -83,52 +76,42 @@ def command(  # noqa: PLR0913 (one parameter per option)
 
     if (scenario is None) == (from_log is None):
         raise UserError("one of SCENARIO and --from-log", "adhesion antiskid slippery-stop", code=2)
-    _check_rails(shared, rails, seed, seeds)
-    if scenario is None:
-        assert from_log is not None
-        if rails:
-            raise UserError("--rails has its own rails", "leave out --from-log", code=2)
+    how = "--rails" if rails else "--from-log" if from_log else "SCENARIO"
+    given = {flag: getattr(shared, name) for flag, name in (_OF_LOGS | _OF_FILES).items()}
+    given |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
+    if shared.figure:
+        given["--force"] = False  # has an effect on the figure
+    settings: Stated = loader(shared)().overrides
+    idle = [
+        flag for flag in _IDLE[how] if given[flag] not in (None, []) and given[flag] is not False
+    ]
+    idle += [] if from_log else _idle_settings(shared, settings)
+    if idle:
+        text = f"{', '.join(idle)}: no effect with {how}"
+        raise UserError(text, "leave it out; `adhesion antiskid --help` shows the options", code=2)
+    _tells_of_compiling(shared)
+    if from_log:
         return _replay(from_log, shared, algo, seed or 0, train_speed)
-    stated = _check_settings(shared)
     from ..wsp.scenario import load
 
+    assert scenario is not None
     case = load(scenario).with_train_speed(train_speed)
     if rails:
-        return _on_rails(shared, Path(scenario), case, seeds or 10, algo, stated)
-    return _on_own_rail(shared, Path(scenario), case, seed, algo, stated)
+        return _on_rails(shared, Path(scenario), case, seeds or 10, algo, settings)
+    return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
 
 
-def _check_rails(shared: Shared, rails: bool, seed: int | None, seeds: int | None) -> None:
-    """Refuses options that have no effect with --rails, or without it."""
-    from ..core.errors import UserError
-
-    idle = _given(shared, _OF_FILES) if rails else []
-    idle = [flag for flag in idle if flag != "--force" or not shared.figure]
-    idle += ["--seed"] if rails and seed is not None else ["--seeds"] if seeds and not rails else []
-    if idle:
-        text = f"{', '.join(idle)}: no effect {'with' if rails else 'without'} --rails"
-        raise UserError(text, "--rails writes no file but --figure's and has --seeds", code=2)
-
-
-def _check_settings(shared: Shared) -> "Stated":
-    """The settings of a simulated stop.
-
-    Raises:
-        UserError: for options and settings that only a log uses.
-    """
-    from ..core.errors import UserError
+def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:
+    """The flags whose settings only a log uses; a message if a file states a vehicle."""
+    from ..analysis.settings import stated_sections
     from ..core.model import Vehicle
     from . import terminal
 
-    stated = loader(shared)()
-    settings: Stated = stated.overrides
-    if of_log := [*_given(shared, _OF_LOGS), *_idle_settings(shared.set_, settings)]:
-        hint = "give a log with --from-log; the TOML of a scenario states its train and rail"
-        raise UserError(f"{', '.join(of_log)}: only for --from-log", hint, code=2)
-    if stated.vehicle != Vehicle():
+    flags = [f"--set {x}" for x in sorted(stated_sections(shared.set_) - set(settings))]
+    if not flags and loader(shared)().vehicle != Vehicle():
         text = "note: [vehicle] has no effect here: the TOML of a scenario states its vehicle"
         terminal.message(text, shared.quiet)
-    return settings
+    return flags
 
 
 def _on_rails(
@@ -146,7 +129,6 @@ def _on_rails(
     read = inputs(shared, source)
     atomic_files.check(targets(shared), shared.force, inputs=read)
     made_with = parameters(registry(), algo, settings)
-    _tells_of_compiling(shared)
     count = len(RAILS) * len(registry()) * seeds
     terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
     rows = sweep(case, seeds, algo, settings, terminal.progress(shared.quiet))
@@ -175,7 +157,6 @@ def _on_own_rail(
     paths, tell = _paths(shared, case.name), terminal.progress(shared.quiet)
     atomic_files.check(targets(shared, paths), shared.force, inputs=inputs(shared, source))
     made_with = parameters(registry(), algo, settings)
-    _tells_of_compiling(shared)
     dry, stops = closed_loop.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
     kept = [(law, *x) for law, (_, v) in stops.items() for x in closed_loop.against(case.limit, v)]
@@ -189,26 +170,8 @@ def _on_own_rail(
         *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
     ]
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
-    outcome = _Outcome(case, settings, made, document, "\n".join(lines))
-    _write(paths, shared, source, outcome)
+    _write(paths, shared, source, _Outcome(case, settings, made, document, "\n".join(lines)))
     return 0
-
-
-def _given(shared: Shared, names: "Mapping[str, str]") -> list[str]:
-    """The flags of these fields that are set."""
-    unset = (None, False)  # --from 0 is set
-    return [
-        flag
-        for name, flag in names.items()
-        if (value := getattr(shared, name)) != [] and not any(value is x for x in unset)
-    ]
-
-
-def _idle_settings(set_: Sequence[str], settings: Mapping[str, Any]) -> list[str]:
-    """What `--set` states that has no effect on a stop; `settings` holds what has."""
-    from ..analysis.settings import stated_sections
-
-    return [f"--set {section}" for section in sorted(stated_sections(set_) - set(settings))]
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
@@ -219,35 +182,33 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
-    _tells_of_compiling(shared)
     paths, tell = _paths(shared, results.stem(log)), terminal.progress(shared.quiet)
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
     replayed = case(result, train_speed)
-    settings = loader(shared)().overrides
+    settings, name = loader(shared)().overrides, printable(log.name)
     count = len(registry()) * (1 + len(replayed.draws))
-    terminal.message(f"{printable(log.name)}: rail fitted; {count} stops to simulate", shared.quiet)
+    terminal.message(f"{name}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, found = answers(replayed, algo, settings, seed, tell)
     findings = [*result.findings, *replayed.findings]
     made_with = parameters(found, algo, settings)
-    answer = replay_document(str(log), replayed, made_with, dry, found, findings)
-    logged = replayed.logged_m
+    document = replay_document(str(log), replayed, made_with, dry, found, findings)
     on_dry = f"{dry:.1f} m on dry rail" if dry else "on dry rail not known"
-    head = f"{printable(str(log))}: {on_dry}, " + (
-        f"{logged:.1f} m in the log, " if logged else "not stopped in the log, "
-    )
+    logged = replayed.logged_m
+    in_log = f"{logged:.1f} m in the log" if logged else "not stopped in the log"
     drawn = f"median and, in brackets, 95 % of {len(replayed.draws)} draws of the fitted rail"
-    head += f"estimator {algo}; {drawn}"
     verdict = _verdicts(
         {law: a.values for law, a in found.items()}, {law: a.compared for law, a in found.items()}
     )
-    origin = {"log": printable(log.name), "log_sha256": result.log.sha256}
+    head = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {drawn}"
+    origin = {"log": name, "log_sha256": result.log.sha256}
     made = [
         (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
         for a in found.values()
     ]
     text = f"{head}\n{verdict}\n{_MEANING}"
-    _write(paths, shared, log, _Outcome(replayed.scenario, settings, made, answer, text, findings))
+    outcome = _Outcome(replayed.scenario, settings, made, document, text, findings)
+    _write(paths, shared, log, outcome)
     if not shared.json:
         terminal.message(terminal.findings(findings), shared.quiet or not findings)
     return 3 if terminal.lossy(findings) else 0

@@ -5,27 +5,18 @@ Commands import what they need when they run, so that help and completion are in
 
 import re
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
 from typer.core import TyperCommand
 
 from ..core.errors import UserError
-from . import (
-    analyze,
-    antiskid,
-    compare,
-    convert,
-    estimators,
-    explain,
-    inspect,
-    recover,
-    reproduce,
-    simulate,
-    slip,
-    view,
-)
 
+_COMMANDS = (
+    "inspect", "analyze", "compare", "slip", "antiskid", "simulate", "reproduce", "explain",
+    "convert", "recover", "view", "estimators",
+)  # fmt: skip
 app = typer.Typer(
     name="adhesion",
     help="Wheel-rail adhesion from brake-cylinder pressure and wheel speed.",
@@ -43,21 +34,8 @@ class _Command(TyperCommand):
         return re.sub(r"(?m)^(  [A-Z]+) <\S+>  ", r"\1  ", text)
 
 
-for module in (
-    inspect,
-    analyze,
-    compare,
-    slip,
-    antiskid,
-    simulate,
-    reproduce,
-    explain,
-    convert,
-    recover,
-    view,
-    estimators,
-):
-    app.command(module.__name__.rpartition(".")[2], cls=_Command)(module.command)
+for name in _COMMANDS:
+    app.command(name, cls=_Command)(import_module(f".{name}", __package__).command)
 
 # typer carries click inside, or uses the installed one, by version: reach its classes either way
 _ClickError: Any = typer.BadParameter.__mro__[2]

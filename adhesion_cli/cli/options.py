@@ -1,7 +1,5 @@
 """The options every command shares, declared once."""
 
-# ruff: noqa: RUF009  (`_option` gives a dataclass field)
-
 import functools
 import inspect
 import math
@@ -16,14 +14,6 @@ import typer
 if TYPE_CHECKING:
     from ..core.model import Log
     from ..results.charts import Panel
-
-Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
-
-
-Seed = Annotated[
-    int | None,
-    typer.Option("--seed", metavar="N", min=0, help="Noise seed, instead of the scenario's."),
-]
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -43,13 +33,16 @@ def completes(names: Callable[[], list[str]]) -> dict[str, Any]:
     return {"autocompletion": lambda incomplete: [n for n in names() if n.startswith(incomplete)]}
 
 
-def _option(default: Any, flags: str, metavar: str | None, text: str, **more: Any) -> Any:
-    option = typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
-    made: dict[str, Any] = {"default_factory": list} if default == [] else {"default": default}
-    return field(**made, metadata={"option": option, "default": default})
+def option(flags: str, metavar: str | None, text: str, **more: Any) -> Any:
+    """An option of these flags; its default is not shown."""
+    return typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
 
 
-_REFERENCES = completes(lambda: ["butterworth", "smoother"])
+Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
+Seed = Annotated[int | None, option("--seed", "N", "Noise seed, instead of the scenario's.", min=0)]
+ScenarioName = typer.Argument(
+    metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)
+)
 
 
 # fmt: off
@@ -57,31 +50,37 @@ _REFERENCES = completes(lambda: ["butterworth", "smoother"])
 class Shared:
     """What the shared options say."""
 
-    config: Path | None = _option(
-        None, "-c --config", "FILE.toml", "Vehicle, channels, estimator settings.")
-    set_: list[str] = _option(
-        [], "--set", "NAME=VALUE",
-        "One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.")
-    out: Path | None = _option(
-        None, "-o --out", "DIR", "Folder for the results, made if missing; else the current one.")
-    algo: list[str] = _option(
-        [], "-a --algo", "NAME", "Only this estimator; repeatable.", **completes(estimators))
-    reference: str | None = _option(
-        None, "--reference", "NAME", "Offline reference: smoother (default) or butterworth.",
-        **_REFERENCES)
-    axle: list[int] = _option([], "--axle", "N", "Only this axle; repeatable.", min=1)
-    from_: float | None = _option(None, "--from", "S", "Begin S seconds after the log's start.")
-    to: float | None = _option(None, "--to", "S", "End S seconds after the log's start.")
-    json: bool = _option(False, "--json", None, "One JSON document on stdout, nothing else.")
-    force: bool = _option(False, "--force", None, "Replace existing results.")
-    strict: bool = _option(False, "--strict", None, "Damaged data is an error, not a finding.")
-    rejects: Path | None = _option(
-        None, "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")
-    figure: Path | None = _option(
-        None, "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")
-    quiet: bool = _option(False, "-q --quiet", None, "No messages but errors.")
-    debug: bool = _option(False, "--debug", None, "Show the traceback of an error.")
-    view: bool = _option(False, "--view", None, "Open the result in the Rerun viewer.")
+    config: Annotated[Path | None, option(
+        "-c --config", "FILE.toml", "Vehicle, channels, estimator settings.")] = None
+    set_: Annotated[list[str], option(
+        "--set", "NAME=VALUE", "One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.",
+        )] = field(default_factory=list)
+    out: Annotated[Path | None, option(
+        "-o --out", "DIR", "Folder for the results, made if missing; else the current one.",
+        )] = None
+    algo: Annotated[list[str], option(
+        "-a --algo", "NAME", "Only this estimator; repeatable.", **completes(estimators),
+        )] = field(default_factory=list)
+    reference: Annotated[str | None, option(
+        "--reference", "NAME", "Offline reference: smoother (default) or butterworth.",
+        **completes(lambda: ["butterworth", "smoother"]))] = None
+    axle: Annotated[list[int], option(
+        "--axle", "N", "Only this axle; repeatable.", min=1)] = field(default_factory=list)
+    from_: Annotated[float | None, option(
+        "--from", "S", "Begin S seconds after the log's start.")] = None
+    to: Annotated[float | None, option("--to", "S", "End S seconds after the log's start.")] = None
+    json: Annotated[bool, option(
+        "--json", None, "One JSON document on stdout, nothing else.")] = False
+    force: Annotated[bool, option("--force", None, "Replace existing results.")] = False
+    strict: Annotated[bool, option(
+        "--strict", None, "Damaged data is an error, not a finding.")] = False
+    rejects: Annotated[Path | None, option(
+        "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")] = None
+    figure: Annotated[Path | None, option(
+        "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")] = None
+    quiet: Annotated[bool, option("-q --quiet", None, "No messages but errors.")] = False
+    debug: Annotated[bool, option("--debug", None, "Show the traceback of an error.")] = False
+    view: Annotated[bool, option("--view", None, "Open the result in the Rerun viewer.")] = False
 # fmt: on
 
 
@@ -98,25 +97,22 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     Args:
         names: fields of `Shared`.
     """
-    hints = get_type_hints(Shared)
-    options = {f.name: f for f in fields(Shared) if f.name in (*names, *ALWAYS)}
+    hints, unset = get_type_hints(Shared, include_extras=True), Shared()
     extra = [
         inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=f.metadata["default"],
-            annotation=Annotated[hints[name], f.metadata["option"]],
+            f.name, inspect.Parameter.KEYWORD_ONLY,
+            default=getattr(unset, f.name), annotation=hints[f.name],
         )
-        for name, f in options.items()
-    ]
+        for f in fields(Shared)
+        if f.name in (*names, *ALWAYS)
+    ]  # fmt: skip
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         own = [p for n, p in inspect.signature(command).parameters.items() if n != "shared"]
 
         @functools.wraps(command)
         def run(**given: Any) -> int:
-            values = {name: given.pop(name) for name in options}
-            stated = Shared(**values)
+            stated = Shared(**{p.name: given.pop(p.name) for p in extra})
             with _folder(stated.out):
                 return command(shared=stated, **given)
 
@@ -135,15 +131,15 @@ def _folder(out: Path | None) -> Iterator[None]:
     Raises:
         UserError: where it cannot be made.
     """
-    from ..core.errors import UserError
-
     made = [p for p in (out, *out.parents) if not p.exists()] if out else []
-    try:
-        if out and made:
+    if out and made:
+        from ..core.errors import UserError
+
+        try:
             out.mkdir(parents=True)
-    except OSError as error:
-        text = f"{out}: the folder cannot be made ({error.strerror})"
-        raise UserError(text, "choose another with --out") from error
+        except OSError as error:
+            text = f"{out}: the folder cannot be made ({error.strerror})"
+            raise UserError(text, "choose another with --out") from error
     try:
         yield
     finally:
@@ -224,29 +220,23 @@ def draw(shared: Shared, place: Path, title: str, panels: "Sequence[Panel]") -> 
     charts.write(place, printable(title), panels, suffix=charts.kind(shared.figure))
 
 
-def checked(shared: Shared, logs: Sequence[Path]) -> Callable[..., Any]:
-    """The `loader`, after a check of options and settings, and that every log opens.
+def checked(shared: Shared) -> Callable[..., Any]:
+    """The `loader`, after a check of options and settings.
 
     Raises:
-        UserError: for an unknown name, a value out of range, a file that is not a log.
+        UserError: for an unknown name, a value out of range.
     """
     from ..analysis import analyze
     from ..core.errors import UserError
-    from ..formats.open import open_source
 
     analyze.chosen(shared.algo)
-    first, last = shared.from_, shared.to
-    for flag, value in (("--from", first), ("--to", last)):
-        if value is not None and not math.isfinite(value):
-            raise UserError(
-                f"{flag} {value:g} is not a time", "give seconds after the log's start", code=2
-            )
-    if last is not None and last <= (first or 0.0):
-        text = f"--to {last:g} is not after --from {first or 0.0:g}"
-        raise UserError(text, "both are seconds after the log's start", code=2)
+    stated = {"--from": shared.from_, "--to": shared.to}
+    span = {flag: value for flag, value in stated.items() if value is not None}
+    ends = span.get("--from", 0.0) < span.get("--to", math.inf)
+    if not (ends and all(map(math.isfinite, span.values()))):
+        text = " ".join(f"{flag} {value:g}" for flag, value in span.items())
+        hint = "both are seconds after the log's start"
+        raise UserError(f"{text} is no span of time", hint, code=2)
     load = loader(shared)
-    settings = analyze.checked(load())
-    if len(logs) > 1:  # before the work on the first
-        for log in logs:
-            open_source(log, settings.read)
+    analyze.checked(load())
     return load

@@ -49,7 +49,7 @@ def analysed(
     from ..results import atomic_files
     from . import terminal
 
-    load = checked(shared, logs)
+    load = checked(shared)
     atomic_files.check(targets(shared, [*paths]), shared.force, inputs=inputs(shared, *logs))
     window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
     return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]

@@ -3,30 +3,19 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from .options import Seed, Shared, completes, scenarios, shared
+from .options import ScenarioName, Seed, Shared, option, shared
 
 
 @shared("json", "force")
 def command(
     shared: Shared,
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)
-        ),
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Log: .csv or .mcap.")
-    ] = None,
-    list_: Annotated[bool, typer.Option("--list", help="Show the bundled scenarios.")] = False,
+    scenario: Annotated[str, ScenarioName] = "",
+    out: Annotated[Path | None, option("-o --out", "FILE", "Log: .csv or .mcap.")] = None,
+    list_: Annotated[bool, option("--list", None, "Show the bundled scenarios.")] = False,
     seed: Seed = None,
     dt: Annotated[
         float | None,
-        typer.Option(
-            "--dt", metavar="S", min=1e-6, max=0.02, help="Time step, instead of the scenario's."
-        ),
+        option("--dt", "S", "Time step, instead of the scenario's.", min=1e-6, max=0.02),
     ] = None,
 ) -> int:
     """Simulate a scenario and write what its sensors log, with the true force.
