@@ -1,10 +1,10 @@
 """What is in a log: the `adhesion.inspect/1` document."""
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..channels.log import needed, survey, without_empty
 from ..channels.meaning import name
@@ -18,18 +18,21 @@ from .document import channel_document, findings_document, iso
 from .settings import Settings
 
 
-def inspect(
-    path: Path,
-    load: Callable[..., Settings],
-    seen: Callable[[Log], None] = lambda _: None,
-    debug: bool = False,
-) -> tuple[dict[str, Any], int]:
-    """One log's entry of the document, and the exit code it deserves, whatever is wrong with it.
+class Seen(NamedTuple):
+    """One log, whatever is wrong with it."""
+
+    document: dict[str, Any]  # its entry
+    code: int  # the exit code it deserves
+    findings: Sequence[Finding] = ()
+    log: Log | None = None  # without channels; None where it cannot be read
+
+
+def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> Seen:
+    """One log's entry of the document, with all that was found.
 
     Args:
         path: the log.
         load: gives the settings.
-        seen: is given the log, if it can be read.
         debug: whether the traceback of an error goes to stderr.
 
     Raises:
@@ -50,8 +53,7 @@ def inspect(
             traceback.print_exc()
         told = as_told(error)
         doc |= {"status": "error", "error": told.text, "hint": told.hint}
-        return doc, told.code
-    seen(log)
+        return Seen(doc, told.code)
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
     worst = {f.severity for f in findings}
@@ -73,7 +75,7 @@ def inspect(
         ],
         "findings": findings_document(findings),
     }  # fmt: skip
-    return doc, 3 if worst - {"info"} else 0
+    return Seen(doc, 3 if worst - {"info"} else 0, findings, replace(log, channels=()))
 
 
 def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from ..core import compiled
-from ..core.errors import UserError
 from ..core.estimator import registry
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.physics import wheelset
@@ -315,13 +314,7 @@ def _varying(
 
 def _analysed(path: Path, scenario: Scenario, settings: Settings) -> Result:
     """What `analyze` makes of the scenario's log; the log is named, not kept."""
-    try:
-        writer(path)(path, simulate.as_log(simulate.run(scenario)))
-    except OSError as error:
-        raise UserError(
-            f"{path.parent}: cannot write a simulated log ({error.strerror})",
-            "free space there, or name another folder in TMPDIR",
-        ) from error
+    writer(path)(path, simulate.as_log(simulate.run(scenario)))
     result = analyze(path, lambda base=None: settings)
     return replace(result, log=replace(result.log, path=path.name))
 

@@ -24,7 +24,5 @@ def command(logs: Logs, shared: Shared) -> int:
     else:
         for result, one in zip(analysed, entries, strict=True):
             print(terminal.summary(result, one))
-            terminal.message(
-                terminal.findings(result.findings), shared.quiet or not result.findings
-            )
+            terminal.show(result.findings, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for r in analysed for f in r.findings])

@@ -11,6 +11,7 @@ from .options import (
     ScenarioName,
     Seed,
     Shared,
+    check,
     completes,
     draw,
     estimators,
@@ -19,7 +20,6 @@ from .options import (
     option,
     pictures,
     shared,
-    targets,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +48,8 @@ def command(  # noqa: PLR0913 (one parameter per option)
         option("--from-log", "LOG", "Instead of a scenario, the stop and rail of a log."),
     ] = None,
     algo: Annotated[
-        str, option("-a --algo", "NAME", "Estimator in the loop.", **completes(estimators))
+        str,
+        option("-a --algo", "NAME", "Estimator in the loop; else kalman.", **completes(estimators)),
     ] = "kalman",
     seed: Seed = None,
     train_speed: Annotated[
@@ -126,8 +127,7 @@ def _on_rails(
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
-    read = inputs(shared, source)
-    atomic_files.check(targets(shared), shared.force, inputs=read)
+    check(shared, [], source)
     made_with = parameters(registry(), algo, settings)
     count = len(RAILS) * len(registry()) * seeds
     terminal.message(f"{count} stops to simulate, on all cores", shared.quiet)
@@ -135,7 +135,7 @@ def _on_rails(
     document = sweep_document(case.name, seeds, algo, made_with, rows)
     title = f"{case.name} on other rails: mean and 95 % of {seeds} seeds"
     for picture in pictures(shared):
-        with atomic_files.outputs([picture], shared.force, inputs=read) as (place,):
+        with atomic_files.outputs([picture], shared.force) as (place,):
             draw(shared, place, title, of_sweep(rows))
     document["outputs"] = results.named(pictures(shared))
     text = "\n".join([_rails(rows), *map(terminal.wrote, pictures(shared))])
@@ -149,13 +149,12 @@ def _on_own_rail(
     """The stops of every controller on the scenario's rail."""
     from ..analysis.document import antiskid_document, limits_document, stop_settings
     from ..core.controller import registry
-    from ..results import atomic_files
     from ..wsp import closed_loop
     from ..wsp.wsp_controller import parameters
     from . import terminal
 
     paths, tell = _paths(shared, case.name), terminal.progress(shared.quiet)
-    atomic_files.check(targets(shared, paths), shared.force, inputs=inputs(shared, source))
+    check(shared, paths, source)
     made_with = parameters(registry(), algo, settings)
     dry, stops = closed_loop.side_by_side(case, seed, algo, settings, tell)
     found = {law: v._asdict() for law, (_, v) in stops.items()}
@@ -170,8 +169,7 @@ def _on_own_rail(
         *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
     ]
     made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
-    _write(paths, shared, source, _Outcome(case, settings, made, document, "\n".join(lines)))
-    return 0
+    return _write(paths, shared, source, _Outcome(case, settings, made, document, "\n".join(lines)))
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
@@ -208,10 +206,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     ]
     text = f"{head}\n{verdict}\n{_MEANING}"
     outcome = _Outcome(replayed.scenario, settings, made, document, text, findings)
-    _write(paths, shared, log, outcome)
-    if not shared.json:
-        terminal.message(terminal.findings(findings), shared.quiet or not findings)
-    return 3 if terminal.lossy(findings) else 0
+    return _write(paths, shared, log, outcome)
 
 
 def _tells_of_compiling(shared: Shared) -> None:
@@ -242,8 +237,8 @@ class _Outcome:
     findings: "Sequence[Finding]" = ()
 
 
-def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> None:
-    """Writes the files and prints the outcome."""
+def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> int:
+    """Writes the files and prints the outcome; returns the exit code."""
     from ..analysis.document import dumps
     from ..core import controller, estimator
     from ..core.physics import G
@@ -274,10 +269,8 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) ->
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
     whole = {**of.document, "outputs": outputs}
     print(dumps(whole) if shared.json else f"{of.text}\n{terminal.wrote(*every)}")
-    if shared.view:
-        from .view import show_recording
-
-        show_recording(paths[0])
+    terminal.show(of.findings, shared.quiet or shared.json)
+    return results.finished(shared, paths[0], of.findings)
 
 
 _ROWS = {

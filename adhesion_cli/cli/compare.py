@@ -51,7 +51,7 @@ def command(
             print(terminal.scores([("all", s) for s in overall(groups)], "all axles"))
         for r in analysed:
             name = f"{printable(r.log.path)}:\n" if len(analysed) > 1 else ""
-            terminal.message(name + terminal.findings(r.findings), shared.quiet or not r.findings)
+            terminal.show(r.findings, shared.quiet, name)
         print(terminal.wrote(*pair))
     return results.finished(shared, pair[1], [f for r in analysed for f in r.findings])
 

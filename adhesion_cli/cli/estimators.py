@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from .options import Shared, loader, shared
+from .options import Shared, loader, option, shared
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
@@ -16,7 +14,7 @@ if TYPE_CHECKING:
 def command(
     shared: Shared,
     response: Annotated[
-        bool, typer.Option("--response", help="Measure gain, delay, noise over frequency.")
+        bool, option("--response", None, "Measure gain, delay, noise over frequency.")
     ] = False,
 ) -> int:
     """Show every online estimator: method, source, parameters as set, with unit, range, default.
@@ -108,14 +106,11 @@ def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) ->
         ("Delay of the force [ms]", "delay_s", 1e3, 0),
         ("Force per wheel speed [N/(rad/s)]", "noise_gain", 1.0, 0),
     ):
-        rows = [
-            [
-                r.algo, terminal.number(r.amplitude_n),
-                *(terminal.number(factor * x, digits) for x in getattr(r, name).tolist()),
-            ]
-            for r in found
-        ]  # fmt: skip
-        header = ["method", "A [N]", *(f"{f:g}" for f in FREQUENCIES)]
-        print(f"{title} by frequency [Hz]:\n{terminal.table(header, rows)}\n")
+        rows = []
+        for r in found:
+            values = zip(FREQUENCIES, getattr(r, name).tolist(), strict=True)
+            shown = {f"{f:g}": terminal.number(factor * x, digits) for f, x in values}
+            rows.append({"method": r.algo, "A [N]": terminal.number(r.amplitude_n), **shown})
+        print(f"{title} by frequency [Hz]:\n{terminal.records(rows)}\n")
     print(f"A: amplitude of the force; - where it makes no difference.\n{terminal.wrote(picture)}")
     return 0

@@ -1,13 +1,12 @@
 """`adhesion inspect`: what is in a log."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from .options import Logs, Shared, inputs, loader, places, shared, targets
+from .options import Logs, Shared, check, loader, places, shared
 
 if TYPE_CHECKING:
-    from ..core.model import Log
+    from ..core.finding import Finding
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 
@@ -20,27 +19,19 @@ def command(logs: Logs, shared: Shared) -> int:
     """
     from ..analysis.document import dumps, tagged
     from ..analysis.inspection import inspect
-    from ..results import atomic_files
 
-    atomic_files.check(targets(shared), shared.force, inputs=inputs(shared, *logs))
-    read: list[Log] = []
-    seen = [
-        inspect(
-            log, loader(shared), lambda log: read.append(replace(log, channels=())), shared.debug
-        )
-        for log in logs
-    ]
-    with places(shared, [[]], read, logs):
+    check(shared, [], *logs)
+    seen = [inspect(log, loader(shared), shared.debug) for log in logs]
+    with places(shared, [[]], (one.log for one in seen if one.log), logs):
         pass
     if shared.json:
-        print(dumps(tagged("inspect", logs=[doc for doc, _ in seen])))
+        print(dumps(tagged("inspect", logs=[one.document for one in seen])))
     else:
-        print("\n\n".join(_text(doc) for doc, _ in seen))
-    return max((code for _, code in seen), key=_WORST.index)
+        print("\n\n".join(_text(one.document, one.findings) for one in seen))
+    return max((one.code for one in seen), key=_WORST.index)
 
 
-def _text(doc: dict[str, Any]) -> str:
-    from ..core.finding import Finding
+def _text(doc: dict[str, Any], findings: "Sequence[Finding]") -> str:
     from ..core.text import printable
     from . import terminal
 
@@ -56,8 +47,7 @@ def _text(doc: dict[str, Any]) -> str:
         if value not in ("", None)
     ]
     lines += _channels(doc["channels"])
-    found = [Finding.of_document(f) for f in doc["findings"]]
-    return "\n".join([*lines, terminal.findings(found)] if found else lines)
+    return "\n".join([*lines, terminal.findings(findings)] if findings else lines)
 
 
 def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:

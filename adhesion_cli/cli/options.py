@@ -159,17 +159,25 @@ def loader(shared: Shared) -> Callable[..., Any]:
     )  # fmt: skip
 
 
-def targets(shared: Shared, paths: Sequence[Path] = ()) -> list[Path]:
-    """Everything a run will write: results, and on request rejected rows and a picture.
+def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
+    """Refuses what could not be written after the work, of all that the run writes.
+
+    Args:
+        shared: names what is written on request, rejected rows and a picture.
+        paths: the results.
+        logs: what the run reads.
 
     Raises:
-        UserError: for a picture with another suffix.
+        UserError: as `atomic_files.check`, or a picture with another suffix.
     """
+    from ..results import atomic_files
+
     if shared.figure:
         from ..results.charts import kind
 
         kind(shared.figure)
-    return [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
+    every = [*paths, *([shared.rejects] if shared.rejects else []), *pictures(shared)]
+    atomic_files.check(every, shared.force, inputs=inputs(shared, *logs))
 
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:

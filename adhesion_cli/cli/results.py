@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .options import Shared, checked, inputs, pictures, places, targets
+from .options import Shared, check, checked, pictures, places
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
@@ -46,11 +46,10 @@ def analysed(
         UserError: for what would fail later, and for a log with nothing to analyse.
     """
     from ..analysis.analyze import analyze
-    from ..results import atomic_files
     from . import terminal
 
     load = checked(shared)
-    atomic_files.check(targets(shared, [*paths]), shared.force, inputs=inputs(shared, *logs))
+    check(shared, [*paths], *logs)
     window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
     return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]
 
@@ -104,3 +103,19 @@ def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> 
 
         show_recording(recording)
     return 3 if lossy(findings) else 0
+
+
+def single(
+    shared: Shared, kind: str, out: Path, findings: "Sequence[Finding]", **counts: int
+) -> int:
+    """Says that one file was written and what was found; returns the exit code."""
+    from ..analysis.document import dumps, findings_document, tagged
+    from . import terminal
+
+    if shared.json:
+        files, found = {out.suffix[1:]: str(out)}, findings_document(findings)
+        print(dumps(tagged(kind, outputs=files, **counts, findings=found)))
+    else:
+        terminal.show(findings, shared.quiet)
+        print("".join([terminal.wrote(out), *(f": {n} {name}" for name, n in counts.items())]))
+    return 3 if terminal.lossy(findings) else 0

@@ -8,6 +8,7 @@ from . import results
 from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
+    from ..rail.events import Slide
     from ..rail.fit import RailFit
     from ..rail.slip import Summary
 
@@ -57,7 +58,7 @@ def command(logs: Logs, shared: Shared) -> int:
         for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
             print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
             print(terminal.wrote(*pair, *pictures(shared)))
-            terminal.message(terminal.findings(told), shared.quiet or not told)
+            terminal.show(told, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
 
 
@@ -69,37 +70,27 @@ _OF_REGIONS = (
     "Share of the braked time in which slope and slip show the side of the curve's peak: below, at "
     "the peak (optimal), or beyond it."
 )
-_RAIL = ["peak slip [%]", "peak µ", "speed [m/s]", "utilisation"]
 _CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
-_SLIDES = ["duration [s]", "distance [m]", "max slip [%]", "energy [kJ]"]
 
 
 def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     """What the screen shows of a log: rail and regions of every axle, and every slide."""
-    from ..rail.slope import REGIONS
-    from . import terminal
+    from .terminal import folded, number, records, table
 
-    percent = [*(f"{r} [%]" for r in REGIONS), "slip RMSE [%]"]
-    regions = [
-        [
-            str(s.axle),
-            *(terminal.number(100.0 * s.regions[r] if s.regions else None, 1) for r in REGIONS),
-            terminal.number(s.slip_rmse and 100.0 * s.slip_rmse, 2),
-        ]
-        for s in summaries
-    ]
-    known = any(s.slip_rmse is not None for s in summaries)
-    cut = None if known else -1
-    parts = [
-        terminal.table(["axle", *_RAIL], [[str(s.axle), *_rail(s.rail)] for s in summaries]),
-        terminal.table(["axle", *percent][:cut], [row[:cut] for row in regions]),
-        terminal.folded(_OF_REGIONS),
-    ]
+    rails, regions = [], []
+    noise = any(s.slip_rmse is not None for s in summaries)
+    for s in summaries:
+        axle = {"axle": str(s.axle)}
+        shares = {f"{r} [%]": number(100.0 * x, 1) for r, x in (s.regions or {}).items()}
+        rmse = number(None if s.slip_rmse is None else 100.0 * s.slip_rmse, 2)
+        regions.append(axle | shares | ({"slip RMSE [%]": rmse} if noise else {}))
+        rails.append(axle | _rail(s.rail))
+    parts = [records(rails), records(regions), folded(_OF_REGIONS)]
     if of := {f"axle {s.axle}": _constants(s.rail) for s in summaries if s.rail}:
         rows = [list(row) for row in zip(_CONSTANTS, *of.values(), strict=True)]
-        parts += [terminal.table(["rail", *of], rows), terminal.folded(_OF_CURVE)]
-    if slides := _slides(summaries, start_ns):
-        parts.append(terminal.table(["axle", "slide at [s]", *_SLIDES], slides))
+        parts += [table(["rail", *of], rows), folded(_OF_CURVE)]
+    if slides := _slides(summaries, start_ns, "slide at [s]"):
+        parts.append(records(slides))
     return "\n\n".join(parts)
 
 
@@ -108,12 +99,12 @@ def note(summary: "Summary", brake_ns: int) -> str:
     from . import terminal
 
     width, rail = terminal.NARROW, summary.rail
-    values = list(zip(_RAIL, _rail(rail), strict=True))
+    values = list(_rail(rail).items())
     values += zip(_CONSTANTS, _constants(rail), strict=True) if rail else []
     parts = [terminal.table(["axle", str(summary.axle)], values, width=width)]
     parts += [terminal.folded(_OF_CURVE, width=width)] if rail else []
-    if slides := _slides([summary], brake_ns):
-        parts.append(terminal.table(["axle", "from brake [s]", *_SLIDES], slides, width=width))
+    if slides := _slides([summary], brake_ns, "from brake [s]"):
+        parts.append(terminal.records(slides, width))
     return "\n".join(parts)
 
 
@@ -126,36 +117,39 @@ def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1
     return f"{value} ({low}–{high})"
 
 
-def _rail(rail: "RailFit | None") -> list[str]:
+def _rail(rail: "RailFit | None") -> dict[str, str]:
     from .terminal import number
 
-    if rail is None:
-        return ["-"] * len(_RAIL)
-    peak = _spread(rail.peak_slip, 2, 100.0)
-    if rail.below and not rail.peak_slip:
+    peak = _spread(rail and rail.peak_slip, 2, 100.0)
+    if rail and rail.below and not rail.peak_slip:
         peak = f"below {number(100.0 * rail.below, 2)}"
-    speed = number(rail.speed if rail.below else None, 1)
-    return [peak, _spread(rail.peak_mu, 3), speed, _spread(rail.utilisation, 3)]
+    return {
+        "peak slip [%]": peak,
+        "peak µ": _spread(rail and rail.peak_mu, 3),
+        "speed [m/s]": number(rail.speed if rail and rail.below else None, 1),
+        "utilisation": _spread(rail and rail.utilisation, 3),
+    }
 
 
 def _constants(rail: "RailFit") -> list[str]:
     return [_spread(rail.told.get(name), 3) for name in _CONSTANTS.values()]
 
 
-def _slides(summaries: "Sequence[Summary]", zero_ns: int) -> list[list[str]]:
+def _slides(summaries: "Sequence[Summary]", zero_ns: int, when: str) -> list[dict[str, str]]:
     from .terminal import number
 
+    def least(x: "Slide", value: float | None, digits: int) -> str:
+        return "≥ " * (x.at_least and value is not None) + number(value, digits)
+
     return [
-        [
-            str(s.axle), number((x.start - zero_ns) / 1e9, 2),
-            *(
-                "≥ " * (x.at_least and value is not None) + number(value, digits)
-                for value, digits in (
-                    (x.duration, 2), (x.distance, 1), (100.0 * x.max_slip, 1),
-                    (x.energy and x.energy / 1e3, 1),
-                )
-            ),
-        ]
+        {
+            "axle": str(s.axle),
+            when: number((x.start - zero_ns) / 1e9, 2),
+            "duration [s]": least(x, x.duration, 2),
+            "distance [m]": least(x, x.distance, 1),
+            "max slip [%]": least(x, 100.0 * x.max_slip, 1),
+            "energy [kJ]": least(x, x.energy and x.energy / 1e3, 1),
+        }
         for s in summaries
         for x in s.slides
-    ]  # fmt: skip
+    ]

@@ -4,7 +4,7 @@ import io
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,12 @@ def table(
     return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
 
 
+def records(rows: Sequence[Mapping[str, str]], width: int | None = None) -> str:
+    """A `table` of rows that have the same keys, which are its header."""
+    header = list(dict.fromkeys(key for row in rows for key in row))
+    return table(header, [[row.get(key, "-") for key in header] for row in rows], width=width)
+
+
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
     """A line of text as wide as `width`, or else the terminal; what follows indented."""
     width = width or shutil.get_terminal_size((NARROW, 24)).columns
@@ -125,6 +131,11 @@ def findings(found: Sequence[Finding], width: int | None = None) -> str:
             parts = [of[0].code.ljust(codes), *([where] if where else []), printable(message)]
             lines.append(_cut("  " + "  ".join(parts), columns))
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
+
+
+def show(found: Sequence[Finding], quiet: bool, heading: str = "") -> None:
+    """The findings on stderr, if there are any."""
+    message(heading + findings(found), quiet or not found)
 
 
 def _grouped(found: Sequence[Finding]) -> list[tuple[list[Finding], str]]:

@@ -71,13 +71,6 @@ class Finding:
     values: Mapping[str, float] = field(default_factory=dict)  # the name ends with the unit
     names: Mapping[str, str] = field(default_factory=dict)  # texts: a column, a unit
 
-    @classmethod
-    def of_document(cls, f: Mapping[str, Any]) -> "Finding":
-        """A finding as `--json` states it."""
-        own = {k: f[k] for k in ("code", "severity", "channel", "count", "values", "names")}
-        spans = tuple((a, b) for a, b in f["spans"])
-        return cls(spans=spans, **own)
-
     def __hash__(self) -> int:
         return hash((self.code, self.severity, self.channel, self.count, self.spans))
 

@@ -34,14 +34,9 @@ def test_words_are_complete_and_short(code: str) -> None:
     assert all(name.isidentifier() for name in fields)
 
 
-def test_a_finding_survives_its_document() -> None:
+def test_a_finding_fills_its_words() -> None:
     values = {"longest_s": 3.0}
     one = Finding("gap", "warning", "speed", 2, ((1.0, 2.0), (4.0, 5.0)), values)
-    document = {
-        "code": "gap", "severity": "warning", "channel": "speed", "count": 2,
-        "spans": [[1.0, 2.0], [4.0, 5.0]], "values": values, "names": {},
-    }  # fmt: skip
-    assert Finding.of_document(document) == one
     assert one.message == catalogue()["gap"].message.format(**values)
     assert one.first_s == 1.0
     assert Finding("standstill", "info").first_s is None
