@@ -10,7 +10,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import MADE, Channel, Column, Log, Meaning, Vehicle
 from ..formats.source import Source
-from .meaning import Mapping, Meant, first_name, name, understood
+from .meaning import Mapping, Meant, name, understood
 from .to_si import channel
 
 # What an analysis needs, by the meanings that give it, and what it does not need.
@@ -84,7 +84,6 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
     meant, findings = _understood(source, mappings)
     chosen = [m for m in meant if m.meaning]
     _refuse_two_units(chosen, source.path)
-    _refuse_repeated(chosen, source, {m.meaning for m in mappings})
     braked = {m.axle for m in chosen if m.meaning == "pressure"}
     for m in list(chosen):
         spare = m.meaning == "clamping_force" and m.axle in braked  # it follows from the pressure
@@ -111,43 +110,16 @@ def without_empty(log: Log) -> Log:
             continue
         kind = _NEEDED.get(c.meaning)
         if kind and kind not in there:
-            _refuse_empty(log, c)
+            raise UserError(
+                f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)",
+                f"see the findings of `adhesion inspect {log.path}`",
+            )
         covered = kind is None or any(
             _NEEDED.get(f.meaning) == kind and f.axle == c.axle for f in full
         )
         severity: Severity = "info" if covered else "warning"
         findings.append(Finding("empty-channel", severity, channel=c.title))
     return replace(log, channels=tuple(full), findings=(*log.findings, *findings))
-
-
-def _refuse_empty(log: Log, c: Channel) -> None:
-    """Refuses a log of which a needed channel holds no number.
-
-    Raises:
-        UserError: says why, where the time stamps are too coarse.
-    """
-    text = f"{log.path}: channel {c.title!r} has no usable sample ({c.rows} in the log)"
-    coarse = next((f for f in log.findings if f.code == "time-coarse"), None)
-    if coarse and coarse.hint:
-        raise UserError(f"{text}: {coarse.message.rstrip('.')}", coarse.hint)
-    raise UserError(text, f"see the findings of `adhesion inspect {log.path}`")
-
-
-def _refuse_repeated(chosen: Sequence[Meant], source: Source, mapped: set[Meaning]) -> None:
-    """Refuses a name that is needed and stands above several columns, unless they were mapped.
-
-    Raises:
-        UserError: names both as the reader distinguishes them.
-    """
-    again = {(first_name(f.channel), f.group): f.channel for f in reversed(source.fields)}
-    for m in chosen:
-        second = again.get((m.field.channel, m.field.group))
-        if second and m.meaning in _NEEDED and m.meaning not in mapped:
-            raise UserError(
-                f"{source.path}: several columns are called {m.field.channel!r}: which one is the "
-                f"{m.words} is not stated",
-                f'{_state(m)}; the next one is called "{second}"',
-            )
 
 
 def _refuse_two_units(chosen: Iterable[Meant], path: Path) -> None:

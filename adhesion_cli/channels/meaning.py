@@ -4,7 +4,7 @@ A mapping from the user decides, else the names. Every guess has its reason, whi
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from ..core import units
@@ -75,19 +75,24 @@ def understood(
             continue
         own = replace(field, group="") if field.encoding else field  # see Field.group
         meaning, axle, unit, reason = guess(own)
-        if (first := first_name(field.channel)) in channels:  # the reader added "(2)"
-            axle = axle_of(replace(own, channel=first))
+        first = re.fullmatch(r"(.*) \(\d+\)", field.channel)
+        if first and first[1] in channels:  # the reader added "(2)"
+            axle = axle_of(replace(own, channel=first[1]))
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
+        elif field.path.count("[") > 1:
+            meaning, reason = (
+                None,
+                "a list in a list: its axle is not clear, state it in [channels]",
+            )
         if meaning:
             guesses.append(len(meant))
         too = _unit_too(field, meaning, unit) if meaning else ""
         meant.append(Meant(field, meaning, axle, unit, reason, unit_too=too))
     _own_stamps(meant, guesses)
     _prefer_the_qualified(meant, guesses)
-    findings = _speed_itself(meant, guesses)
-    findings += _nested(meant, guesses)
-    findings += _count_from_one(meant, guesses)
+    _speed_itself(meant, guesses)
+    findings = _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
     findings += _one_each(meant, guesses)
     return meant, findings
@@ -150,50 +155,14 @@ def _prefer_the_qualified(meant: list[Meant], guesses: list[int]) -> None:
             meant[i] = replace(meant[i], meaning=meaning, axle=None, reason=reason)
 
 
-def _speed_itself(meant: list[Meant], guesses: list[int]) -> list[Finding]:
+def _speed_itself(meant: list[Meant], guesses: list[int]) -> None:
     """An acceleration is integrated only where no speed of the train is logged."""
     trains = [i for i, m in enumerate(meant) if m.meaning == "train_speed"]
     rates = [i for i in trains if units.is_acceleration(meant[i].unit)]
-    if len(rates) == len(trains):
-        return []
-    findings = []
-    for i in rates:
+    for i in rates if len(rates) < len(trains) else []:
         if i in guesses:
             reason = "an acceleration, not needed: the log has the train's speed itself"
             meant[i] = replace(meant[i], meaning=None, reason=reason)
-            findings.append(Finding("acceleration-not-needed", "info", channel=meant[i].title))
-    return findings
-
-
-def _nested(meant: list[Meant], guesses: list[int]) -> list[Finding]:
-    """Lists in lists, as bogies[1].wheel_speed[0]: wheels are counted through, in order.
-
-    A pressure that stands once per outer element serves all wheels of that element.
-    """
-    findings = []
-    topics: dict[str, list[int]] = {}
-    for i in guesses:
-        topics.setdefault(meant[i].field.channel, []).append(i)
-    for topic, own in topics.items():
-        places = {i: tuple(map(int, re.findall(r"\[(\d+)\]", meant[i].field.path))) for i in own}
-        wheels = sorted({places[i] for i in own if meant[i].meaning == "wheel_speed"})
-        if not wheels or len(wheels[0]) < 2:
-            continue
-        for i in own:
-            served = [n for n, w in enumerate(wheels, 1) if w[: len(places[i])] == places[i]]
-            if places[i] and served:
-                _serve(meant, guesses, i, served)
-        values = {"wheels": len(wheels)}
-        findings.append(Finding("axles-nested", "info", channel=topic, values=values))
-    return findings
-
-
-def _serve(meant: list[Meant], guesses: list[int], i: int, axles: Sequence[int]) -> None:
-    """Gives one channel to several axles."""
-    meant[i] = replace(meant[i], axle=axles[0])
-    for axle in axles[1:]:
-        guesses.append(len(meant))
-        meant.append(replace(meant[i], axle=axle))
 
 
 def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
@@ -203,7 +172,7 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
     and 1 and pressures 1 and 2, the pressures count from 1. Indices in brackets and numbers in
     names are judged separately.
     """
-    moved = []
+    moved: list[int] = []
     for indexed in (False, True):
         of: dict[Meaning | None, list[int]] = {}
         for i in guesses:
@@ -211,9 +180,7 @@ def _count_from_one(meant: list[Meant], guesses: list[int]) -> list[Finding]:
                 of.setdefault(meant[i].meaning, []).append(i)
         numbers = {meaning: [meant[i].axle or 0 for i in own] for meaning, own in of.items()}
         last = max((max(n) for n in numbers.values() if 0 in n), default=-1)
-        for meaning, own in of.items():
-            if 0 in numbers[meaning] or max(numbers[meaning]) <= last:
-                moved += own
+        moved += [i for meaning, own in of.items() if max(numbers[meaning]) <= last for i in own]
     for i in moved:
         meant[i] = replace(meant[i], axle=(meant[i].axle or 0) + 1)
     if not moved:
@@ -238,9 +205,10 @@ def _bogies(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         m = meant[i]
         bogie = bogie_of(m.title)
         if m.meaning == "pressure" and m.axle is None and bogie:
-            axles = 2 * bogie - 1, 2 * bogie
-            _serve(meant, guesses, i, axles)
-            names = {"axles": f"{axles[0]} and {axles[1]}"}
+            meant[i] = replace(m, axle=2 * bogie - 1)
+            guesses.append(len(meant))
+            meant.append(replace(m, axle=2 * bogie))
+            names = {"axles": f"{2 * bogie - 1} and {2 * bogie}"}
             findings.append(Finding("bogie-pressure", "info", channel=m.title, names=names))
     return findings
 
@@ -278,32 +246,27 @@ def title(field: Field) -> str:
     return f"{name(field)} {field.path}".strip()
 
 
-def first_name(channel: str) -> str:
-    """The name that "name (2)" repeats; "" for any other name."""
-    match = re.fullmatch(r"(.*) \(\d+\)", channel)
-    return match[1] if match else ""
-
-
 def _find(fields: Sequence[Field], m: Mapping) -> Field:
     """The field that a mapping names."""
     wanted = m.channel.strip()
-    if not any(f.channel == wanted for f in fields):
-        folded = {f.channel.strip().casefold(): f.channel for f in fields}
-        number = f"column {wanted}" if wanted.isdigit() else wanted
-        found = folded.get(wanted.casefold()) or folded.get(number)
-        bare = {units.in_name(f.channel)[0].casefold(): f.channel for f in fields}
-        found = found or bare.get(wanted.casefold())
-        if found is None:
-            raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
-        wanted = found
-    own = [f for f in fields if f.channel == wanted and (not m.group or f.group == m.group)]
+    folded = wanted.casefold()
+    spellings: tuple[Callable[[str], bool], ...] = (
+        lambda channel: channel == wanted,
+        lambda channel: channel.strip().casefold() in (folded, f"column {folded}"),
+        lambda channel: units.in_name(channel)[0].casefold() == folded,
+    )
+    named = ([f for f in fields if same(f.channel)] for same in spellings)
+    found = next((fields for fields in named if fields), [])
+    if not found:
+        raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
+    own = [f for f in found if not m.group or f.group == m.group]
     if m.field:
-        own = [f for f in own if m.field in (f.path, f.label)] or own[:0]
+        own = [f for f in own if m.field in (f.path, f.label)]
     if len(own) == 1:
         return own[0]
     if not m.field and (generic := [f for f in own if f.path in GENERIC]):
         return generic[0]
-    names = [title(f) for f in fields if f.channel == wanted]
+    names = [title(f) for f in found]
     if own:
         raise UserError(
             f"channel {m.channel!r} has several fields: {', '.join(names[:12])}",

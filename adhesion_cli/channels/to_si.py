@@ -13,7 +13,6 @@ from .meaning import Meant, name
 
 _FINEST = 2e-4  # of the shortest period: a tick so small is no more than noise
 _ON_GRID = 0.9  # mean cosine of phases that lie on one
-_MAY_BE = 0.5  # the same of the gaps between them, with their digits' rounding
 
 
 def channel(
@@ -177,8 +176,6 @@ def period_tick(speed: Floats, step: float) -> float:
     some = periods[:: max(1, len(periods) // 200)]
     close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
     for parts in (1, 2, 3):
-        if agree(np.array([usual / parts]), gaps[gaps < 10.0 * usual])[0] < _MAY_BE:
-            continue  # so much is seen at once
         ticks = usual / parts * close
         best = ticks[[np.argmax(agree(ticks, some))]]
         if agree(best, periods)[0] > _ON_GRID:

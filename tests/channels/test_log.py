@@ -117,14 +117,13 @@ def test_a_pressure_from_vacuum_is_suspected_and_can_be_stated(tmp_path: Path) -
     assert abs(pressure.data.value[0]) < 100.0
 
 
-def test_a_needed_name_above_two_columns_is_refused_unless_mapped(tmp_path: Path) -> None:
+def test_a_needed_name_above_two_columns_is_reported_and_can_be_mapped(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = "".join(f"{k / 50},{k % 7},{k % 5},{50 - k / 50}\n" for k in range(200))
     path.write_text("time [s],BCP 1 [bar],BCP 1 [bar],axle 1 [km/h]\n" + rows)
-    with pytest.raises(UserError, match=r"several columns are called 'BCP 1 .bar.'") as error:
-        read(open_source(path, ReadOptions()), (), Vehicle())
-    assert 'pressure."axle 1" = {channel = "BCP 1 [bar]"' in error.value.hint
-    assert 'called "BCP 1 [bar] (2)"' in error.value.hint
+    log = read(open_source(path, ReadOptions()), (), Vehicle())
+    (found,) = (f for f in log.findings if f.severity == "warning")
+    assert (found.code, found.channel) == ("channel-ambiguous", "BCP 1 [bar] (2)")
     second = Mapping("pressure", 1, "BCP 1 [bar] (2)", unit="bar")
     log = read(open_source(path, ReadOptions()), (second,), Vehicle())
     pressure = log.find("pressure", 1)
@@ -154,10 +153,8 @@ def test_stamps_too_coarse_are_named_where_nothing_is_left(tmp_path: Path) -> No
     path = table(tmp_path / "a.csv", np.repeat(np.arange(30.0), sizes), 1)
     (coarse,) = survey(open_source(path, ReadOptions()), (), Vehicle()).findings[-1:]
     assert (coarse.code, coarse.values["apart_s"]) == ("time-coarse", 1.0)
-    with pytest.raises(UserError) as error:
+    with pytest.raises(UserError, match="no usable sample"):
         read(open_source(path, ReadOptions()), (), Vehicle())
-    assert coarse.message.rstrip(".") in error.value.text
-    assert error.value.hint == coarse.hint
 
 
 @pytest.mark.parametrize("row", ["BC pressure axle 1 [kPa]\ns,bar", "BC [kPa] axle 1 [bar]\n,"])

@@ -360,20 +360,12 @@ def test_a_mapping_to_one_of_several_fields_must_say_which() -> None:
         understood(fields, (Mapping("pressure", 1, "/brake", unit="bar"),))
 
 
-def test_lists_in_lists_are_counted_through() -> None:
-    paths = ["bogies[0].bc_pressure_bar", "bogies[1].bc_pressure_bar"]
-    paths += [f"bogies[{b}].wheel_speed_rpm[{w}]" for b in (0, 1) for w in (0, 1)]
-    meant, findings = understood([Field("/brake", p) for p in paths], ())
-    found = {(m.field.path, m.axle) for m in meant}
-    assert found == {
-        ("bogies[0].bc_pressure_bar", 1), ("bogies[0].bc_pressure_bar", 2),
-        ("bogies[1].bc_pressure_bar", 3), ("bogies[1].bc_pressure_bar", 4),
-        ("bogies[0].wheel_speed_rpm[0]", 1), ("bogies[0].wheel_speed_rpm[1]", 2),
-        ("bogies[1].wheel_speed_rpm[0]", 3), ("bogies[1].wheel_speed_rpm[1]", 4),
-    }  # fmt: skip
-    assert [(f.code, f.channel, f.values) for f in findings] == [
-        ("axles-nested", "/brake", {"wheels": 4})
-    ]
+def test_lists_in_lists_must_be_stated() -> None:
+    paths = [f"bogies[{b}].wheel_speed_rpm[{w}]" for b in (0, 1) for w in (0, 1)]
+    fields = [Field("/brake", path) for path in paths]
+    assert [m.meaning for m in understood(fields, ())[0]] == [None] * 4
+    stated = [Mapping("wheel_speed", k, "/brake", path) for k, path in enumerate(paths, 1)]
+    assert [m.axle for m in understood(fields, stated)[0]] == [1, 2, 3, 4]
 
 
 def test_a_column_name_used_twice_is_no_second_axle() -> None:
