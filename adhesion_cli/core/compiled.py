@@ -37,7 +37,7 @@ from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import FunctionType
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,7 +184,6 @@ def _compiled(
     """
     from numba import njit
 
-    _load()
     code = [x for _, x in (*reached, *stand_ins)]
     folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
@@ -206,26 +205,6 @@ def _compiled(
     return call
 
 
-@cache
-def _load() -> None:
-    """Loads numba's array functions without scipy.linalg, which takes a fifth of a short run.
-
-    numba looks for it here, and again when it compiles a function that needs it.
-    """
-    from numba.np import linalg
-
-    look: Any = getattr(linalg, "ensure_blas", None)
-    linalg.ensure_blas = _absent
-    try:
-        import numba.np.arraymath  # noqa: F401
-    finally:
-        linalg.ensure_blas = look
-
-
-def _absent() -> NoReturn:
-    raise ImportError
-
-
 def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
     """`f` for numba, with every plain function it names lowered as well."""
     from numba import njit
@@ -244,28 +223,22 @@ def _folder(files: set[Path]) -> Path:
     """The cache folder for code from `files`; makes it, and deletes those of older sources."""
     others = {file.parent for file in files if not file.is_relative_to(_OWN)}
     name = sha256(_own_sources() + b"".join(map(_sources, sorted(others)))).hexdigest()[:16]
-    for root in _roots():
-        folder = root / name
-        try:
-            root.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if not _ours(root):
-                continue
-            folder.mkdir(exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
-            os.utime(folder)  # the latest used
-        except OSError:
-            continue
-        _prune(root)
-        return folder
-    return Path(tempfile.mkdtemp(prefix="adhesion-"))
+    folder = _root() / name
+    try:
+        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        os.utime(folder)  # the latest used
+    except OSError:
+        return Path(tempfile.mkdtemp(prefix="adhesion-"))
+    _prune(folder.parent)
+    return folder
 
 
-def _ours(root: Path) -> bool:
-    """Whether only this user can write to `root`: code in it is run."""
-    if not hasattr(os, "getuid"):
-        return True
-    status = root.stat()
-    return status.st_uid == os.getuid() and not status.st_mode & 0o022
+def _root() -> Path:
+    """Where the cache is, unless it cannot be written."""
+    named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return Path(named or Path.home() / ".cache") / "adhesion-cli"
 
 
 def _sources(folder: Path, pattern: str = "*.py") -> bytes:
@@ -278,18 +251,6 @@ def _sources(folder: Path, pattern: str = "*.py") -> bytes:
 @cache
 def _own_sources() -> bytes:
     return _sources(_OWN, "**/*.py")
-
-
-def _roots() -> list[Path]:
-    """Where the cache may be, best first."""
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    user = os.getuid() if hasattr(os, "getuid") else ""
-    return [base / "adhesion-cli", Path(tempfile.gettempdir()) / f"adhesion-cli-{user}"]
 
 
 def _prune(root: Path) -> None:

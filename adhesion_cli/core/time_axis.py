@@ -18,7 +18,6 @@ WRAPS_NS = {
     "16-bit millisecond counter": 2**16 * 10**6,
     "24-hour clock": 24 * 3600 * 10**9,
 }
-HOUR_NS = 3600 * 10**9
 _MOST_SPANS = 20  # of one finding
 _STUCK = 10  # samples of one stamp: more than a repeated or doubled row
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
@@ -106,11 +105,8 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     within = np.diff(piece_of) == 0
     limit = max_gap_ns or gap_limit(steps[within])
     gaps = np.flatnonzero(within & (steps > limit))
-    hour = _about_an_hour(steps[gaps])
-    for code, which in (("gap", gaps[~hour]), ("gap-dst", gaps[hour])):
-        longest = float(steps[which].max(initial=0)) / 1e9
-        begin, end = data.t[which], data.t[which + 1]
-        report.stretches(code, begin, end, len(which), longest_s=longest)
+    longest = float(steps[gaps].max(initial=0)) / 1e9
+    report.stretches("gap", data.t[gaps], data.t[gaps + 1], len(gaps), longest_s=longest)
     interval = int(np.median(steps[within])) if within.any() else 0
     return TimeAxis(
         data, starts, interval, limit, len(gaps), int(same.sum()),
@@ -164,12 +160,6 @@ def spans_of(begin: Times, end: Times, start_ns: int) -> tuple[Span, ...]:
     )
 
 
-def _about_an_hour(steps: Times) -> Bools:
-    """Which steps [ns] are those of a clock that was set to or from summer time."""
-    near: Bools = np.abs(steps - HOUR_NS) < HOUR_NS / 100
-    return near
-
-
 def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
     """What is out of order in the times [ns] of n samples.
 
@@ -198,11 +188,8 @@ def _report_order(
 ) -> None:
     """Reports where the clock was set back, and samples out of order."""
     last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
-    at, back = t[last], t[last] - t[last + 1]
-    hour = _about_an_hour(back)
-    report.stretches("time-dst", at[hour], at[hour], int(hour.sum()))
-    most = float(back[~hour].max(initial=0)) / 1e9
-    report.stretches("time-backward", at[~hour], at[~hour], int((~hour).sum()), most_s=most)
+    most = float((t[last] - t[last + 1]).max(initial=0)) / 1e9
+    report.stretches("time-backward", t[last], t[last], len(last), most_s=most)
     good = np.where(late | ahead, 0, np.arange(len(t)))
     good[0] = ahead[0]
     report = replace(report, t=t[np.maximum.accumulate(good)])  # a wrong stamp says no time

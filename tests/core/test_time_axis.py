@@ -142,12 +142,6 @@ def test_a_wrap_is_located_in_the_continued_time() -> None:
     assert finding.names == {"counter": "32-bit millisecond counter"}
 
 
-def test_an_hour_without_samples_may_be_summer_time() -> None:
-    t = [*range(0, 500, 10), *range(3_600_500, 3_601_000, 10)]
-    (finding,) = time_axis.clean("x", column(t), 0).findings
-    assert (finding.code, finding.spans) == ("gap-dst", ((0.49, 3600.5),))
-
-
 def test_a_late_sample_is_left_out_and_not_sorted_in() -> None:
     axis = time_axis.clean("x", column([0, 10, 30, 20, 40, 50, 60]), 0)
     assert codes(axis) == {"time-out-of-order": 1}
@@ -179,14 +173,6 @@ def test_a_clock_that_jumps_back_begins_a_new_piece() -> None:
     assert finding.values == {"most_s": 0.19}
     assert axis.starts == (0, 30)
     assert len(axis.data.t) == 60
-
-
-def test_summer_time_is_named() -> None:
-    axis = time_axis.clean(
-        "x", column([*range(7200_000, 7210_000, 100), *range(3610_000, 3620_000, 100)]), 0
-    )
-    assert codes(axis) == {"time-dst": 1}
-    assert len(axis.starts) == 2
 
 
 def test_a_wrapped_millisecond_counter_goes_on() -> None:
