@@ -6,21 +6,20 @@ A check is a file in `diagnostics/checks/`; its name is the file's. The file hol
 - `Params`, a NamedTuple of every threshold. Each field has a default and is annotated
   `Annotated[float, Quantity(unit, text, low, high)]`. The text says why;
 - `check(p, scene) -> Iterator[Finding]`, which changes nothing.
-
-A file whose name starts with `_` is a helper of checks.
 """
 
 import importlib
+import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..core import methods
 from ..core.finding import Finding
 from ..dynamics.train_grid import Scene
 from ..records.screen import Thresholds
+from . import checks
 
 
 class About(NamedTuple):
@@ -45,24 +44,22 @@ class Check:
     check: Callable[[Any, Scene], Iterator[Finding]]
 
 
-@cache
-def registry() -> Mapping[str, Check]:
-    """Every check by name, in the order in which they run."""
-    found = []
-    for path in Path(__file__).with_name("checks").glob("[!_]*.py"):
-        module = importlib.import_module(f"{__package__}.checks.{path.stem}")
-        name = f"diagnostics.{path.stem}"
-        found.append(Check(name, module.ABOUT, module.Params, module.check))
-    found.sort(key=lambda c: (c.about.group, c.about.rank))
-    return {c.name.partition(".")[2]: c for c in found}
-
-
 class Sensors(NamedTuple):
     """A check of single channels: its file lies in `records/`, and `records.screen` makes it."""
 
     name: str  # as settings have it: "diagnostics.outliers"
     about: methods.About
     Params: type[Any]
+
+
+@cache
+def registry() -> Mapping[str, Check]:
+    """Every check by name, in the order in which they run."""
+    found = {}
+    for name in (m.name for m in pkgutil.iter_modules(checks.__path__)):
+        module = importlib.import_module(f"{checks.__name__}.{name}")
+        found[name] = Check(f"diagnostics.{name}", module.ABOUT, module.Params, module.check)
+    return dict(sorted(found.items(), key=lambda x: x[1].about[1:]))
 
 
 def tunable() -> Mapping[str, Check | Sensors]:

@@ -7,9 +7,8 @@ gradient. Together they are b, so
 
 Where wheels roll, v is theirs. There v0 and b are estimated, and between they are carried on. b is
 a random walk: the gradient changes on the way, the body pitches with a, and the gain has an error.
-A Kalman filter of (v, b) and its smoother estimate both on an even grid, for several sizes of that
-walk. The result is their mean, weighted by likelihood. The sigma of v grows with the time since
-wheels rolled, and with the noise of a.
+A Kalman filter of (v, b) and its smoother estimate both on an even grid. The sigma of v grows with
+the time since wheels rolled, and with the noise of a.
 
 Wheels roll where no brake is on, nor was just before, and where they do not catch up. The train
 stands where all wheels stand, if v and b so far agree with that: locked wheels stand, too. Braked
@@ -35,9 +34,7 @@ _STANDS = 0.05  # of a wheel that stands [m/s]
 _SETTLED = 0.5  # after a stop the body still swings, after a brake its wheel still slides [s]
 _CATCHES_UP = 1.0  # a wheel that gains more than any bias rolls not yet [m/s²]
 _BIAS = 0.5  # 1 sigma of b: tilt, zero, a gradient of 3 % [m/s²]
-_DRIFT = 0.01  # b's walk: a gradient that changes by 0.5 % in 25 s [m/s² per √s]
-_TIMES = 0.1, 0.2, 0.4, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0  # that, as it may be on this line
-_UNSURE = 0.9  # 1 sigma of the logarithm of it
+_DRIFT = 0.02  # b's walk: a gradient that changes by 1 % in 25 s [m/s² per √s]
 _LOST = 1.0  # 1 sigma of a in a gap of it, per √s [m/s²]
 _PITCH = 0.03  # share of a change of a by which b changes: gain, pitch
 _WHEEL = 0.02  # 1 sigma of a wheel's speed that lasts for `_ALIKE`, without noise [m/s]
@@ -85,15 +82,15 @@ class _Samples(NamedTuple):
     level: Floats  # mean of a there (n,) [m/s²]
 
 
-def _filter(s: _Samples, known: Floats) -> float:
-    """Kalman's filter; returns the log-likelihood of the wheels.
+def _filter(s: _Samples, known: Floats) -> None:
+    """Kalman's filter.
 
     `known` (n, 10) is filled: v, b, P_vv, P_vb, P_bb before the wheels of a step were heard, and
     after.
     """
     k, n = s.rim.shape
     v, b, Pvv, Pvb, Pbb = 0.0, 0.0, _UNKNOWN**2, 0.0, _BIAS**2
-    likely, train_stands = 0.0, False
+    train_stands = False
     for j in range(n):
         if j > 0:
             v += s.gained[j] - s.h * b
@@ -116,14 +113,12 @@ def _filter(s: _Samples, known: Floats) -> float:
             elif not train_stands:
                 continue
             S, off = Pvv + R, rim - v
-            likely -= 0.5 * (math.log(S) + off * off / S)
             Gv, Gb = Pvv / S, Pvb / S
             v, b = v + Gv * off, b + Gb * off
             Pbb -= Gb * Pvb
             Pvb -= Gv * Pvb
             Pvv -= Gv * Pvv
         known[j, 5], known[j, 6], known[j, 7], known[j, 8], known[j, 9] = v, b, Pvv, Pvb, Pbb
-    return likely
 
 
 def _smooth(s: _Samples, known: Floats, out: Floats) -> None:
@@ -161,93 +156,54 @@ def integrated(g: Grid, a: Channel) -> Integrated | str:
     if len(own) < LEAST or (every <= 0.0).any():
         return "its clock jumps back"
     area: Floats = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2.0 * every)])
-    wheels = _wheels(g)
+    settled = round(_SETTLED / g.step)
+    least = FREE * float(np.nanmax(g.clamping, initial=0.0))
+    free = np.array([far(row <= least, settled) for row in g.clamping])
+    stands = far(np.all(g.rim < _STANDS, axis=0), settled)
     total: Floats = np.interp(t, own, area)
-    sign = _sign(g, total, wheels)
+    sign = _sign(g, total, free.all(axis=0), stands)
     if not sign:
         return "it does not show the brake slow the train"
     total *= sign
-    s = _samples(g, t, total, own, a, wheels)
+    s = _samples(g, total, a, free, stands)
     held = np.isfinite(s.rim).any(axis=0) | s.stands
     if not held.any():
         return "no wheel surely rolls: the brake is on all the time, and the train does not stand"
-    v, sigma, b = _averaged(s)
+    known, out = np.empty((n, 10)), np.empty((n, 3))
+    compiled.function(_filter)(s, known)
+    compiled.function(_smooth)(s, known, out)
+    v, b, variance = out.T
     return Integrated(
-        t, g.first, v - total, sigma, b, own, sign * area, sign,
+        t, g.first, v - total, np.sqrt(variance), b, own, sign * area, sign,
         g.step * float(held.sum()),
     )  # fmt: skip
 
 
-class _Wheels(NamedTuple):
-    """What wheels do whatever the train does."""
-
-    free: Bools  # not braked, nor just before (k, n)
-    stands: Bools  # all of them, for a while (n,)
-
-
-def _wheels(g: Grid) -> _Wheels:
-    settled = round(_SETTLED / g.step)
-    least = FREE * float(np.nanmax(g.clamping, initial=0.0))
-    free = [far(row <= least, settled) for row in g.clamping]
-    return _Wheels(np.array(free), far(np.all(g.rim < _STANDS, axis=0), settled))
-
-
-def _averaged(s: _Samples) -> tuple[Floats, Floats, Floats]:
-    """v, its sigma and b (n,) over all drifts that b may have, by how likely they are."""
-    known = np.empty((s.rim.shape[1], 10))
-    found, likely = [], []
-    for times in _TIMES:
-        drifting = s._replace(drift=s.drift * times**2)
-        prior = -0.5 * (math.log(times) / _UNSURE) ** 2
-        likely.append(prior + compiled.function(_filter)(drifting, known))
-        found.append(_smoothed(drifting, known))
-    weight = np.exp(np.array(likely) - max(likely))
-    v, b, variance = np.moveaxis(np.array(found), 2, 0)
-    weight /= weight.sum()
-    mean: Floats = weight @ v
-    sigma: Floats = np.sqrt(weight @ (variance + (v - mean) ** 2))
-    return mean, sigma, weight @ b
-
-
-def _smoothed(s: _Samples, known: Floats) -> Floats:
-    """v, b and the variance of v (n, 3)."""
-    out = np.empty((len(known), 3))
-    compiled.function(_smooth)(s, known, out)
-    return out
-
-
-def _sign(g: Grid, total: Floats, wheels: _Wheels) -> int:
-    """Of the axis: a brake slows the train; 0 where what is read does not show that.
-
-    Args:
-        g: all axles.
-        total: ∫ a dt on it [m/s].
-        wheels: where they are free, and stand.
-    """
+def _sign(g: Grid, total: Floats, free: Bools, stands: Bools) -> int:
+    """Of the axis, by ∫ a dt: a brake slows the train; 0 where what is read does not show that."""
     mean = g.slope(total)
     known = np.isfinite(mean)
-    braked = far(np.all(g.clamping > 0.0, axis=0), g.half) & ~wheels.stands & known
-    other = (wheels.free.all(axis=0) | wheels.stands) & known
+    braked = far(np.all(g.clamping > 0.0, axis=0), g.half) & ~stands & known
+    other = (free | stands) & known
     if min(braked.sum(), other.sum()) < 2:
         return 0
     change = float(np.mean(mean[braked]) - np.mean(mean[other]))
     return -int(math.copysign(1, change)) if _SLOWS[0] < abs(change) < _SLOWS[1] else 0
 
 
-def _samples(
-    g: Grid, t: Floats, total: Floats, own: Floats, a: Channel, wheels: _Wheels
-) -> _Samples:
+def _samples(g: Grid, total: Floats, a: Channel, free: Bools, stands: Bools) -> _Samples:
     """What the filter takes.
 
     Args:
         g: all axles.
-        t: times of the grid [s].
         total: ∫ ±a dt on it [m/s].
-        own: times of a's samples [s].
         a: the acceleration.
-        wheels: where they are free, and stand.
+        free: which wheels are not braked, nor just before (k, n).
+        stands: where all of them do, for a while (n,).
     """
-    h, n = g.step, len(t)
+    h, n = g.step, len(total)
+    t: Floats = h * np.arange(n, dtype=np.float64)
+    own: Floats = np.multiply(a.data.t - g.first, 1e-9)
     gained = np.diff(total, prepend=total[0])
     mean = g.slope(total)
     mean = np.interp(t, t[np.isfinite(mean)], mean[np.isfinite(mean)])
@@ -259,15 +215,15 @@ def _samples(
     drift: Floats = _DRIFT**2 * h + (_PITCH * np.diff(mean, prepend=mean[0])) ** 2
 
     even = ~(np.abs(g.slope(g.rim) - mean) >= _CATCHES_UP)  # at both ends, nobody knows
-    rolls = wheels.free & np.array([far(row, g.half) for row in even]) & (g.rim > CRAWL)
+    rolls = free & np.array([far(row, g.half) for row in even]) & (g.rim > CRAWL)
     rim = np.where(rolls, g.rim, np.nan)
     together = finite_median(rim)
     ratio = [np.median(x[on] / together[on]) if on.any() else 1.0
              for x, on in zip(rim, rolls, strict=True)]  # fmt: skip
     level = np.zeros(n)
-    for first, past in true_runs(wheels.stands):
+    for first, past in true_runs(stands):
         level[first:past] = np.mean(gained[first:past]) / h
     return _Samples(
         h, gained, walk, drift, rim / np.array(ratio)[:, None],
-        (_WHEEL**2 + (_CREEP * mean * rim) ** 2) * _ALIKE / h, wheels.stands, level,
+        (_WHEEL**2 + (_CREEP * mean * rim) ** 2) * _ALIKE / h, stands, level,
     )  # fmt: skip

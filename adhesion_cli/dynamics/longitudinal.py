@@ -147,16 +147,20 @@ def stated(design: Design, vehicle: Vehicle, creeps: bool = True) -> dict[int, P
         vehicle: with tolerances.
         creeps: whether the speed is a wheel's.
     """
-    spring, line = vehicle.spring_force, force_line(vehicle)
-    zero = line.at_zero / design.top * spring.tolerance / max(spring.value, 1e-9)
     return {
         SCALE: Parameter(0.0, math.log1p(tolerance(vehicle))),
-        OFFSET: Parameter(0.0, math.hypot(zero, _ZERO)),
+        OFFSET: Parameter(0.0, math.hypot(_spring(design, vehicle).tolerance, _ZERO)),
         DELAY: Parameter(0.0, math.hypot(_SMALL, 0.25 * design.interval)),
         STIFFNESS: CREEP if creeps else _ROLLS,
         FADE: _FADE,
         RESISTANCE: _RESISTANCE,
     }
+
+
+def _spring(design: Design, vehicle: Vehicle) -> Parameter:
+    """What the return spring takes, of the highest K, as stated."""
+    share, force = force_line(vehicle).at_zero / design.top, vehicle.spring_force
+    return Parameter(share, share * force.tolerance / max(force.value, 1e-9))
 
 
 # Designs
@@ -513,11 +517,9 @@ def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
     """What explains this speed, of wheels that creep or of the train, which only has to agree."""
     clearly = CLEARLY if creeps else CLEARLY / 2.0
     known = stated(d, vehicle, creeps)
-    spring = force_line(vehicle).at_zero / d.top
+    offset = Parameter(0.0, max(_SPRING, _spring(d, vehicle).value))
     any_delay = {DELAY: Parameter(0.0, math.inf)}
-    any_line = {
-        SCALE: Parameter(0.0, math.inf), OFFSET: Parameter(0.0, max(_SPRING, spring)),
-    }  # fmt: skip
+    any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     free = {**known, **any_delay, **any_line}
     start = np.array([known[i].value for i in range(_SHARED)])
     first = fit([d], [d.size], known, [start])
@@ -568,8 +570,7 @@ def _judged(
         return AS_STATED
     if two := both.cost < one - clearly:
         late = line = both
-    spring, tolerances = force_line(vehicle).at_zero / d.top, vehicle.spring_force
-    uncertain = SIGMAS * spring * tolerances.tolerance / max(tolerances.value, 1e-9)
+    uncertain = SIGMAS * _spring(d, vehicle).tolerance
     allowed = math.log1p(math.hypot(SIGMAS * tolerance(vehicle), uncertain))
     tau, o, s = late.delay, float(line.mean[OFFSET]), line.scale
     is_late = abs(tau.value) > max(_LEAST_DELAY, _SHARE * d.interval, _SURE * tau.tolerance)

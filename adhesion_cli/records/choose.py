@@ -12,7 +12,7 @@ Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; Non
 Channels = dict[Key, Channel]
 SHORTEST = 3  # samples: fewer give no derivative with an error
 _LEAVE_OUT = {
-    "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
+    "axle-incomplete", "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
     "pressure-outlier", "pressure-stuck", "pressure-unusable",
 }  # fmt: skip
 
@@ -106,34 +106,20 @@ def nothing(log: Log, choice: Choice, view: View, findings: Iterable[Finding]) -
         view: the window that was asked for.
         findings: of all steps.
     """
-
-    def span(*meanings: Meaning) -> str:
-        chosen = [c.data.t for (meaning, _), c in choice.channels.items() if meaning in meanings]
-        first, last = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
-        return f"{first / 1e9:.3f} to {last / 1e9:.3f} s"
-
-    speeds = [c for (meaning, _), c in choice.channels.items() if meaning == "wheel_speed"]
-    usual = max(len(c.data.t) for c in speeds)
-    if usual < SHORTEST:
-        return UserError(
-            f"{log.path}: {usual} usable wheel-speed samples; at least {SHORTEST} are needed",
-            f"`adhesion inspect {log.path}` shows what was left out and why",
-        )
+    if why := [f for f in findings if f.code in _LEAVE_OUT]:
+        text = " ".join(f"{f.channel}: {f.message}" for f in why)
+        return UserError(f"{log.path}: nothing to analyse: {text}", why[0].hint or "")
     if view.window != (None, None):
         text = f"{log.path}: no sample between --from and --to"
         return UserError(text, "seconds after the log's start", code=2)
-    needed = [choice.channels[k].title for a in choice.axles for k in (a.speed, a.brake)]
-    for f in findings:
-        if f.code in _LEAVE_OUT and f.channel in needed:
-            text = f"{log.path}: nothing to analyse: {f.channel}: {f.message}"
-            return UserError(text, f.hint or "")
-    if lacking := [f.message for f in findings if f.code == "axle-incomplete"]:
-        return UserError(
-            f"{log.path}: nothing to analyse: {' '.join(lacking)}",
-            "state which channel is which axle's in [channels]",
-        )
-    brakes = span("pressure", "clamping_force")
+
+    def of(*meanings: Meaning) -> str:
+        chosen = [c.data.t for (meaning, _), c in choice.channels.items() if meaning in meanings]
+        first, last = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
+        return f"{max(map(len, chosen))} usable samples, {first / 1e9:.3f} to {last / 1e9:.3f} s"
+
     return UserError(
-        f"{log.path}: wheel speed ({span('wheel_speed')}) and pressure ({brakes}) share no time",
+        f"{log.path}: wheel speed ({of('wheel_speed')}) and pressure "
+        f"({of('pressure', 'clamping_force')}) share no time, or fewer than {SHORTEST} samples",
         'state the clock in [channels], e.g. time = {source = "log"}, or convert one of them',
     )

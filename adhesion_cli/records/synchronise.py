@@ -4,7 +4,6 @@ A log without a train speed gets one from the acceleration of the car body, if i
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -14,8 +13,7 @@ from ..core import time_axis
 from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
 from ..dynamics import acceleration, longitudinal, train_clock
-from ..dynamics.pressure_comparison import late
-from ..dynamics.train_grid import Axle, Explanation, Grid, Scene, grid
+from ..dynamics.train_grid import Axle, Grid, Scene, grid
 from .faults import View
 
 _SIGMAS = 3.0  # from zero is a train speed that is delayed
@@ -52,16 +50,9 @@ def synchronise(
         together = grid(axles, vehicle)
     if not together:
         return Synchronised(axles, None, findings)
-    why = _explained(axles, together, vehicle)
+    why = longitudinal.explained(axles, together, vehicle)
     axles = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in axles]
     return Synchronised(axles, Scene(axles, together, vehicle, view.start_ns, why), findings)
-
-
-def _explained(axles: Sequence[Axle], g: Grid, vehicle: Vehicle) -> Explanation:
-    """What explains how the train slows; a pressure with a delay of its own does not count."""
-    alone = late(axles, g)
-    alike = [a for k, a in enumerate(axles) if k not in alone]
-    return longitudinal.explained(alike, grid(alike, vehicle) if alone else g, vehicle)
 
 
 def _integrated(

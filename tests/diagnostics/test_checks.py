@@ -29,7 +29,7 @@ UNITS = {
     "speed-too-high", "pressure-too-high", "deceleration-too-high", "speed-unit-suspect",
     "pressure-unit-differs", "pressure-unit-suspect", "deceleration-unit-suspect",
 }  # fmt: skip
-AXLES = {"axle-pressure-differs", "axle-pressure-share", "axle-pressure-delay"}
+AXLES = {"axle-pressure-differs", "axle-pressure-share"}
 APART = {"wheel-faster", "wheel-slower-unbraked", "wheel-speed-drift"}
 DIAMETER = {"wheel-diameter", "wheel-diameter-in-logger"}
 FORCE = {
