@@ -161,7 +161,7 @@ def integrated(g: Grid, a: Channel) -> Integrated | str:
     free = np.array([far(row <= least, settled) for row in g.clamping])
     stands = far(np.all(g.rim < _STANDS, axis=0), settled)
     total: Floats = np.interp(t, own, area)
-    sign = _sign(g, total, free.all(axis=0), stands)
+    sign = _sign(g, total, free, stands)
     if not sign:
         return "it does not show the brake slow the train"
     total *= sign
@@ -184,7 +184,7 @@ def _sign(g: Grid, total: Floats, free: Bools, stands: Bools) -> int:
     mean = g.slope(total)
     known = np.isfinite(mean)
     braked = far(np.all(g.clamping > 0.0, axis=0), g.half) & ~stands & known
-    other = (free | stands) & known
+    other = (free.all(axis=0) | stands) & known
     if min(braked.sum(), other.sum()) < 2:
         return 0
     change = float(np.mean(mean[braked]) - np.mean(mean[other]))

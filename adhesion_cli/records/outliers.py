@@ -88,8 +88,7 @@ def _fault(some: str, every: str, outliers: Bools) -> Fault:
 def wheel_outliers(p: Params, speed: Channel) -> Bools:
     """Outliers of a wheel speed [rad/s], shape (n,); single zeros at low rates, too."""
     limits = Limits(p.wheel_gains, p.wheel_loses, p.wheel_steps, p.wheel_least, np.inf, p.rests)
-    alone, steep = _single(speed)
-    dropped = alone & (speed.data.value == 0.0) & (steep > p.wheel_single)
+    dropped = _single(speed, p.wheel_single) & (speed.data.value == 0.0)
     found: Bools = _excursions(speed, limits) | dropped
     return found
 
@@ -99,12 +98,12 @@ def brake_outliers(p: Params, brake: Channel) -> Bools:
 
     None where more steps stay than return: the signal is no cylinder's, or a slow repeated one.
     """
-    share, (alone, steep) = _scale(brake), _single(brake)
+    share = _scale(brake)
     rates = Limits(
         share * p.fills, share * p.dumps, share * p.pressure_steps, share * p.pressure_steps,
         p.pressure_lasts, p.rests,
     )  # fmt: skip
-    single = alone & (steep > p.pressure_single * np.max(brake.data.value, initial=0.0))
+    single = _single(brake, p.pressure_single * np.max(brake.data.value, initial=0.0))
     found: Bools = _excursions(brake, rates) | single
     return found
 
@@ -119,24 +118,16 @@ def _scale(brake: Channel) -> float:
     return high / _FULL if brake.meaning != "pressure" or high > HIGHEST else 1.0
 
 
-def _single(c: Channel) -> tuple[Bools, Floats]:
-    """Where one sample departs from neighbours that agree, and how steeply [SI/s]; shape (n,)."""
-    t, y = c.data.t, c.data.value
-    alone, steep = np.zeros(len(t), dtype=np.bool_), np.zeros(len(t))
-    if len(t) < 5:
-        return alone, steep
-    least_leap, away = noise(c), np.diff(y)
-    leaps = np.abs(away) > least_leap
-    at = np.flatnonzero(leaps[1:] & leaps[:-1]) + 1  # few, and only these are looked at
-    there, back = away[at - 1], -away[at]
-    before, after = (t[at] - t[at - 1]) / 1e9, (t[at + 1] - t[at]) / 1e9
+def _single(c: Channel, steep: float) -> Bools:
+    """Samples that depart from both neighbours, which agree, and steeper [SI/s]; shape (n,)."""
+    away, dt = np.diff(c.data.value), np.diff(c.data.t) / 1e9
+    if len(away) < 4:
+        return np.zeros(len(c.data.t), dtype=np.bool_)
+    there, back, longer = away[:-1], -away[1:], np.maximum(dt[:-1], dt[1:])
     least = np.minimum(np.abs(there), np.abs(back))
-    found = (np.sign(there) == np.sign(back)) & (np.abs(there - back) < least / 2.0)
-    found &= (before > 0.0) & (after > 0.0)
-    at = at[found]
-    alone[at] = True
-    steep[at] = ((least - least_leap)[found]) / np.maximum(before, after)[found]
-    return alone, steep
+    found = (there * back > 0.0) & (np.abs(there - back) < least / 2.0)
+    found &= (np.minimum(dt[:-1], dt[1:]) > 0.0) & (least - noise(c) > steep * longer)
+    return np.pad(found, 1)
 
 
 def noise(c: Channel) -> float:

@@ -4,7 +4,7 @@ Every step takes channels and returns channels and findings. The later steps jud
 others, so they come after those that judge it alone.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,6 +23,8 @@ from .stuck_speed import Params as StuckSpeed
 
 _BACKWARDS = 1.0  # speed that no noise around standstill reaches [rad/s, of the train m/s]
 _BRAKES: tuple[Meaning, ...] = ("pressure", "clamping_force")
+_WHEEL: tuple[Meaning, ...] = ("wheel_speed",)
+_TRAIN: tuple[Meaning, ...] = ("train_speed",)
 
 
 class Thresholds(NamedTuple):
@@ -58,26 +60,37 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     """
     channels, findings = _measured(choice.channels, view)
 
-    def judged(channels: Channels, judge: Judge) -> Channels:
-        """The channels without their faults, which are reported."""
+    def judged(channels: Channels, meanings: Sequence[Meaning], judge: Judge) -> Channels:
+        """The channels without the faults of those with some meanings, which are reported."""
         sound = {}
         for key, c in channels.items():
             left_out = np.zeros(len(c.data.t), dtype=np.bool_)
-            for fault in judge(key, c):
+            for fault in judge(key, c) if key[0] in meanings else []:
                 findings.extend(view.report(fault, c))
                 left_out |= fault.where & fault.left_out
             if not left_out.all():
                 sound[key] = without(c, left_out)
         return sound
 
-    channels = judged(channels, lambda key, c: _outliers(p, key, c))
-    channels = judged(channels, lambda key, c: _signs(channels, key, c))
+    channels = judged(channels, _BRAKES, lambda _, c: outliers.of_brake(p.outliers, c))
+    channels = judged(channels, _WHEEL, lambda _, c: outliers.of_wheel(p.outliers, c))
+    channels = judged(channels, _TRAIN, lambda _, c: outliers.of_train(p.outliers, c))
+    reverse = any(backwards(c).any() for c in _of(channels, "wheel_speed"))
+    sign = "reverse-running" if reverse else "train-speed-sign"
+    channels = judged(
+        channels,
+        _WHEEL if reverse else _TRAIN,
+        lambda _, c: [Fault(sign, backwards(c), False, "info")],
+    )
     channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
-    channels = judged(channels, lambda key, c: _stuck_train(p, channels, key, c))
+    wheels = _of(channels, "wheel_speed")
+    channels = judged(channels, _TRAIN, lambda _, c: stuck_speed.of_train(p.stuck_speed, c, wheels))
     ranges: dict[Key, float] = {}
-    channels = judged(channels, lambda key, c: _stuck_brake(p, channels, key, c, ranges))
+    channels = judged(channels, _BRAKES, lambda key, c: _stuck_brake(p, channels, key, c, ranges))
     forces = {a.speed: a for a in reversed(choice.axles)}
-    channels = judged(channels, lambda key, c: _stuck_wheel(p, channels, key, c, forces, vehicle))
+    channels = judged(
+        channels, _WHEEL, lambda key, c: _stuck_wheel(p, channels, key, c, forces, vehicle)
+    )
     return Screened(channels, ranges, findings)
 
 
@@ -100,23 +113,6 @@ def _measured(channels: Channels, view: View) -> tuple[Channels, list[Finding]]:
     return own, findings
 
 
-def _outliers(p: Thresholds, key: Key, c: Channel) -> list[Fault]:
-    if key[0] == "wheel_speed":
-        return outliers.of_wheel(p.outliers, c)
-    if key[0] == "train_speed":
-        return outliers.of_train(p.outliers, c)
-    return outliers.of_brake(p.outliers, c) if key[0] in _BRAKES else []
-
-
-def _signs(channels: Channels, key: Key, c: Channel) -> list[Fault]:
-    """Speeds that say the train runs backwards: all of them, or the train's alone."""
-    if key[0] == "wheel_speed":
-        return [Fault("reverse-running", backwards(c), False, "info")]
-    if key[0] != "train_speed" or any(backwards(w).any() for w in _of(channels, "wheel_speed")):
-        return []
-    return [Fault("train-speed-sign", backwards(c), False, "info")]
-
-
 def backwards(speed: Channel) -> Bools:
     """Samples of a speed that say the train runs backwards, shape (n,)."""
     found: Bools = speed.data.value < -max(_BACKWARDS, speed.step)
@@ -130,17 +126,9 @@ def _unsigned(speed: Channel) -> Channel:
     return replace(speed, data=replace(speed.data, value=np.abs(speed.data.value)))
 
 
-def _stuck_train(p: Thresholds, channels: Channels, key: Key, c: Channel) -> list[Fault]:
-    if key[0] != "train_speed":
-        return []
-    return stuck_speed.of_train(p.stuck_speed, c, _of(channels, "wheel_speed"))
-
-
 def _stuck_brake(
     p: Thresholds, channels: Channels, key: Key, c: Channel, ranges: dict[Key, float]
 ) -> list[Fault]:
-    if key[0] not in _BRAKES:
-        return []
     faults = stuck_pressure.of_brake(p.stuck_pressure, c, _of(channels, key[0], key))
     if any(f.code == "pressure-saturated" and f.where.any() for f in faults):
         ranges[key] = float(c.data.value.max())
