@@ -13,13 +13,13 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..core import methods
 from ..core.finding import Finding
 from ..dynamics.train_grid import Scene
 from ..records.screen import Thresholds
-from . import checks
 
 
 class About(NamedTuple):
@@ -56,8 +56,9 @@ class Sensors(NamedTuple):
 def registry() -> Mapping[str, Check]:
     """Every check by name, in the order in which they run."""
     found = {}
-    for name in (m.name for m in pkgutil.iter_modules(checks.__path__)):
-        module = importlib.import_module(f"{checks.__name__}.{name}")
+    folder = str(Path(__file__).with_name("checks"))
+    for name in (m.name for m in pkgutil.iter_modules([folder])):
+        module = importlib.import_module(f"{__package__}.checks.{name}")
         found[name] = Check(f"diagnostics.{name}", module.ABOUT, module.Params, module.check)
     return dict(sorted(found.items(), key=lambda x: x[1].about[1:]))
 
