@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -25,6 +25,7 @@ from .options import (
 if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..core.stop import Stop
+    from ..wsp.plant import Track
     from ..wsp.scenario import Scenario
     from ..wsp.sweep import Compared, Row
     from ..wsp.wsp_controller import Settings as Stated
@@ -147,7 +148,7 @@ def _on_own_rail(
     shared: Shared, source: Path, case: "Scenario", seed: int | None, algo: str, settings: "Stated"
 ) -> int:
     """The stops of every controller on the scenario's rail."""
-    from ..analysis.document import antiskid_document, limits_document, stop_settings
+    from ..analysis.document import antiskid_document, limits_document
     from ..core.controller import registry
     from ..wsp import closed_loop
     from ..wsp.wsp_controller import parameters
@@ -168,12 +169,12 @@ def _on_own_rail(
         _MEANING,
         *(f"{law}: {x} {'kept' if ok else 'BROKEN'}" for law, x, ok in kept),
     ]
-    made = [(s, stop_settings(s, case, settings)) for s, _ in stops.values()]
+    made = [stop for stop, _ in stops.values()]
     return _write(paths, shared, source, _Outcome(case, settings, made, document, "\n".join(lines)))
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..analysis.document import replay_document, stop_settings
+    from ..analysis.document import replay_document
     from ..core.controller import registry
     from ..core.text import printable
     from ..wsp.replay import answers, case
@@ -200,12 +201,10 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     )
     head = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {drawn}"
     origin = {"log": name, "log_sha256": result.log.sha256}
-    made = [
-        (a.stop, stop_settings(a.stop, replayed.scenario, settings, replayed.track, **origin))
-        for a in found.values()
-    ]
-    text = f"{head}\n{verdict}\n{_MEANING}"
-    outcome = _Outcome(replayed.scenario, settings, made, document, text, findings)
+    outcome = _Outcome(
+        replayed.scenario, settings, [a.stop for a in found.values()], document,
+        f"{head}\n{verdict}\n{_MEANING}", findings, replayed.track, origin,
+    )  # fmt: skip
     return _write(paths, shared, log, outcome)
 
 
@@ -231,15 +230,17 @@ class _Outcome:
 
     case: "Scenario"
     settings: "Stated"
-    stops: "Sequence[tuple[Stop, dict[str, Any]]]"  # each with the settings its file carries
+    stops: "Sequence[Stop]"
     document: dict[str, Any]
     text: str
     findings: "Sequence[Finding]" = ()
+    track: "Track | None" = None  # the rail that was fitted to a log
+    origin: Mapping[str, str] = field(default_factory=dict)  # of the log
 
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
-    from ..analysis.document import dumps
+    from ..analysis.document import dumps, stop_settings
     from ..core import controller, estimator
     from ..core.physics import G
     from ..results import atomic_files, mcap, rrd
@@ -248,24 +249,23 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) ->
     from . import terminal
 
     estimators, laws = estimator.registry(), controller.registry()
-    case, stops = of.case, of.stops
-    weight, all_stops = case.vehicle.axle_mass.value * G, [stop for stop, _ in stops]
+    case, stops, metrics = of.case, of.stops, dumps(of.document)
+    weight = case.vehicle.axle_mass.value * G
     drawn, title = {"patent": bands(of.settings)}, f"{case.name}: axle 1 under every controller"
     every = [*paths, *pictures(shared)]
     with atomic_files.outputs(every, shared.force, inputs=inputs(shared, source)) as (
         recording,
         *places,
     ):
-        for record, (stop, carried) in zip(places, stops, strict=False):
+        for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
-            mcap.write_stop(
-                record, case.name, stop, case.vehicle, carried, dumps(of.document), sources
-            )
+            carried = stop_settings(stop, case, of.settings, of.track, **of.origin)
+            mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
         verdict = "\n".join([of.text, terminal.findings(of.findings, terminal.NARROW)]).rstrip()
-        rrd.write_stops(recording, case.name, all_stops, weight, drawn, verdict)
+        rrd.write_stops(recording, case.name, stops, weight, drawn, verdict)
         for place in places[len(stops) :]:
-            draw(shared, place, title, of_stops(all_stops, weight, drawn))
-    kinds = ["rrd", *(f"{stop.controller}.mcap" for stop, _ in stops)]
+            draw(shared, place, title, of_stops(stops, weight, drawn))
+    kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]
     outputs = dict(zip(kinds, map(str, paths), strict=True)) | results.named(pictures(shared))
     whole = {**of.document, "outputs": outputs}
     print(dumps(whole) if shared.json else f"{of.text}\n{terminal.wrote(*every)}")

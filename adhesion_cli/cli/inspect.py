@@ -61,16 +61,15 @@ def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
     }
     some = [name for name, counts in faults.items() if any(counts)]
     rows = [
-        [
-            f"{c['name']} {c['field']}".strip(), c["meaning"] or "-", terminal.number(c["axle"]),
-            c["unit"] or "-", terminal.number(c["rate_hz"], 2), str(c["rows"]),
-            *(str(faults[name][i]) for name in some),
-        ]
+        {
+            "channel": f"{c['name']} {c['field']}".strip(), "meaning": c["meaning"] or "-",
+            "axle": terminal.number(c["axle"]), "unit": c["unit"] or "-",
+            "Hz": terminal.number(c["rate_hz"], 2), "rows": str(c["rows"]),
+            **{name: str(faults[name][i]) for name in some},
+        }
         for i, c in enumerate(channels)
     ]  # fmt: skip
-    lines = [
-        terminal.table(["channel", "meaning", "axle", "unit", "Hz", "rows", *some], rows, left=2)
-    ]
+    lines = [terminal.records(rows, left=2)] if rows else []
     if none := [name for name in faults if name not in some]:
         lines.append(f"{', '.join(none)}: none")
     alike: dict[tuple[str, str], list[str]] = {}

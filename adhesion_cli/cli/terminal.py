@@ -19,18 +19,11 @@ _HEADINGS: dict[Severity, str] = {"error": "errors", "warning": "warnings", "inf
 _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 NARROW = 80  # columns where there is no terminal, and in a recording
 _TEXT = 16  # columns that a text keeps
-_SCORES = [
-    "axle", "method", "RMSE [N]", "bias [N]", "max [N]", "lag [s]", "gain", "t95 [s]", "ripple [N]",
-]  # fmt: skip
 _ALIKE = 3  # messages of one code that are shown one by one
 
 
 def table(
-    header: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    left: int = 1,
-    prose: bool = False,
-    width: int | None = None,
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int | None = None
 ) -> str:
     """Columns under their header: texts to the left, numbers to the right.
 
@@ -38,7 +31,6 @@ def table(
         header: the names of the columns; they are never folded.
         rows: the cells.
         left: how many columns are texts, from the left.
-        prose: whether the last column is a text, too.
         width: columns to fold texts to, else those of the terminal. Numbers are never folded:
             the table is wider where they have no room.
     """
@@ -50,7 +42,7 @@ def table(
     made = Table(box=None, padding=(0, 2, 0, 0))
     least = -2
     for i, name in enumerate(header):
-        is_text = i < left or (prose and i == len(header) - 1)
+        is_text = i < left
         longest = max(cell_len(printable(row[i])) for row in (header, *rows))
         kept = max(min(longest, _TEXT), cell_len(name)) if is_text else longest
         least += kept + 2
@@ -66,10 +58,10 @@ def table(
     return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
 
 
-def records(rows: Sequence[Mapping[str, str]], width: int | None = None) -> str:
+def records(rows: Sequence[Mapping[str, str]], width: int | None = None, left: int = 1) -> str:
     """A `table` of rows that have the same keys, which are its header."""
     header = list(dict.fromkeys(key for row in rows for key in row))
-    return table(header, [[row.get(key, "-") for key in header] for row in rows], width=width)
+    return table(header, [[row.get(key, "-") for key in header] for row in rows], left, width)
 
 
 def folded(text: str, indent: str = "", width: int | None = None) -> str:
@@ -97,21 +89,17 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
         rows: the axle and a score, best first.
         log: named in the heading, if not empty.
     """
-    by_target: dict[str, list[tuple[str, Score]]] = {}
+    by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
-        by_target.setdefault(s.against, []).append((axle, s))
-    return "\n".join(
-        f"{f'{printable(log)}, ' if log else ''}against {against}:\n{table(_SCORES, lines, left=2)}"
-        for against, of in by_target.items()
-        if (lines := [_score(axle, s) for axle, s in of])
-    )
-
-
-def _score(axle: str, s: Score) -> list[str]:
-    return [
-        axle, s.algo, number(s.rmse_n), number(s.bias_n), number(s.max_error_n),
-        number(s.lag_s, 3), number(s.gain, 3), number(s.response_s, 2), _newtons(s.ripple_n),
-    ]  # fmt: skip
+        by_target.setdefault(s.against, []).append({
+            "axle": axle, "method": s.algo,
+            "RMSE [N]": number(s.rmse_n), "bias [N]": number(s.bias_n),
+            "max [N]": number(s.max_error_n), "lag [s]": number(s.lag_s, 3),
+            "gain": number(s.gain, 3), "t95 [s]": number(s.response_s, 2),
+            "ripple [N]": _newtons(s.ripple_n),
+        })  # fmt: skip
+    where = f"{printable(log)}, " if log else ""
+    return "\n".join(f"{where}against {x}:\n{records(of, left=2)}" for x, of in by_target.items())
 
 
 def findings(found: Sequence[Finding], width: int | None = None) -> str:
