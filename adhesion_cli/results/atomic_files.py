@@ -114,7 +114,7 @@ def sets(
                 return stack.enter_context(_hidden(folder))
 
             written = [[hidden(path.parent) for path in paths] for paths in of]
-            yield written
+            yield [list(places) for places in written]
             files = dict(zip(every, (place for places in written for place in places), strict=True))
             for paths, places in zip(of, written, strict=True):
                 if len(paths) > 1:

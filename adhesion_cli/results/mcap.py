@@ -82,15 +82,8 @@ def write_result(path: Path, result: Result, metrics_json: str, slip_json: str =
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
-    shift = _shift([result.log])
-    metadata = {
-        names.SETTINGS: names.flat(result.settings),
-        "adhesion.provenance": _provenance(result, shift),
-        "adhesion.metrics": {"json": metrics_json},
-        **_account(result.log),
-        **({"adhesion.slip": {"json": slip_json}} if slip_json else {}),
-    }
-    _write(path, _result_streams(result, ""), metadata, shift)
+    slip = {"adhesion.slip": {"json": slip_json}} if slip_json else {}
+    _write_results(path, [("", result)], metrics_json, slip)
 
 
 def write_comparison(path: Path, results: Sequence[Result], metrics_json: str) -> None:
@@ -98,18 +91,25 @@ def write_comparison(path: Path, results: Sequence[Result], metrics_json: str) -
 
     As `write_result` in all else.
     """
-    shift = _shift([r.log for r in results])
+    _write_results(path, list(zip(names.logs(results), results, strict=True)), metrics_json, {})
+
+
+def _write_results(
+    path: Path, logs: list[tuple[str, Result]], metrics: str, metadata: dict[str, dict[str, str]]
+) -> None:
+    """Writes analysed logs below their names, or one below none."""
+    shift = _shift([result.log for _, result in logs])
     streams: list[_Stream] = []
-    metadata: dict[str, dict[str, str]] = {}
     provenance: dict[str, str] = {}
-    for name, result in zip(names.logs(results), results, strict=True):
-        streams += _result_streams(result, f"/{name}")
-        # A file of one log can be analysed again, one of several cannot.
-        key = f"{names.SETTINGS}/{name}" if len(results) > 1 else names.SETTINGS
-        metadata[key] = names.flat(result.settings)
-        metadata |= _account(result.log) if len(results) == 1 else {}
-        provenance |= {f"{name}.{k}": v for k, v in _provenance(result, shift).items()}
-    metadata |= {"adhesion.provenance": provenance, "adhesion.metrics": {"json": metrics_json}}
+    for name, result in logs:
+        streams += _result_streams(result, f"/{name}" * bool(name))
+        of = f"{name}." * bool(name)
+        provenance |= {of + k: v for k, v in _provenance(result, shift).items()}
+        if len(logs) == 1:  # can be analysed again
+            metadata |= {names.SETTINGS: names.flat(result.settings), **_account(result.log)}
+        else:
+            metadata[f"{names.SETTINGS}/{name}"] = names.flat(result.settings)
+    metadata |= {"adhesion.provenance": provenance, "adhesion.metrics": {"json": metrics}}
     _write(path, streams, metadata, shift)
 
 

@@ -571,9 +571,8 @@ def test_what_was_left_out_is_written_where_asked_for(run: Run, tmp_path: Path, 
     with (tmp_path / "left-out.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
     text = "5.98,'=cmd|' /C calc'!A1,\\x1b[2J"  # where a comma parts cells a formula begins
-    byte = str(len("\n".join(lines[:300])) + 1)
     assert found[:2] == [
-        {"file": "log.csv", "line": "301", "byte": byte, "reason": "no number", "column": c,
+        {"file": "log.csv", "line": "301", "reason": "no number", "column": c,
          "text": text}
         for c in ("bc pressure [bar]", "wheel speed [km/h]")
     ]  # fmt: skip
