@@ -81,10 +81,7 @@ def understood(
         if meaning in mapped:
             meaning, reason = None, f"[channels] names another {meaning}"
         elif field.path.count("[") > 1:
-            meaning, reason = (
-                None,
-                "a list in a list: its axle is not clear, state it in [channels]",
-            )
+            meaning, reason = None, "a list in a list: state its axle in [channels]"
         if meaning:
             guesses.append(len(meant))
         too = _unit_too(field, meaning, unit) if meaning else ""

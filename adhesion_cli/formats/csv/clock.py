@@ -51,11 +51,12 @@ class Clock:
         if self.absolute and self.unit in SCALE:
             return cells.decimals(array, SCALE[self.unit], self.decimal)
         value, _ = cells.floats(array, self.decimal)
-        if self.unit == "excel":
-            # a serial day is exact to about a microsecond; rounding there keeps even steps even
-            value = np.rint((value - _EXCEL_1970) * 86_400e6) * 1000
-        else:
-            value = value * NS_PER_UNIT[self.unit]
+        with np.errstate(over="ignore"):
+            if self.unit == "excel":
+                # a serial day is exact to about a microsecond; rounding there keeps steps even
+                value = np.rint((value - _EXCEL_1970) * 86_400e6) * 1000
+            else:
+                value = value * NS_PER_UNIT[self.unit]
         ok = np.abs(value) < 2.0**62
         if not ok.all():
             value[~ok] = 0.0

@@ -23,6 +23,7 @@ from .losses import Losses
 Key = tuple[str, ...]  # cells of the key columns
 
 _MAX_MET = 1_000  # keys of series, beyond which no more are collected
+_MAX_UNREAD = 1_000  # rows of a block without a readable time that may be a header
 _T, _SERIES = -1, -2  # what a pass gives besides its columns
 
 
@@ -104,20 +105,24 @@ def _classify_untimed(table: Table, part: Part) -> None:
     for i in table.clock.columns:
         missing |= is_missing(part.arrays[i])
     kinds: dict[str, list[int]] = {}
+    unread = 0
     for row in np.flatnonzero(~part.timed).tolist():
         line = int(part.kept[row])
         text = part.text(line)
         kind = "time missing" if missing[row] else "time unreadable"
+        unread += not missing[row]
         if is_comment(text):
             kind = "comment"
-        elif not missing[row] and dialect.repeats_header(cells := split(text, dialect.delimiter)):
-            kind = "header"
-        elif not missing[row] and dialect.is_another_header(cells):
-            raise UserError(
-                f"{table.path}: line {part.block.first_line + line} is a header of other columns "
-                "or units",
-                "split the log there, and read each part by itself",
-            )
+        elif not missing[row] and unread <= _MAX_UNREAD:
+            cells = split(text, dialect.delimiter)
+            if dialect.repeats_header(cells):
+                kind = "header"
+            elif dialect.is_another_header(cells):
+                raise UserError(
+                    f"{table.path}: line {part.block.first_line + line} is a header of other "
+                    "columns or units",
+                    "split the log there, and read each part by itself",
+                )
         kinds.setdefault(kind, []).append(line)
     for kind, at in kinds.items():
         part.gone[kind] = np.sort(np.append(part.gone.get(kind, np.empty(0, np.int64)), at))

@@ -389,6 +389,8 @@ def _runs_apart(dialect: Dialect, i: int, k: int, offset: bool) -> bool:
     if not all(b > a for of in (t, u) for a, b in pairwise(of)):
         return False
     rate = (u[-1] - u[0]) / (t[-1] - t[0])
+    if not 1e-12 < rate < 1e12:
+        return True
     scale = 10.0 ** round(math.log10(rate))
     lag = abs(rate / scale - 1.0)
     return lag > max(_SAME_RATE, 2.0 / len(t)) or (offset and u[0] != t[0] * scale)
