@@ -35,7 +35,6 @@ class Table:
     dialect: Dialect
     clock: Clock
     types: dict[int, Any]  # Arrow type by column, set to text where cells do not fit
-    units: dict[int, str]  # of columns whose cells carry it
 
 
 @dataclass(slots=True)
@@ -91,7 +90,7 @@ class Parser:
         arrays = {int(name[1:]): found[name].combine_chunks() for name in found.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal
         times, timed = clock.nanoseconds([arrays[i] for i in clock.columns])
-        checked = {i: floats(arrays[i], decimal, self.table.units.get(i, "")) for i in self.indices}
+        checked = {i: floats(arrays[i], decimal) for i in self.indices}
         again = self.keys if timed.all() else (*self.keys, *clock.columns)
         return Part(
             block, times, timed, {i: value for i, (value, _) in checked.items()},

@@ -3,7 +3,6 @@
 Every function takes an Arrow array of shape (n,) that is null where a cell has no value.
 """
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,13 +19,12 @@ _S = 1_000_000_000
 _DAY = 86_400 * _S
 
 
-def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np.int8]]:
+def floats(array: Any, decimal: str) -> tuple[Floats, NDArray[np.int8]]:
     """Numbers of one column by the strict grammar.
 
     Args:
         array: float64 or text.
         decimal: decimal mark of the text.
-        unit: may follow each number of the text.
 
     Returns:
         float64 values, NaN where the cell is no number, and states; both of shape (n,).
@@ -39,9 +37,8 @@ def floats(array: Any, decimal: str, unit: str = "") -> tuple[Floats, NDArray[np
             value = np.where(state, np.nan, value)
         return value, state
     text = pc.utf8_trim_whitespace(array)
-    if unit:
-        text = pc.replace_substring_regex(text, r"\s*" + re.escape(unit) + "$", "")
-    numeric = pc.fill_null(pc.match_substring_regex(text, _whole(decimal)), False)
+    grammar = f"^(?:{number_grammar(decimal).pattern})$"
+    numeric = pc.fill_null(pc.match_substring_regex(text, grammar), False)
     plain = pc.replace_substring(text, decimal, ".") if decimal != "." else text
     value = pc.cast(pc.if_else(numeric, plain, None), pa.float64()).to_numpy(zero_copy_only=False)
     state = np.full(len(value), NUMBER, np.int8)
@@ -70,10 +67,6 @@ def _says_nothing(text: Any) -> Bools:
 
 def _is_one_of(words: Sequence[str], text: Any) -> Bools:
     return np.asarray(pc.is_in(text, pa.array(words, pa.string())))
-
-
-def _whole(decimal: str) -> str:
-    return f"^(?:{number_grammar(decimal).pattern})$"
 
 
 def decimals(array: Any, scale: int, decimal: str) -> tuple[Times, Bools]:

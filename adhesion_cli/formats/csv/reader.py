@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from ...core.errors import UserError
 from ...core.finding import Finding
@@ -19,7 +18,7 @@ from ..source import Field, ReadOptions
 from .block_parser import Table
 from .clock import Clock
 from .detect_dialect import detect_dialect
-from .dialect import Dialect, is_stamp, number_grammar
+from .dialect import Dialect, is_stamp
 from .lines import read_head
 from .long_table import Series, find_keys, interleaved
 from .losses import quoted
@@ -27,7 +26,7 @@ from .rows import read_rows
 from .time_column import find_clock, toml
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
-_DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*")
+_DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
 _MEASURED = ("pressure", "speed", "angular speed", "force", "acceleration")
 
 
@@ -73,16 +72,12 @@ class CsvSource:
         self.lines: Counter[str] = Counter()
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
-        types = dict.fromkeys(clock.columns, clock.type)
-        self._table = Table(path, options, dialect, clock, types, {})
+        self._table = Table(path, options, dialect, clock, dict.fromkeys(clock.columns, clock.type))
         self._keys = find_keys(self._table)
         self._series = list(self._keys.series.values()) or [Series()]
         self.findings += self._keys.findings
         names = dialect.names
         taken = {*clock.columns, *self._keys.columns}
-        for i in range(len(names)):
-            if unit := _unit_in(dialect.column(i), dialect.decimal):
-                types[i], self._table.units[i] = pa.string(), unit
         free = [i for i in range(len(names)) if i not in taken]
         numeric = [i for i in free if self._is_numeric(i)]
         self._places = self._fields(numeric)  # number of the series, and column
@@ -111,8 +106,6 @@ class CsvSource:
                 unit, source = self._dialect.units[i], "units row"
                 if series.unit:
                     unit, source = series.unit, "units column"
-                elif i in self._table.units:
-                    unit, source = self._table.units[i], "cells"
                 source = source if unit else ""
                 one = Field(
                     channel, group=series.group, unit=unit, unit_from=source, signal=series.signal
@@ -123,9 +116,10 @@ class CsvSource:
     def _report_text(self, i: int) -> None:
         """Reports a column that should hold numbers by its unit, or by the digits in its cells."""
         name, cells = self._dialect.names[i], self._dialect.column(i)
-        unit = known_unit(self._dialect.units[i] or in_name(name)[1])
-        digits = sum(bool(_DIGITS.fullmatch(c)) and not is_stamp(c) for c in cells)
-        if cells and (digits > len(cells) / 2 or (unit and unit.dimension in _MEASURED)):
+        found = (m for c in cells if not is_stamp(c) and (m := _DIGITS.fullmatch(c)))
+        digits = sum(not m[1] or _is_measured(m[1]) for m in found)
+        stated = _is_measured(self._dialect.units[i] or in_name(name)[1])
+        if cells and (stated or digits > len(cells) / 2):
             self._report(
                 Finding(
                     "csv-no-numbers", "warning", channel=name, count=len(cells),
@@ -190,8 +184,6 @@ class CsvSource:
 
     def _is_numeric(self, i: int) -> bool:
         """Whether a column holds numbers in the head; an empty one may later, if it has a name."""
-        if i in self._table.units:
-            return True
         cells = self._dialect.column(i)
         if not cells and self._dialect.names[i] == f"column {i + 1}":
             return not self._dialect.headed
@@ -214,12 +206,10 @@ class CsvSource:
             self.findings.append(finding)
 
 
-def _unit_in(cells: list[str], decimal: str) -> str:
-    """The unit after the number in most of a column's cells, "" where there is none."""
-    number = re.compile(rf"(?:{number_grammar(decimal).pattern})\s*([^\s\d].*)")
-    found = Counter(m[1] for c in cells if (m := number.fullmatch(c)))
-    ((unit, n),) = found.most_common(1) or [("", 0)]
-    return unit if n > len(cells) / 2 and known_unit(unit) else ""
+def _is_measured(text: str) -> bool:
+    """Whether a text is the unit of something that an analysis may need."""
+    unit = known_unit(text)
+    return unit is not None and unit.dimension in _MEASURED
 
 
 def _headerless(dialect: Dialect, path: Path) -> UserError:
