@@ -19,7 +19,6 @@ WRAPS_NS = {
     "24-hour clock": 24 * 3600 * 10**9,
 }
 _MOST_SPANS = 20  # of one finding
-_STUCK = 10  # samples of one stamp: more than a repeated or doubled row
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
 _FULL = 0.9  # share of the samples that then hold a value
 _LEAST_STAMPS = 5  # of a log in which that shows
@@ -211,7 +210,7 @@ def _repeated(report: _Report, t: Times, value: Floats, usable: Bools) -> tuple[
     It reports both. Rows without a value of the channel are none of its samples.
     """
     kept = np.flatnonzero(usable)
-    same, clash, stuck = np.zeros((3, len(t)), dtype=np.bool_)
+    same, clash = np.zeros((2, len(t)), dtype=np.bool_)
     repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
     if not repeats.any():
         return same, clash
@@ -221,16 +220,14 @@ def _repeated(report: _Report, t: Times, value: Floats, usable: Bools) -> tuple[
     groups = np.cumsum(~repeats) - 1
     clash[kept] = np.isin(groups, groups[differs])
     sizes = np.bincount(groups)
-    stuck[kept] = (sizes > _STUCK)[groups]
     doubled = not differs.any() and bool((np.diff(value[kept]) != 0.0).any())  # rows written twice
     if np.mean(sizes > 1) > 0.5 and len(sizes) > 1 and not doubled:
         apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
         samples = float(np.median(sizes))
         report("time-coarse", same | clash, samples=samples, apart_s=apart)
     else:
-        report("time-stuck", stuck)
-        report("time-duplicate", same & ~clash & ~stuck)
-        report("time-conflict", clash & ~stuck)
+        report("time-duplicate", same & ~clash)
+        report("time-conflict", clash)
     return same, clash
 
 

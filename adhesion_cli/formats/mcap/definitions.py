@@ -1,6 +1,7 @@
 """Schemas and channels as a file defines them, and the first messages of each channel."""
 
 import struct
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
@@ -27,19 +28,10 @@ class Definitions:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._of: dict[Key, Schema | Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
         self._hashes: dict[Key, int] = {}  # of the records, which many writers repeat
         self._doubted: set[Key] = set()  # defined a second time, differently
-
-    @property
-    def schemas(self) -> dict[int, Schema]:
-        """The schemas by id."""
-        return {one.id: one for one in self._of.values() if isinstance(one, Schema)}
-
-    @property
-    def channels(self) -> dict[int, Channel]:
-        """The channels by id."""
-        return {one.id: one for one in self._of.values() if isinstance(one, Channel)}
 
     def read(self, opcode: int, raw: bytes, at: int) -> None:
         """Reads a Schema or Channel record.
@@ -60,14 +52,14 @@ class Definitions:
         if self._hashes.get(key) == hashed:
             self._doubted.discard(key)  # what follows goes by this definition again
             return
-        of = Schema if kind == "schema" else Channel
-        one: Schema | Channel = of.read(Content(raw, at))
-        name = one.name if isinstance(one, Schema) else one.topic
-        if isinstance(one, Schema) and one.id == 0:
+        one: Any = (Schema if kind == "schema" else Channel).read(Content(raw, at))
+        known: dict[int, Any] = self.schemas if kind == "schema" else self.channels
+        name = one.name if kind == "schema" else one.topic
+        if kind == "schema" and one.id == 0:
             raise DamageError(at, "a schema with the reserved id 0")
         if len(name) > _LONGEST:
             raise DamageError(at, f"a name of {len(name)} characters, limit {_LONGEST}")
-        if self._of.setdefault(key, one) != one:
+        if known.setdefault(one.id, one) != one:
             self._doubted.add(key)
             raise DamageError(at, f"{kind} {one.id} is defined a second time, differently")
         self._hashes[key] = hashed
