@@ -84,6 +84,7 @@ class Shared:
 # fmt: on
 
 
+_HINTS = get_type_hints(Shared, include_extras=True)
 ALWAYS = ("quiet", "debug")  # every command has these; `__main__` honours --debug
 EVERY = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"))
 """What an analysis takes."""
@@ -97,11 +98,11 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     Args:
         names: fields of `Shared`.
     """
-    hints, unset = get_type_hints(Shared, include_extras=True), Shared()
+    unset = Shared()
     extra = [
         inspect.Parameter(
             f.name, inspect.Parameter.KEYWORD_ONLY,
-            default=getattr(unset, f.name), annotation=hints[f.name],
+            default=getattr(unset, f.name), annotation=_HINTS[f.name],
         )
         for f in fields(Shared)
         if f.name in (*names, *ALWAYS)
