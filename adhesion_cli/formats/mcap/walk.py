@@ -158,9 +158,11 @@ class Walk:
         """
         for _, records in self.again():
             known = records.some(np.isin(records.channel, list(self.channels)))
-            start, end, data = known.start, known.end, known.data.data
+            start, end = known.start, known.end
             if len(start):
-                raw = b"".join(map(data.__getitem__, map(slice, start.tolist(), end.tolist())))
+                gaps = np.flatnonzero(start[1:] != end[:-1])
+                runs = zip(start[np.append(0, gaps + 1)], end[np.append(gaps, -1)], strict=True)
+                raw = b"".join(known.data[a:b].tobytes() for a, b in runs)
                 yield raw, known.channel, known.log_time, end - start
 
     def raw(self, at: int, length: int) -> Iterator[bytes]:
