@@ -30,6 +30,12 @@ def simulation(name: str, vehicle: Vehicle | None = None) -> simulate.Simulation
     return simulate.run(s)
 
 
+def friction_force(true: simulate.Simulation) -> np.ndarray:
+    """B [N]: φK while the wheel turns, what holds it (F) while it stands; ω̇ = a(F − B)."""
+    phi = true.scenario.vehicle.friction.value
+    return np.where(true.wheel_speed > 0.0, phi * true.clamping_force, true.adhesion_force)
+
+
 def recordings(
     name: str, *, seed: int = 1, rate: float = 0.0, noise: float | None = None,
     kmh: float = 0.0, teeth: int = 0, train: bool | None = None, vehicle: Vehicle | None = None,

@@ -114,7 +114,7 @@ def conditions() -> dict[str, Condition]:
 
 
 def condition(name: str | Condition) -> Condition:
-    """The rail condition of that name, or with constants of its own.
+    """The rail condition of that name, or one given by its constants.
 
     Raises:
         UserError: unknown name.

@@ -5,10 +5,9 @@ slides and of the creep between them. Unknown are f0, A, B, kA and kS, as logari
 the errors of wheel radius and train speed's delay, which all points share. Wide priors hold what
 the points do not decide.
 
-Noise. Both s and μ have noise. A point measured at s lies at s + N(0, σ_s). It is compared with the
-mean of the curve there and weighted with its variance, by three nodes of Gauss and Hermite.
-Successive errors are correlated. Sums of errors over stretches of time show how many points are
-independent; more than `_INDEPENDENT` never count.
+Noise. A point measured at s lies at s + N(0, σ_s). It is compared with the mean of the curve there
+and weighted with its variance, by three nodes of Gauss and Hermite. Successive errors are
+correlated. Sums of errors over stretches of time show how many points are independent.
 
 Intervals come from draws: each is the best curve for other errors of the same size and correlation,
 and for other priors (randomised maximum likelihood). If the true μ is c times the computed one, f0,
@@ -290,13 +289,7 @@ def _fitted(
 ) -> RailFit:
     """What the draws show, shape (draws, unknowns): `draws` among curves (3), `curves` among all.
 
-    Args:
-        points: all points.
-        of: those that were fitted.
-        best: the likeliest curve.
-        draws: for the constants.
-        curves: for the peak.
-        scales: true over computed μ of each draw.
+    `points` are all points, `of` those that were fitted.
     """
     rails = tuple(_rail(x) for x in draws)
     spreads = {n: _interval([getattr(rail, n) for rail in rails]) for n in Condition._fields}
@@ -331,15 +324,8 @@ def _utilisation(
 ) -> Floats:
     """Mean μ of the slides over that of the largest at the same speeds, by each draw; (draws,).
 
-    A draw's radius and delay change the slip, and where slides begin and end.
-
-    Args:
-        p: all points.
-        draws: unknowns, of each draw.
-        scales: true μ over the computed one, of each draw.
-        radius: 1 sigma, as a share of it.
-        speeds: at which the largest μ is known [m/s].
-        could: the largest μ, shape (draws, speeds).
+    A draw's radius and delay change the slip, and where slides begin and end. `could` is the
+    largest μ at these speeds, shape (draws, speeds).
     """
     found, h = np.empty(len(draws)), _times(p)
     for j, x in enumerate(draws):
@@ -377,13 +363,10 @@ class _Search(NamedTuple):
     weight: float = 1.0  # of a point's error
 
     def run(self, sigma: float, start: Floats, other: Floats | float = 0.0) -> _Found:
-        """The best curve.
+        """The best curve, from `start`; `other` are errors added to the residuals, in sigma.
 
-        Args:
-            sigma: of the noise of μ.
-            start: of the unknowns. The curve there turns noise of slip into noise of μ. New
-                weights at each iteration would favour steep and bent curves.
-            other: errors added to the residuals, in sigma.
+        The curve at the start turns noise of slip into noise of μ. New weights at each iteration
+        would favour steep and bent curves.
         """
         from scipy.optimize import least_squares
 
@@ -394,13 +377,15 @@ class _Search(NamedTuple):
         course(of, np.clip(start, *_INSIDE), 0.0, mean, variance)
         noise = np.sqrt(sigma * sigma + p.swing**2 + variance)
 
-        def beside(x: Floats) -> Floats:
+        def residuals(x: Floats) -> Floats:
             course(of, np.clip(x, *_INSIDE), 0.0, mean, variance)
             errors: Floats = (p.mu - mean) / noise
             return errors
 
         def left(x: Floats) -> Floats:
-            both: Floats = np.append(self.weight * beside(x) + other, (x - self.known) / self.wide)
+            both: Floats = np.append(
+                self.weight * residuals(x) + other, (x - self.known) / self.wide
+            )
             return both
 
         def slope(x: Floats) -> Floats:
@@ -416,7 +401,7 @@ class _Search(NamedTuple):
         wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(noise).sum())
         likely = -float(found.cost) - 0.5 * volume - wide
         at = np.clip(found.x, *_INSIDE)
-        return _Found(at, beside(found.x), likely, found.fun, found.jac)
+        return _Found(at, residuals(found.x), likely, found.fun, found.jac)
 
     def draw(self, sigma: float, start: Floats, random: np.random.Generator) -> Floats:
         """The unknowns of the best curve for other errors, as likely as the residuals."""
@@ -446,12 +431,7 @@ def _bent(
 ) -> Floats | None:
     """Draws among all curves, (3) or not, shape (draws, unknowns); None for points of two rails.
 
-    Args:
-        straight: search among curves (3).
-        sigma: of the noise of μ about them.
-        draws: of these curves; as many are kept as the points make likely.
-        best: of these curves.
-        random: for the others.
+    As many `draws` of curves (3) are kept as the points make likely.
     """
     t = straight.of.p.t
     more = np.zeros(len(straight.of.bend.bumps) + _BY_SPEED)
@@ -479,11 +459,6 @@ def _stepped(t: Floats, f: _Found, weight: float) -> bool:
     """Whether all μ steps at some time, more than the other unknowns explain.
 
     The step is compared with the residuals after it: those before it contain the step.
-
-    Args:
-        t: of the points [s].
-        f: the best of all curves.
-        weight: of a point's error in it.
     """
     n, (least, sigma) = len(t), _STEPPED
     first = np.arange(math.ceil(_PIECE * n), math.floor((1.0 - _PIECE) * n))

@@ -66,18 +66,13 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
         return None
     # At most one value a second is independent: interpolated values repeat. A line between readings
     # has 2/3 of their variance. The spread of few values is itself uncertain.
-    interval, step = record.train_speed_interval, seconds / len(ratio)
-    sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
-    sigma *= _student(seconds / max(interval, step) - 1.0)
-    sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
-    return float(np.median(ratio)), math.hypot(sigma, float(np.median(np.concatenate(late))))
-
-
-def _student(freedom: float) -> float:
-    """Student's 95 % quantile over the normal one."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(freedom, 1.0), (1.0 + 0.95) / 2.0)) / Z95
+    interval, step = record.train_speed_interval, seconds / len(ratio)
+    sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
+    sigma *= float(stdtrit(max(seconds / max(interval, step) - 1.0, 1.0), 0.975)) / Z95
+    sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
+    return float(np.median(ratio)), math.hypot(sigma, float(np.median(np.concatenate(late))))
 
 
 def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Finding]]:
@@ -123,10 +118,13 @@ def with_reference_speed(
     if any((np.diff(r.t) <= 0).any() for r in every):
         return list(records), [Finding("no-train-speed", "warning")]
     t = np.unique(np.concatenate([r.t for r in every]))
-    rim, K = (np.full((len(every), len(t)), np.nan) for _ in range(2))
+    rim, K = np.full((2, len(every), len(t)), np.nan)
     for i, r in enumerate(every):
-        rim[i] = _at(t, r, r.wheel_speed * vehicle.radius(r.axle).value)
-        K[i] = _at(t, r, r.clamping_force)
+        for s in r.segments:
+            inside = (t >= r.t[s.start]) & (t <= r.t[s.stop - 1])
+            rims = r.wheel_speed[s] * vehicle.radius(r.axle).value
+            rim[i, inside] = np.interp(t[inside], r.t[s], rims)
+            K[i, inside] = np.interp(t[inside], r.t[s], r.clamping_force[s])
     middle = signals.finite_median(rim)
     for i, r in enumerate(every):
         own = replace(r, train_speed=np.interp(r.t, t, middle))
@@ -154,15 +152,6 @@ def with_reference_speed(
         for r in records
     ]  # fmt: skip
     return made, findings
-
-
-def _at(t: Times, record: AxleRecord, values: Floats) -> Floats:
-    """A column at other times, NaN outside the record's segments; shape of t."""
-    found = np.full(len(t), np.nan)
-    for s in record.segments:
-        inside = (t >= record.t[s.start]) & (t <= record.t[s.stop - 1])
-        found[inside] = np.interp(t[inside], record.t[s], values[s])
-    return found
 
 
 # Slope and region
@@ -296,17 +285,13 @@ def observed(
         axle, slip=slip, slip_noise=of_speeds, slope=slope, slope_confidence=sure, region=code
     )
     if record.train_speed_late is None and any(
-        np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip)
+        np.median(slowing(record)[x.where]) > _EVEN for x in _slides(done, slip, slip)
     ):
-        slow, name = _slow(record), f"axle {record.axle}"
-        findings.append(
-            Finding(
-                "train-speed-slow", "warning", channel=name,
-                values={"delay_s": 2.0 * record.train_speed_interval},
-            )
-            if slow
-            else Finding("train-speed-delay-unknown", "info", channel=name)
-        )  # fmt: skip
+        found, name = Finding("train-speed-delay-unknown", "info"), f"axle {record.axle}"
+        if _slow(record):
+            delay = {"delay_s": 2.0 * record.train_speed_interval}
+            found = Finding("train-speed-slow", "warning", values=delay)
+        findings.append(replace(found, channel=name))
     told = events.of_axle(record.axle, slides(done), record.segments, record.t, code)
     return replace(done, events=told), findings
 
@@ -326,26 +311,23 @@ def slides(axle: AxleResult) -> list[Slide]:
     return _slides(axle, clear if _slow(axle.record) else axle.slip, clear)
 
 
-def _slides(axle: AxleResult, s: Floats, clear: Floats | None = None) -> list[Slide]:
-    """The same of a slip, and of the part of it that is certain, shape (n,)."""
-    record = axle.record
-    if record.train_speed is None:
-        return []
-    columns = record.t, record.train_speed, s, s if clear is None else clear
+def _slides(axle: AxleResult, s: Floats, clear: Floats) -> list[Slide]:
+    """The same of a slip, and of the part of it that is certain, shape (n,).
+
+    The brake is applied in a slide, or was a second before.
+    """
+    record, found = axle.record, []
+    assert record.train_speed is not None
+    columns = record.t, record.train_speed, s, clear, axle.reference.force
     at_least = record.train_speed_made or _slow(record)
-    F, noise = axle.reference.force, axle.slip_noise
-    depth = None if noise is None else _CLEARLY * noise
-    found = [
-        x for part in record.segments for x in events.slides(part, *columns, F, at_least, depth)
-    ]
-    return [x for x in found if _braked(record, x.where)]
-
-
-def _braked(record: AxleRecord, where: slice) -> bool:
-    """Whether the brake is applied there, or was a second before."""
-    t = record.t
-    first = int(np.searchsorted(t[: where.start], t[where.start] - 1_000_000_000))
-    return bool((record.clamping_force[first : where.stop] > 0.0).any())
+    depth = None if axle.slip_noise is None else _CLEARLY * axle.slip_noise
+    for part in record.segments:
+        for x in events.slides(part, *columns, at_least, depth):
+            before = record.t[: x.where.start]
+            first = int(np.searchsorted(before, record.t[x.where.start] - 1_000_000_000))
+            if (record.clamping_force[first : x.where.stop] > 0.0).any():
+                found.append(x)
+    return found
 
 
 def _clear(record: AxleRecord, s: Floats) -> Floats:
@@ -459,7 +441,7 @@ def _points(
 ) -> tuple[fit.Points, float]:
     """Operating points of slides and of creep close to them; 1 sigma of μ's scale.
 
-    A long pause separates them from other creep: the rail may have been another one there.
+    After a long pause the rail may be another one.
     """
     record, ref = axle.record, axle.reference
     assert axle.slip is not None

@@ -132,7 +132,7 @@ def step(  # noqa: PLR0913 (a compiled step on plain floats)
         p: parameters.
         s: state at the sample before.
         h: interval since then [s].
-        slip: s [-], NaN where there is none.
+        slip: s [-], NaN where it does not exist.
         mu: adhesion coefficient [-].
         slip_noise: σ_s, 1 sigma of the slip's noise [-].
         mu_noise: σ_μ, the same of μ [-].
@@ -194,7 +194,7 @@ def region(slip: float, slope: float, bands: Bands) -> int:
     `unknown` where the slope is not observable.
 
     Args:
-        slip: s [-], NaN where there is none.
+        slip: s [-], NaN where it does not exist.
         slope: dμ/ds [-], NaN where not observable.
         bands: the preset domains.
     """

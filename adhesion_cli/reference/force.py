@@ -166,7 +166,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     rates = [_rate(*both, regimes, fitted) for both in zip(wheel, telling, strict=True)]
     averaged = 0.0
     if not together and not runs[0].pressure_late.value:
-        means = [_averaged(run) for run in wheel]
+        means = [_telling(run, mean=True) for run in wheel]
         averaged, noise_of = 0.5, fitted
         if not _sparse(runs):
             averaged, noise_of = _half_late(telling, means, fitted, regimes, prior)
@@ -203,21 +203,6 @@ def _sparse(runs: list[AxleRecord]) -> bool:
         )
     )
     return measured < _OFTEN * between
-
-
-def _averaged(run: smoother.Run) -> smoother.Run:
-    """The informative samples, each as the mean since the one before; without ∫u."""
-    t, told = run.t, np.isfinite(run.known)
-    h = np.diff(t, prepend=t[0] - np.median(np.diff(t)))
-    begin = t - np.minimum(h, 1.5 * np.median(h))
-    gained = [np.interp(x, t, _gained(t, run.u)) for x in (begin, t)]
-    middle = (begin + t) / 2.0
-    lost = np.interp(middle, t, np.cumsum(run.lost))[told]
-    return smoother.Run(
-        middle[told], (run.y - np.mean(gained, axis=0))[told], np.zeros(np.sum(told)),
-        np.interp(middle, t, run.s)[told], np.diff(lost, prepend=0.0), run.known[told],
-        (t - begin)[told],
-    )  # fmt: skip
 
 
 def _half_late(
@@ -374,17 +359,24 @@ def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     return np.where(dither, y, level), np.where(dither, variance, told)
 
 
-def _telling(run: smoother.Run) -> smoother.Run:
+def _telling(run: smoother.Run, mean: bool = False) -> smoother.Run:
     """The informative samples, of the level without ∫u; the run itself if all are.
 
-    A step of the smoother without a measurement would only blur its regimes.
+    A step of the smoother without a measurement would only blur its regimes. With `mean`, each
+    sample is the mean since the one before.
     """
-    told = np.isfinite(run.known)
-    if told.all():
+    t, told = run.t, np.isfinite(run.known)
+    if told.all() and not mean:
         return run
+    h = np.diff(t, prepend=t[0] - np.median(np.diff(t))) * mean
+    begin = t - np.minimum(h, 1.5 * np.median(h))
+    gained = np.mean([np.interp(x, t, _gained(t, run.u)) for x in (begin, t)], axis=0)
+    middle = (begin + t) / 2.0
+    lost = np.interp(middle, t, np.cumsum(run.lost))[told]
     return smoother.Run(
-        run.t[told], (run.y - _gained(run.t, run.u))[told], np.zeros(np.sum(told)), run.s[told],
-        np.diff(np.cumsum(run.lost)[told], prepend=0.0), run.known[told], run.span[told],
+        middle[told], (run.y - gained)[told], np.zeros(np.sum(told)),
+        np.interp(middle, t, run.s)[told], np.diff(lost, prepend=0.0), run.known[told],
+        (t - begin)[told],
     )  # fmt: skip
 
 

@@ -37,31 +37,6 @@ _HALVINGS = 30  # of the search for the peak
 # --- the loop: plain Python that compiles ---------------------------------------------------------
 
 
-class _Unit(NamedTuple):
-    """The WSP controller's times, in steps of the plant, and its source of train speed."""
-
-    every: int  # between ticks
-    delay: int  # age of measured values
-    dead: int  # dead time of the valves
-    measured: bool  # the train speed; else it is estimated from the axles
-
-
-class _Noise(NamedTuple):
-    """Noise of measured values, shapes (ticks,) and (ticks, axles)."""
-
-    train_speed: Floats  # [m/s]
-    wheel_speed: Floats  # [rad/s]
-    pressure: Floats  # [Pa]
-
-
-class _Past(NamedTuple):
-    """Values that are not yet measured: step k in row k modulo the rows."""
-
-    v: Floats  # [m/s]
-    w: Floats  # [rad/s], shape (rows, axles)
-    p: Floats  # [Pa]
-
-
 class _Trace(NamedTuple):
     """Columns of `Stop`, a row per tick."""
 
@@ -91,11 +66,18 @@ class _World(NamedTuple):
     track: Track
     demand: Demand
     wheels: Wheels
-    unit: _Unit
-    noise: _Noise
-    past: _Past
-    trace: _Trace
     dt: float  # of the plant [s]
+    every: int  # steps of the plant between ticks
+    delay: int  # steps: age of measured values
+    dead: int  # steps: dead time of the valves
+    measured: bool  # the train speed; else it is estimated from the axles
+    v_noise: Floats  # of the train speed [m/s], shape (ticks,)
+    w_noise: Floats  # of the wheel speed [rad/s], shape (ticks, axles)
+    p_noise: Floats  # of the pressure [Pa]
+    v_past: Floats  # [m/s], not yet measured: step k in row k modulo the rows
+    w_past: Floats  # [rad/s], shape (rows, axles)
+    p_past: Floats  # [Pa]
+    trace: _Trace
 
 
 def _drive(world: _World, train: Train, j: int) -> Train:
@@ -103,13 +85,13 @@ def _drive(world: _World, train: Train, j: int) -> Train:
 
     It contains no part of a controller: one compiled piece serves all.
     """
-    unit, trace, wheels = world.unit, world.trace, world.wheels
+    trace, wheels, every = world.trace, world.wheels, world.every
     if j == 0:
         _remember(world, train, 0)
-    for k in range(max(j - 1, 0) * unit.every, j * unit.every):
-        if k >= unit.dead:
+    for k in range(max(j - 1, 0) * every, j * every):
+        if k >= world.dead:
             for i in range(len(wheels.w)):
-                wheels.valve[i] = trace.valve[(k - unit.dead) // unit.every, i]
+                wheels.valve[i] = trace.valve[(k - world.dead) // every, i]
         train = advance_to(
             world.plant, world.track, world.demand, train, wheels, (k + 1) * world.dt
         )
@@ -125,28 +107,26 @@ def _drive(world: _World, train: Train, j: int) -> Train:
 
 def _remember(world: _World, train: Train, k: int) -> None:
     """Stores the state at step k, to be measured later."""
-    past, wheels = world.past, world.wheels
-    row = k % len(past.v)
-    past.v[row] = train.v
+    wheels, row = world.wheels, k % len(world.v_past)
+    world.v_past[row] = train.v
     for i in range(len(wheels.w)):
-        past.w[row, i] = wheels.w[i] / world.plant.radius[i]
-        past.p[row, i] = wheels.p[i]
+        world.w_past[row, i] = wheels.w[i] / world.plant.radius[i]
+        world.p_past[row, i] = wheels.p[i]
 
 
 def _measure(world: _World, j: int) -> None:
     """Fills row j of the measured v, ω and p; a sensor at rest gives no pulses."""
-    unit, noise, past, trace = world.unit, world.noise, world.past, world.trace
-    row = max(j * unit.every - unit.delay, 0) % len(past.v)
-    y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], past.v[row]
+    trace, row = world.trace, max(j * world.every - world.delay, 0) % len(world.v_past)
+    y, K, v = trace.measured_wheel_speed[j], trace.measured_clamping_force[j], world.v_past[row]
     for i in range(len(y)):
-        w = past.w[row, i]
-        y[i] = max(w + noise.wheel_speed[j, i], 0.0) if w > 0.0 else 0.0
-        trace.measured_pressure[j, i] = past.p[row, i] + noise.pressure[j, i]
+        w = world.w_past[row, i]
+        y[i] = max(w + world.w_noise[j, i], 0.0) if w > 0.0 else 0.0
+        trace.measured_pressure[j, i] = world.p_past[row, i] + world.p_noise[j, i]
         K[i] = clamping(world.plant.brake, trace.measured_pressure[j, i])
-    if not unit.measured:
+    if not world.measured:
         v = math.nan
     elif v > 0.0:
-        v = max(v + noise.train_speed[j], 0.0)
+        v = max(v + world.v_noise[j], 0.0)
     trace.measured_train_speed[j] = v
 
 
@@ -162,7 +142,7 @@ def _march(
     Returns:
         Ticks done; −j where Newton's iteration failed on the way to tick j.
     """
-    trace, h = world.trace, world.unit.every * world.dt
+    trace, h = world.trace, world.every * world.dt
     y, K = trace.measured_wheel_speed, trace.measured_clamping_force
     for j in range(len(trace.demand)):
         train = drive(world, train, j)
@@ -293,7 +273,7 @@ def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
     ticks = round(LONGEST / (every * dt))
     shape = (ticks, axles)
     random = np.random.Generator(np.random.PCG64(seed))
-    noise = _Noise(
+    noise = (
         math.sqrt(known.train_noise) * random.standard_normal(ticks),
         math.sqrt(known.wheel_noise) * random.standard_normal(shape),
         math.sqrt(known.pressure_noise) * random.standard_normal(shape),
@@ -301,10 +281,10 @@ def _world(s: Scenario, track: Track, seed: int) -> tuple[_World, Train]:
     columns = [np.empty(size) for size in (ticks,) * 5 + (shape,) * 10]
     trace = _Trace._make([*columns, np.empty(shape, np.int8), np.empty(shape, np.int8)])
     train, wheels = plants.rolling(s.train.speed, axles)
-    unit = _Unit(every, delay, dead, known.train_speed == "measured")
-    past = _Past(np.empty(delay + 1), *(np.empty((delay + 1, axles)) for _ in range(2)))
+    past = np.empty(delay + 1), np.empty((delay + 1, axles)), np.empty((delay + 1, axles))
+    steps, measured = (dt, every, delay, dead), known.train_speed == "measured"
     demand = plants.demand_of(s)
-    return _World(plant, track, demand, wheels, unit, noise, past, trace, dt), train
+    return _World(plant, track, demand, wheels, *steps, measured, *noise, *past, trace), train
 
 
 def taken_for(s: Scenario) -> Vehicle:

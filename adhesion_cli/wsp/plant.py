@@ -290,7 +290,7 @@ def settle(plant: Plant, demand: Demand, s: Train, wheels: Wheels) -> None:
 
 
 def _line(demand: Demand, i: int, t: float) -> tuple[float, float]:
-    """Pressure demanded at time t, behind knot i [Pa], and its rise [Pa/s]."""
+    """Pressure demanded at time t, after knot i [Pa], and its rise [Pa/s]."""
     rise = (demand.p[i + 1] - demand.p[i]) / (demand.t[i + 1] - demand.t[i])
     return demand.p[i] + rise * (t - demand.t[i]), rise
 

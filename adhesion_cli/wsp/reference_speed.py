@@ -81,7 +81,7 @@ def watched(  # noqa: PLR0913 (compiled: plain floats)
 
 
 def asks_pilot(train: Known) -> bool:
-    """Whether a pilot is needed, and there is none."""
+    """Whether a pilot is needed, and no axle is one."""
     return train.pilot == NONE and train.doubt > _DOUBTFUL * train.v
 
 

@@ -158,7 +158,7 @@ def _draws(
     places: Sequence[float | None],
     demand: tuple[Floats, Bools],
 ) -> list[tuple[Scenario, Track]]:
-    """Stops that are as likely as the best fit; `demand` and where it is known as of `_demand`."""
+    """Stops that are as likely as the best fit; `demand` and where it is known, from `_demand`."""
     random = np.random.default_rng(0)
     (asked, known), vehicle, draws = demand, scenario.vehicle, []
     phi = vehicle.friction

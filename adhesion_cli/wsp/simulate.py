@@ -95,12 +95,6 @@ class Simulation:
     distance: Floats  # run by the first axle [m]
 
     @cached_property
-    def friction_force(self) -> Floats:
-        """B [N]: φK while the wheel turns, what holds it (F) while it stands; ω̇ = a(F − B)."""
-        phi = self.scenario.vehicle.friction.value
-        return np.where(self.wheel_speed > 0.0, phi * self.clamping_force, self.adhesion_force)
-
-    @cached_property
     def slip(self) -> Floats:
         """Slip s [-], NaN below `rail.CREEP_FROM`. Source: (2)."""
         rim = self.wheel_speed * radii(self.scenario)

@@ -255,7 +255,7 @@ def choose(
         speed_noise: 1 sigma of v − ωR as measured [m/s].
 
     Raises:
-        UserError: a name that is none, a parameter unknown or out of range, a band without width.
+        UserError: an unknown name, a parameter unknown or out of range, a band without width.
     """
     known, laws = estimators(), controllers()
     every = [*laws, *known, SLOPE.name]

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import simulated
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -61,7 +62,7 @@ def logged(
     last = np.searchsorted(own, t + 1e-9) - 1
     phi = physics.wheelset(vehicle, axle).phi
     I = vehicle.wheelset_inertia.value  # noqa: E741
-    acceleration = (true.adhesion_force - true.friction_force)[:, j] * physics.wheelset(
+    acceleration = (true.adhesion_force - simulated.friction_force(true))[:, j] * physics.wheelset(
         true.scenario.vehicle, axle
     ).a
     F = phi * physics.clamping_force(true.pressure[:, j], vehicle) + I / R * acceleration

@@ -57,7 +57,7 @@ def step(p: Params, s: State, h: float, o: Observed) -> State:
     """One tick later."""
     bands = Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
     judged = o.slip + o.slip_doubt
-    # Slip within its noise is none: the wheel rolls.
+    # A slip within its noise counts as 0: the wheel rolls.
     judged = judged + p.horizon * o.slip_rate if judged > p.guard * o.slip_noise else 0.0
     where = region(judged, o.slope, bands)  # [S4]
     blind = s.blind + h if where == 0 else 0.0  # unknown
