@@ -1,6 +1,6 @@
 """How well an estimate follows its target, over brake applications only.
 
-A metric is None where the data cannot answer. A reference as the target is smoothed without phase.
+None stands for what the data do not show. A reference as the target is smoothed without phase.
 It judges accuracy, but response and lag only as far as it is itself quick enough.
 """
 
@@ -317,7 +317,7 @@ def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
     """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
 
     Only axles on which it was scored count, those against truth and those against the reference
-    apart. What has no sound mean over axles is None.
+    apart. Metrics without a sound mean over axles stay None.
     """
     found: list[Score] = []
     every = [s for group in groups for s in group if s.rmse_n is not None]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import simulated
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated import friction_force
 
 from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
@@ -145,12 +145,12 @@ def test_truth_satisfies_the_equations(name: str) -> None:
     vehicle, n = r.scenario.vehicle, r.scenario.train.axles
     inertia, m = vehicle.wheelset_inertia.value, vehicle.axle_mass.value
     R = np.array([vehicle.radius(axle).value for axle in range(1, n + 1)])
-    F, B, moving = r.adhesion_force, simulated.friction_force(r), r.train_speed > 0.0
+    F, B, moving = r.adhesion_force, friction_force(r), r.train_speed > 0.0
     spin = r.wheel_speed[0] + integral(R / inertia * (F - B), dt)  # (1)
     speed = r.train_speed[0] - integral(F.sum(axis=1) / (n * m), dt)  # (1)
     assert np.abs(r.wheel_speed - spin)[moving].max() < 2e-3
     assert np.abs(r.train_speed - speed)[moving].max() < 1e-4
-    assert (simulated.friction_force(r) <= 0.3 * r.clamping_force + 1e-9).all()
+    assert (friction_force(r) <= 0.3 * r.clamping_force + 1e-9).all()
     assert (r.wheel_speed >= 0.0).all()
     rolling = np.nan_to_num(r.slip) < 0.9
     assert np.equal(B, 0.3 * r.clamping_force)[rolling & (r.wheel_speed > 0.0)].all()
@@ -225,7 +225,7 @@ def test_a_locked_wheel_stays_locked_and_the_train_stops_for_good() -> None:
     law = creep_law.condition("very-low")
     expected = [creep_law.creep_force(v, v, law, PATCH)[0] for v in r.train_speed[sliding]]
     np.testing.assert_array_equal(r.adhesion_force[sliding, 0], expected)
-    np.testing.assert_array_equal(simulated.friction_force(r)[sliding], r.adhesion_force[sliding])
+    np.testing.assert_array_equal(friction_force(r)[sliding], r.adhesion_force[sliding])
     v = r.train_speed[sliding]
     slowed = v[0] - integral(r.adhesion_force[sliding, 0] / 4797.0, 1e-3)  # (1)
     assert np.abs(v - slowed).max() < 1e-6
