@@ -33,11 +33,11 @@ class Stop:
     slip: Floats  # true slip, NaN below `JUDGED_FROM`
     valve: NDArray[np.int8]  # as commanded: `controller.APPLY`, `HOLD`, `DUMP`
     measured_train_speed: Floats  # by its sensors, or estimated from the axles
-    train_speed_doubt: Floats  # `trainspeed.Known.doubt`
+    train_speed_doubt: Floats  # `reference_speed.Known.doubt`
     measured_wheel_speed: Floats  # [rad/s]
     measured_pressure: Floats
     measured_clamping_force: Floats  # K of that pressure
-    measured_slip: Floats  # `unit.slip_of`
+    measured_slip: Floats  # `wsp_controller.slip_of`
     judged_slip: Floats  # that the controller decided on: the patent's law predicts it
     estimate: Floats  # F̂
     slope: Floats  # k = dμ/ds, NaN where not observable

@@ -32,19 +32,16 @@ START_UP = 3.0  # response of the slowest published estimator, LESO in Table 2 [
 def applications(record: AxleRecord) -> tuple[slice, ...]:
     """Brake applications: build-up, hold and release with a short tail; never across segments.
 
-    Found from K alone: above 5 % of its range (and clearly above its noise) the brake is applied,
-    and from there back and forth down to 2 %, however slowly it gets there. What stays on all the
-    time is a sensor's offset if it is less than a tenth of the peaks, else a drag brake. A wheel
-    that stands has no application: (1) says nothing about it.
+    K above 5 % of its range, and clearly above its noise, is a brake. Its application reaches back
+    and forth down to 2 %. A K that stays on is a sensor's offset if it is less than a tenth of the
+    peaks, else a drag brake. A wheel that stands has no application: (1) says nothing about it.
     """
-    if not record.segments:
-        return ()
     runs = moving(record)
+    if not runs:
+        return ()
     K = np.full(len(record), np.nan)
     for s in runs:
         K[s] = _median5(record.clamping_force[s])
-    if not runs:
-        return ()
     low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
     base = low if low < 0.1 * top else 0.0
     # What bends from one sample to the next is noise, but on a slow log it is the brake itself.
@@ -323,13 +320,10 @@ def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
     every = [s for group in groups for s in group if s.rmse_n is not None]
     for against in dict.fromkeys(s.against for s in every):
         pooled = []
-        for algo in dict.fromkeys(s.algo for s in every):
+        for algo in dict.fromkeys(s.algo for s in every if s.against == against):
             own = [s for s in every if (s.algo, s.against) == (algo, against)]
-            if not own:
-                continue
-            errors = [s.max_error_n for s in own if s.max_error_n is not None]
-            rmse = math.sqrt(float(np.mean([s.rmse_n**2 for s in own if s.rmse_n is not None])))
-            bias = float(np.mean([s.bias_n for s in own if s.bias_n is not None]))
-            pooled.append(Score(algo, against, rmse, bias, max(errors, key=abs)))
+            rmse, bias, worst = np.array([(s.rmse_n, s.bias_n, s.max_error_n) for s in own]).T
+            rms, largest = float(np.sqrt(np.mean(rmse**2))), float(worst[np.argmax(np.abs(worst))])
+            pooled.append(Score(algo, against, rms, float(np.mean(bias)), largest))
         found += ranked(pooled)
     return tuple(found)

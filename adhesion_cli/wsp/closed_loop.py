@@ -321,6 +321,7 @@ def side_by_side(
     algo: str,
     settings: Settings,
     tell: Callable[[str], None],
+    track: Track | None = None,
 ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
     """Dry distance [m], and the stop under every controller by name; arguments as in `run`.
 
@@ -330,7 +331,7 @@ def side_by_side(
     dry, stops = dry_distance(scenario), {}
     for law in registry():
         tell(law)
-        stop = run(scenario, law, seed, algo, settings)
+        stop = run(scenario, law, seed, algo, settings, track)
         stops[law] = stop, verdict(stop, scenario, dry)
     return dry, stops
 

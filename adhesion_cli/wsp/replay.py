@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import physics
-from ..core.controller import registry
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
@@ -40,7 +39,7 @@ from ..rail.slip import Summary
 from . import closed_loop
 from .plant import Track
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
-from .sweep import Compared, compared, interval, on_all_cores
+from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
 
 _EVERY = 0.1  # between two knots of the demand [s]
@@ -51,8 +50,6 @@ _NOISE = 0.01  # share of the largest demand: least change of it
 _STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
-
-Values = dict[str, tuple[float, float, float] | None]
 
 
 class Case(NamedTuple):
@@ -189,26 +186,21 @@ def answers(
     Raises:
         UserError: as `closed_loop.run`.
     """
-    dry, stops = closed_loop.dry_distance(case.scenario), {}
-    for law in registry():
-        tell(law)
-        stops[law] = closed_loop.run(case.scenario, law, seed, algo, settings, case.track)
-    dries = on_all_cores(lambda draw: closed_loop.dry_distance(draw[0]), case.draws, tell)
 
-    def one(job: tuple[str, int]) -> Verdict:
-        law, k = job
-        scenario, track = case.draws[k]
-        stop = closed_loop.run(scenario, law, seed, algo, settings, track)
-        return closed_loop.verdict(stop, scenario, dries[k])
+    def stops(
+        draw: tuple[Scenario, Track], tell: Callable[[str], None] = lambda _: None
+    ) -> tuple[float, dict[str, tuple[Stop, Verdict]]]:
+        return closed_loop.side_by_side(draw[0], seed, algo, settings, tell, draw[1])
 
-    jobs = [(law, k) for law in stops for k in range(len(case.draws))]
-    verdicts = on_all_cores(one, jobs, tell)
-    many = len(case.draws)
-    by_law = {law: verdicts[n * many : (n + 1) * many] for n, law in enumerate(stops)}
+    def verdicts(draw: tuple[Scenario, Track]) -> dict[str, Verdict]:
+        return {law: v for law, (_, v) in stops(draw)[1].items()}
+
+    dry, best = stops((case.scenario, case.track), tell)
+    drawn = on_all_cores(verdicts, case.draws, tell)
+    by_law = {law: [draw[law] for draw in drawn] for law in best}
     paired, found = compared(by_law, np.median), {}
-    for law, stop in stops.items():
-        drawn = zip(*by_law[law], strict=True)
-        values = {k: interval(x, np.median) for k, x in zip(Verdict._fields, drawn, strict=True)}
+    for law, (stop, _) in best.items():
+        values = intervals(by_law[law], np.median)
         known = values if case.demanded else {**values, "extension": None}
         found[law] = Answer(stop, known, paired[law])
     return dry if case.demanded else None, found

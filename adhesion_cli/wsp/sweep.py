@@ -29,6 +29,7 @@ RAILS = {name: Rail((Section(0.0, name),)) for name in _EVEN} | {
 }  # fmt: skip
 SPREAD = 0.2  # of f0 from seed to seed
 
+Values = dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 
@@ -46,7 +47,7 @@ class Row(NamedTuple):
     rail: str
     controller: str
     dry_distance_m: float
-    values: dict[str, tuple[float, float, float] | None]  # by field of `Verdict`
+    values: Values
     compared: Compared
     limits: tuple[tuple[Limit, float], ...] = ()  # each with the share of stops that keep it
 
@@ -65,11 +66,9 @@ def sweep(
         mine = {c: v for (r, c), v in found.items() if r == rail}
         others = compared(mine)
         for controller, stops in mine.items():
-            columns = zip(*stops, strict=True)
-            values = {k: interval(v) for k, v in zip(Verdict._fields, columns, strict=True)}
             kept = np.mean([[ok for _, ok in against(scenario.limit, v)] for v in stops], axis=0)
             limits = tuple(zip(scenario.limit, kept.tolist(), strict=True))
-            rows.append(Row(rail, controller, dry, values, others[controller], limits))
+            rows.append(Row(rail, controller, dry, intervals(stops), others[controller], limits))
     return rows
 
 
@@ -149,7 +148,7 @@ def on_all_cores(
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for n, x in enumerate(pool.map(one, jobs), 1):
             found.append(x)
-            tell(f"{n} of {len(jobs)} stops")
+            tell(f"{n} of {len(jobs)} done")
     return found
 
 
@@ -162,3 +161,9 @@ def interval(
         return None
     low, high = np.quantile(known, [0.025, 0.975])
     return float(middle(known)), float(low), float(high)
+
+
+def intervals(stops: Sequence[Verdict], middle: Callable[[list[float]], Any] = np.mean) -> Values:
+    """`interval` of every field of the verdicts."""
+    columns = zip(*stops, strict=True)
+    return {k: interval(x, middle) for k, x in zip(Verdict._fields, columns, strict=True)}

@@ -130,7 +130,7 @@ def test_watchdog_ends_a_vent_that_does_not_help() -> None:
 
 
 def test_slip_rate_is_the_derivative_of_slip() -> None:
-    """`unit.observed` without noise against the simulated wheel, while it slides off."""
+    """`wsp_controller.observed` without noise against the simulated wheel, while it slides off."""
     quiet = replace(short().antiskid, delay=0.0, wheel_noise=0.0, pressure_noise=0.0, train_noise=0)
     s = replace(short(), antiskid=replace(quiet, period=1e-3))
     stop = closed_loop.run(s, "none")
@@ -624,7 +624,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
     assert [(r.rail, r.controller) for r in rows] == [
         (r, c) for r in sweep.RAILS for c in registry()
     ]
-    assert told[-1] == "48 of 48 stops"
+    assert told[-1] == "48 of 48 done"
     for r in rows:
         mean, low, high = r.values["stopping_distance_m"] or (0.0, 0.0, 0.0)
         assert 0.0 < low <= mean <= high
