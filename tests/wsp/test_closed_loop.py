@@ -866,29 +866,6 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
     assert all(record.train_speed_interval == pytest.approx(1.0) for record in records)
 
 
-@pytest.mark.parametrize(("seconds", "seed"), [(0.0, 1), (0.0, 8), (0.5, 8), (2.0, 8)])
-def test_a_late_train_speed_shows_where_every_wheel_slides(
-    tmp_path: Path, seconds: float, seed: int
-) -> None:
-    stop, vehicle = (
-        closed_loop.run(case("slippery-stop"), "rule", seed),
-        case("slippery-stop").vehicle,
-    )
-    v = np.interp(stop.t - seconds * 1e9, stop.t, stop.measured_train_speed)
-    path = tmp_path / "late.rule.antiskid.mcap"
-    carried = settings.tree(settings.Settings(vehicle), [])
-    mcap.write_stop(
-        path, "late", replace(stop, measured_train_speed=v), vehicle, carried, "{}", ["a book"]
-    )
-    result = analyze.analyze(path, partial(settings.load, folder=False), ["kalman"])
-    told = [f.severity for f in result.findings if f.code == "train-speed-delay"]
-    assert told == (["warning"] if seconds else [])
-    late = result.axles[0].record.train_speed_late
-    assert late is not None
-    assert 0.0 < late.tolerance < 0.1
-    assert late.value == pytest.approx(seconds, abs=2.0 * late.tolerance)
-
-
 def test_antiskid_command(tmp_path: Path) -> None:
     def adhesion(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
