@@ -16,7 +16,7 @@ from ..dynamics import acceleration, longitudinal, train_clock
 from ..dynamics.train_grid import Axle, Grid, Scene, grid
 from .faults import View
 
-_SIGMAS = 3.0  # from zero is a train speed that is delayed
+_SIGMAS = 4.0  # from zero is a train speed that is delayed
 _COUNTED = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
 
