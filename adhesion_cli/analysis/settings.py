@@ -96,7 +96,8 @@ def load(
         config: the `-c` file; what it does not state, `./adhesion.toml` does where there is one.
         assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
         base: settings that a result file carries; every other overrides them. Those on reading
-            its log are ignored: the result is another file.
+            its log are ignored: the result is another file. So are thresholds that this version
+            does not have.
         folder: whether `./adhesion.toml` counts.
         read: reading options from flags.
 
@@ -104,7 +105,8 @@ def load(
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
     here = Path("adhesion.toml")
-    layers = [{k: v for k, v in (base or {}).items() if k not in _ORIGIN}]
+    carried = {k: v for k, v in (base or {}).items() if k not in _ORIGIN}
+    layers = [carried | {"diagnostics": _of_today(carried.get("diagnostics", {}))}]
     layers += [toml.read(here, _IS)] if folder and here.is_file() else []
     layers += [toml.read(config, _IS)] if config else []
     layers.append({})
@@ -114,6 +116,16 @@ def load(
     for layer in layers:
         _merge(tree, _one_spelling(layer))
     return _typed(tree, read)
+
+
+def _of_today(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The thresholds of a result that this version has as well."""
+    known = {name: check.Params._fields for name, check in tunable().items()}
+    return {
+        name: {k: v for k, v in stated.items() if k in known[name]}
+        for name, stated in checks.items()
+        if name in known
+    }
 
 
 def stated_sections(assignments: Sequence[str]) -> set[str]:

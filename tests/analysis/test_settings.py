@@ -142,3 +142,13 @@ def test_thresholds_of_checks_are_settings() -> None:
         settings.load(assignments=["diagnostics.vehicle.sigmas=0.1"])
     with pytest.raises(UserError, match="sigma"):
         settings.load(assignments=["diagnostics.vehicle.sigma=5"])
+
+
+def test_thresholds_that_a_later_version_dropped_do_not_block_a_result() -> None:
+    stated = {"former_check": {"share": 0.5}}
+    name = next(iter(settings.Settings().checks))
+    known = settings.Settings().checks[name]
+    key = known._fields[0]
+    stated[name] = {key: getattr(known, key), "former": 1.0}
+    again = settings.load(base={"diagnostics": stated}, folder=False)
+    assert again.checks[name] == known
