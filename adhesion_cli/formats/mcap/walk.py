@@ -233,9 +233,10 @@ class Walk:
 
     def _after_damage(self) -> int:
         """Where the next whole chunk or else the summary begins, 0 where there is neither."""
-        block = self._reader.next_chunk(max([self._sought, *(b.end for b in self.blocks)]))
-        if block:
-            self._sought = block.end  # even if it is refused afterwards
+        # The length of a chunk may be wrong, and whole ones stand before its end.
+        met = (b.at + 1 if b.chunk else b.end for b in self.blocks)
+        if block := self._reader.next_chunk(max([self._sought, *met])):
+            self._sought = block.at + 1  # even if it is refused afterwards
             return block.at
         footer = self._file.size - _END.size
         if footer >= len(MAGIC):
