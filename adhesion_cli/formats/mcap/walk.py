@@ -230,6 +230,8 @@ class Walk:
             except DamageError as damage:
                 self._note(damage)
             at = after
+            if opcode == Opcode.FOOTER and not self._data_end and (at := self._after_damage()):
+                opcode = 0  # a wrong length led over chunks
 
     def _after_damage(self) -> int:
         """Where the next whole chunk or else the summary begins, 0 where there is neither."""
