@@ -170,12 +170,17 @@ def findings_page() -> str:
         for words in of:
             shown: dict[str, Any] = entry(words)
             shown["old"] = ", ".join(f"`{code}`" for code in words.old)
-            limits = (f"`{t['name']}` {t['default']:g}" for t in shown["thresholds"])
-            shown["thresholds"] = ", ".join(limits)
+            checks = dict.fromkeys(t["name"].rpartition(".")[0] for t in shown["thresholds"])
+            shown["thresholds"] = ", ".join(f"[`{c}`]({_anchor(c)})" for c in checks)
             parts.append(f"### `{words.code}`\n\n{words.title}.\n")
             parts += [f"- {name}: {shown[part]}" for part, name in _PARTS.items() if shown[part]]
             parts.append("")
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _anchor(section: str) -> str:
+    """The place of a section in settings.md, as its heading makes it."""
+    return "settings.md#" + section.replace(".", "")
 
 
 def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
