@@ -37,7 +37,7 @@ from hashlib import sha256
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,7 @@ def _compiled(
     """
     from numba import njit
 
+    _load()
     code = [x for _, x in (*reached, *stand_ins)]
     folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
@@ -203,6 +204,26 @@ def _compiled(
     spec.loader.exec_module(module)
     call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
     return call
+
+
+@cache
+def _load() -> None:
+    """Loads numba's array functions without scipy.linalg, which takes a fifth of a short run.
+
+    numba looks for it here, and again when it compiles a function that needs it.
+    """
+    from numba.np import linalg
+
+    look: Any = getattr(linalg, "ensure_blas", None)
+    linalg.ensure_blas = _absent
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+def _absent() -> NoReturn:
+    raise ImportError
 
 
 def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:

@@ -131,7 +131,7 @@ from adhesion_cli.wsp import closed_loop, scenario
 case = scenario.load("slippery-stop")
 closed_loop.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-signal.setitimer(signal.ITIMER_REAL, 0.1)
+signal.setitimer(signal.ITIMER_REAL, 0.02)
 closed_loop.run(case, "none")
 """
 
