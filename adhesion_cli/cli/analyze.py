@@ -8,21 +8,28 @@ from .options import EVERY, Logs, Shared, shared
 def command(logs: Logs, shared: Shared) -> int:
     """Compute reference and estimates of each log; write .adhesion.mcap and .adhesion.rrd.
 
-    All logs are analysed before anything is written: if one fails, there are no results.
+    Of several logs, those that fail are listed, and the others are written. With --strict, none is
+    written if one fails.
 
-    Example: adhesion analyze leaf-film.mcap --set vehicle.phi=0.28
+    Example: adhesion analyze sample_logs/service-brake.csv --set vehicle.phi=0.28
     """
     from ..analysis.document import document, dumps, entry
     from . import terminal
 
     pairs = [results.pair(shared, log, "adhesion") for log in logs]
-    analysed = results.analysed(shared, logs, [path for pair in pairs for path in pair])
-    results.write(shared, analysed, pairs)
-    entries = [entry(r, results.named(pair)) for r, pair in zip(analysed, pairs, strict=True)]
+    found = results.analysed_or_failed(shared, logs, [path for pair in pairs for path in pair])
+    failed = [f for f in found if isinstance(f, results.Failed)]
+    done = [(f, p) for f, p in zip(found, pairs, strict=True) if not isinstance(f, results.Failed)]
+    results.write(shared, [result for result, _ in done], [pair for _, pair in done])
+    entries = [entry(r, results.named(pair)) for r, pair in done]
     if shared.json:
-        print(dumps(document(entries)))
+        of = iter(entries)
+        every = (f.entry() if isinstance(f, results.Failed) else next(of) for f in found)
+        print(dumps(document(list(every))))
     else:
-        for result, one in zip(analysed, entries, strict=True):
+        for (result, _), one in zip(done, entries, strict=True):
             print(terminal.summary(result, one))
             terminal.show(result.findings, shared.quiet)
-    return results.finished(shared, pairs[-1][1], [f for r in analysed for f in r.findings])
+        results.show_failed(failed)
+    code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
+    return 3 if failed else code

@@ -1,8 +1,9 @@
 """Shared by the commands that analyse logs: analyse all, then write everything."""
 
+import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .options import Shared, check, checked, pictures, places
 
@@ -12,6 +13,18 @@ if TYPE_CHECKING:
     from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]
+
+
+class Failed(NamedTuple):
+    """A log that could not be analysed, while others could."""
+
+    log: Path
+    error: str
+    hint: str
+
+    def entry(self) -> dict[str, object]:
+        """The log's entry of the document."""
+        return {"log": {"path": str(self.log)}, "error": self.error, "hint": self.hint}
 
 
 def stem(log: Path) -> str:
@@ -45,13 +58,59 @@ def analysed(
     Raises:
         UserError: for what would fail later, and for a log with nothing to analyse.
     """
+    analyze = _analyzer(shared, logs, paths, train_speed)
+    return [analyze(log) for log in logs]
+
+
+def analysed_or_failed(
+    shared: Shared, logs: Sequence[Path], paths: Iterable[Path]
+) -> "list[Result | Failed]":
+    """As `analysed`; with several logs, one that fails does not stop the others.
+
+    Raises:
+        UserError: as `analysed`; for a log that fails with --strict; where every log fails.
+    """
+    from ..core.errors import as_told
+
+    analyze = _analyzer(shared, logs, paths)
+    found: list[Result | Failed] = []
+    errors: list[Exception] = []
+    for log in logs:
+        try:
+            found.append(analyze(log))
+        except Exception as error:  # an internal error in one log must not stop the others
+            if shared.strict or len(logs) == 1:
+                raise
+            if shared.debug:
+                traceback.print_exc()
+            errors.append(error)
+            told = as_told(error)
+            found.append(Failed(log, told.text, told.hint))
+    if len(errors) == len(logs):
+        show_failed([] if shared.json else [f for f in found[1:] if isinstance(f, Failed)])
+        raise errors[0]
+    return found
+
+
+def show_failed(failed: Sequence[Failed]) -> None:
+    """The failed logs on stderr, each with error and hint."""
+    from . import terminal
+
+    for log, error, hint in failed:
+        terminal.message(f"not analysed: {log}\n  error: {error}\n  hint: {hint}", quiet=False)
+
+
+def _analyzer(
+    shared: Shared, logs: Sequence[Path], paths: Iterable[Path], train_speed: bool = False
+) -> "Callable[[Path], Result]":
+    """What analyses one of the logs, after a check of options, settings and outputs."""
     from ..analysis.analyze import analyze
     from . import terminal
 
     load = checked(shared)
     check(shared, [*paths], *logs)
     window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
-    return [analyze(log, load, shared.algo, shared.axle, window, tell, train_speed) for log in logs]
+    return lambda log: analyze(log, load, shared.algo, shared.axle, window, tell, train_speed)
 
 
 def write(
