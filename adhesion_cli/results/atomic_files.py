@@ -14,19 +14,22 @@ then the others appear, and the manifests last:
 
 A killed run leaves one of these states. New and old files are never mixed, no file is incomplete,
 and a manifest (`<stem>.sha256`, for `sha256sum -c`) exists only if the whole run is complete. A
-signal that ends a run waits meanwhile. If the disk refuses a name, the run removes those it gave.
+signal that ends a run waits meanwhile. If the disk refuses a name, the run removes those it gave,
+and the older files come back: until the end each has a second, hidden name.
 """
 
 import fcntl
 import hashlib
 import os
 import secrets
+import shutil
 import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from ..core.errors import UserError
 from ..core.text import printable
@@ -106,8 +109,9 @@ def sets(
     check(every, force, inputs=inputs)
     folders = list(dict.fromkeys(path.parent for path in every))
     try:
-        for folder in folders:
-            _sweep(folder)
+        with _locked(folders):  # else a sweep could take what another run keeps of older files
+            for folder in folders:
+                _sweep(folder)
         with ExitStack() as stack:
 
             def hidden(folder: Path) -> Path:
@@ -141,23 +145,47 @@ def sets(
 def _publish(files: dict[Path, Path], stale: list[Path]) -> None:
     """Give files their names, in the order in which a run that is killed leaves no mixture.
 
+    On an error, the old files get their names back.
+
     Args:
         files: what is written, by its name; the record first.
         stale: manifests that are about to be untrue.
     """
     old = [path for path in files if os.path.lexists(path) and path not in stale]
     replaces = old[:1] == list(files)[:1]
-    for path in reversed([*old[replaces:], *stale]):
-        path.unlink()
     given: list[Path] = []
-    try:
-        for path, place in files.items():
-            place.replace(path)
-            given.append(path)
-    except BaseException:
-        for path in reversed(given[replaces:]):
-            path.unlink()
-        raise
+    with ExitStack() as stack:
+        kept = {path: stack.enter_context(_kept(path)) for path in [*old, *stale]}
+        try:
+            for path in reversed([*old[replaces:], *stale]):
+                path.unlink()
+            for path, place in files.items():
+                place.replace(path)
+                given.append(path)
+        except BaseException:
+            for path in reversed(given[replaces:]):
+                path.unlink()
+            for path, place in kept.items():
+                place.replace(path)
+            raise
+
+
+@contextmanager
+def _kept(path: Path) -> Iterator[Path]:
+    """A second, hidden name of a file, until this is done; a copy where the disk has no links."""
+    place = _hidden_name(path.parent)
+    with ExitStack() as stack:
+        try:
+            try:
+                os.link(path, place, follow_symlinks=False)
+            except OSError:
+                shutil.copyfile(path, place)
+            with suppress(OSError):  # a link to nothing
+                _lock(stack.enter_context(place.open("rb")))
+            yield place
+        finally:
+            with suppress(OSError):  # the next run removes it
+                place.unlink()
 
 
 @contextmanager
@@ -183,18 +211,31 @@ def _sweep(folder: Path) -> None:
     for path in folder.glob(f"{_HIDDEN}*.part"):
         with suppress(OSError), path.open("rb") as file:
             if time.time() - path.stat().st_mtime > _NEW:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                _lock(file)
                 path.unlink()
+
+
+def _hidden_name(folder: Path) -> Path:
+    return folder / f"{_HIDDEN}{secrets.token_hex(8)}.part"
+
+
+def _lock(file: BinaryIO) -> None:
+    """Keep the sweep of other runs from a hidden file.
+
+    Raises:
+        OSError: another run keeps it.
+    """
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextmanager
 def _hidden(folder: Path) -> Iterator[Path]:
     """An empty file that vanishes unless it is renamed."""
-    path = folder / f"{_HIDDEN}{secrets.token_hex(8)}.part"
+    path = _hidden_name(folder)
     with path.open("xb") as file:
         try:
             with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+                _lock(file)
             yield path
         finally:
             path.unlink(missing_ok=True)

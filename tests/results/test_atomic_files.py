@@ -208,6 +208,50 @@ def test_a_name_that_the_disk_refuses_leaves_none(
     assert names(folder) == set()
 
 
+@pytest.mark.parametrize("links", [True, False])
+@pytest.mark.parametrize("call", ["replace", "unlink"])
+@pytest.mark.parametrize("nth", range(6))
+def test_an_error_while_replacing_leaves_the_old_sets_whole(
+    folder: Path, call: str, nth: int, links: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = [pair(folder), [folder / "b.adhesion.mcap", folder / "b.adhesion.rrd"]]
+
+    def run(text: str) -> None:
+        with atomic_files.sets(pairs, True) as places:
+            for place in (place for of in places for place in of):
+                place.write_text(text)
+
+    def failing(*given: object, **named: object) -> None:
+        if next(calls) == nth:
+            raise OSError(28, "No space left on device")
+        real(*given, **named)
+
+    def no_links(*_: object, **__: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    run("old")
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    if not links:
+        monkeypatch.setattr(os, "link", no_links)
+    calls, real = iter(range(100)), getattr(os, call)
+    monkeypatch.setattr(os, call, failing)
+    if call == "unlink" and nth == 5:  # of its 5 old files without the record
+        run("new")
+        return
+    with pytest.raises(UserError, match="No space left"):
+        run("new")
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_a_folder_in_the_place_of_the_manifest_destroys_nothing(folder: Path) -> None:
+    write(pair(folder), "old")
+    (folder / "a.adhesion.sha256").unlink()
+    (folder / "a.adhesion.sha256").mkdir()
+    with pytest.raises(UserError, match="cannot write the results"):
+        write(pair(folder), "new", force=True)
+    assert {p.read_text() for p in pair(folder)} == {"old"}
+
+
 def test_existing_results_need_force(folder: Path) -> None:
     write(pair(folder)[:1], "old")
     with pytest.raises(UserError) as caught:
