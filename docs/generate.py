@@ -28,7 +28,7 @@ _HEAD = "<!-- written by docs/generate.py -->\n"
 _TEXTS = {
     "key of a channel": {
         "channel": "topic, column header or `column 3`",
-        "field": "place inside a message, as `velocity[0]`",
+        "field": "place inside a message, as `velocity[0]`; `velocity` is all of a list",
         "unit": "one of those below; where the log states none, or a wrong one",
         "group": "device of a long table",
         "teeth": "pulses per turn, for Hz, kHz and count",
@@ -36,7 +36,7 @@ _TEXTS = {
     },
     "key of `time`": {
         "channel": "column that holds the time",
-        "unit": "`s`, `ms`, `us`, `ns`, `iso` or `excel`",
+        "unit": "`s`, `ms`, `us`, `ns`, `excel`; of dates `iso`, `ymd`, `dmy` or `mdy`",
         "source": "clock of MCAP messages: `log`, `publish` or `header`",
     },
     "key of `group`": {
@@ -80,8 +80,13 @@ def settings_page() -> str:
         "share of the value. `wheel_radius` (or `wheel_diameter`) may be a list, one per axle.\n",
         _table(_of_vehicle()),
         "## [channels]\n",
-        "What each channel of a log means; results of ours say it themselves. For all axles, "
-        '`pressure = {channel = "p", unit = "bar"}`; for one, `pressure."axle 2" = {…}`.\n',
+        "What each channel of a log means; results of ours say it themselves.\n",
+        "| line | states |\n|---|---|",
+        '| `pressure = {unit = "bar"}` | the unit of every channel that is guessed a pressure |',
+        '| `pressure = {channel = "p", unit = "bar"}` | the pressure of all axles |',
+        '| `pressure."axle 2" = {channel = "p2", unit = "bar"}` | the pressure of one axle |',
+        '| `pressure = {channel = "/bcu", field = "bc", unit = "bar"}` | the pressures of a list: '
+        "element 0 is axle 1 |\n",
         _kinds("key of a channel", settings.CHANNEL_KEYS),
         "\n| meaning | units |\n|---|---|",
         *(

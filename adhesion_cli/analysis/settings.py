@@ -11,7 +11,7 @@ import re
 import tomllib
 from collections.abc import Mapping as Tree
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args
 
@@ -53,7 +53,7 @@ class Analysis:
     )
     slowest: Annotated[float, Quantity("m/s", "no slip below this train speed")] = 1.0
     max_gap: Annotated[
-        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one")
+        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", high=1e6)
     ] = 0.0
 
 
@@ -200,15 +200,17 @@ def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
 def _assignment(text: str) -> dict[str, Any]:
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
-        raise UserError(f"--set {text!r} has no '='", "for example --set neso.beta1=100", code=2)
+        raise UserError(
+            f"--set {text[:80]!r} has no '='", "for example --set neso.beta1=100", code=2
+        )
     try:
-        parsed = tomllib.loads(f"x = {value}")["x"]
+        return toml.parsed(text, "--set")
     except tomllib.TOMLDecodeError:
         value = value.strip()
         # as people write numbers and TOML does not; else a bare word is a text
-        parsed = float(value) if re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value) else value
-    *sections, key = name.strip().split(".")
-    return _nested([*sections, key], parsed)
+        plain = re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value)
+    *sections, key = name.strip().split(".", toml.DEEPEST)
+    return toml.bounded(_nested([*sections, key], float(value) if plain else value), "--set")
 
 
 def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
@@ -224,7 +226,9 @@ def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
 def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
     tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
-    return not tables or ("channel" in a) == ("channel" in b)
+    return not tables or ({"channel", "unit"} & a.keys() == set()) == (
+        {"channel", "unit"} & b.keys() == set()
+    )
 
 
 def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
@@ -331,12 +335,13 @@ def _parameter(key: str, stated: Any, default: Parameter) -> Parameter:
     name = f"vehicle.{key}"
     table = stated if isinstance(stated, dict) else {"value": stated}
     given = _fields(name, table, {"value": float, "tolerance": float})
-    value = quantities(Vehicle)[key].check(name, given.get("value", default.value))
+    of = quantities(Vehicle)[key]
+    value = of.check(name, given.get("value", default.value))
     share = default.tolerance / default.value if default.value else 0.0
     tolerance = given.get("tolerance", share * abs(value))
-    if tolerance < 0.0:
-        hint = "1 sigma, in the parameter's unit"
-        raise UserError(f"{name}: tolerance is negative", hint, code=2)
+    if not 0.0 <= tolerance <= of.high:
+        hint = f"1 sigma, in the parameter's unit: {replace(of, low=0.0).range}"
+        raise UserError(f"{name}: tolerance = {tolerance:g} is out of range", hint, code=2)
     return Parameter(value, tolerance)
 
 
@@ -353,9 +358,12 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
             raise unknown("meaning in [channels]", key, [*of_rows, *MEANINGS])
         for axle, entry in _by_axle(key, value) if key in MEANINGS else []:
             table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
-            if "channel" not in table:
-                hint = f'{key}."axle 1" = {{channel = "…", unit = "…"}}'
+            of_all = axle is None and "unit" in table and "field" not in table
+            if "channel" not in table and not of_all:
+                line = f'channels.{key} = {{channel = "…", unit = "…"}}'
+                hint = f"name it, as {toml.option(line)}"
                 raise UserError(f"channels.{key} names no channel", hint, code=2)
+            table = {"channel": ""} | table
             mappings.append(Mapping(MEANINGS[key], axle, **table))  # type: ignore[arg-type]
     for name in ("time_channel", "group_channel"):
         if options.get(name, "").isdigit():
@@ -368,13 +376,14 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
 
 def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
     """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's."""
-    if not isinstance(value, dict) or "channel" in value:
+    if not isinstance(value, dict) or value.keys() & CHANNEL_KEYS.keys():
         return [(None, value)]
     out: list[tuple[int | None, Any]] = []
     for name, entry in value.items():
         digits = name.lower().removeprefix("axle").strip(" _")
         if not digits.isdigit() or int(digits) < 1:
-            hint = f'{key}."axle 1" = {{channel = "…"}}, axles count from 1'
+            line = f'channels.{key}."axle 1" = {{channel = "…"}}'
+            hint = f"axles count from 1, as {toml.option(line)}"
             raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
         out.append((int(digits), entry))
     return out

@@ -1,11 +1,11 @@
 """A log file as channels with meaning, in SI, on clean time axes."""
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..core import time_axis, units
+from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import MADE, Channel, Column, Log, Meaning, Vehicle
@@ -16,6 +16,10 @@ from .to_si import channel
 # What an analysis needs, by the meanings that give it, and what it does not need.
 _NEEDED: dict[Meaning | None, str] = {
     "wheel_speed": "speed", "pressure": "brake", "clamping_force": "brake",
+}  # fmt: skip
+_USUAL: dict[Meaning | None, str] = {  # unit that a hint shows as an example
+    "wheel_speed": "km/h", "pressure": "bar", "clamping_force": "kN", "truth": "kN",
+    "true_slip": "-",
 }  # fmt: skip
 _OPTIONAL: tuple[Meaning, ...] = ("train_speed", "truth", "true_slip")
 
@@ -92,7 +96,7 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
             names = {"meaning": m.words, "reason": _lacks(m)}
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
-            _check_unit(m, source.path)
+            _check_unit(m, chosen, source.path)
     return chosen, findings
 
 
@@ -122,7 +126,7 @@ def without_empty(log: Log) -> Log:
     return replace(log, channels=tuple(full), findings=(*log.findings, *findings))
 
 
-def _refuse_two_units(chosen: Iterable[Meant], path: Path) -> None:
+def _refuse_two_units(chosen: Collection[Meant], path: Path) -> None:
     """Refuses a channel whose unit is stated in two ways.
 
     Raises:
@@ -134,11 +138,11 @@ def _refuse_two_units(chosen: Iterable[Meant], path: Path) -> None:
                 f"{path}: the unit of channel {m.title!r} is stated twice: "
                 f"{m.unit!r} ({m.field.unit_from or 'in the name'}) and {m.unit_too!r} (in the "
                 "name)",
-                _state(m),
+                f"state the right one, as {_option(m, chosen)}",
             )
 
 
-def _check_unit(m: Meant, path: Path) -> None:
+def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
     """Refuses a channel with a meaning whose unit the log does not state, or not completely.
 
     Raises:
@@ -148,14 +152,13 @@ def _check_unit(m: Meant, path: Path) -> None:
     if not m.unit:
         raise UserError(
             f"{path}: channel {m.title!r} looks like the {m.words}, but {_lacks(m)}",
-            f"{_state(m)}; one of {', '.join(units.known_units(m.meaning))}",
+            f"state it, as {_option(m, chosen)}; units: {', '.join(units.known_units(m.meaning))}",
         )
     unit = units.stated(m.unit, m.meaning, m.title)
     if unit.dimension in ("pulse rate", "count") and not m.teeth:
         raise UserError(
             f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
-            f'state them with -c: [channels] speed."axle {m.axle or 1}" = '
-            f'{{channel = "{m.field.channel}", unit = "{m.unit}", teeth = 80}}',
+            f"state them, as {_option(m, chosen, teeth=80)}",
         )
 
 
@@ -167,15 +170,23 @@ def _lacks(m: Meant) -> str:
     return "its unit is not stated"
 
 
-def _state(m: Meant) -> str:
-    """How a user states a channel of this meaning with its unit."""
+def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
+    """The option by which a user states the unit of a channel and of the others of its meaning.
+
+    One line does for all of them where nothing is stated yet and they have the same unit.
+    """
+    alike = [c for c in chosen if c.meaning == m.meaning]
+    usual = _USUAL.get(m.meaning, "m/s")
     key = "speed" if m.meaning == "wheel_speed" else m.meaning
-    place = "train_speed" if m.meaning == "train_speed" else f'{key}."axle {m.axle or 1}"'
-    field = f', field = "{m.field.path}"' if m.field.path else ""
-    return (
-        f"state it in a TOML given with -c: [channels] {place} = "
-        f'{{channel = "{m.field.channel}"{field}, unit = "…"}}'
-    )
+    if len({c.unit for c in alike}) == 1 and "[channels]" not in m.reason:
+        entry = toml.table({"unit": m.unit or usual, "teeth": teeth})
+        return toml.option(f"channels.{key} = {entry}")
+    entries = {}
+    for c in alike:
+        of = {"channel": c.field.channel, "field": c.field.path, "group": c.field.group}
+        entries[c.axle] = toml.table({**of, "unit": c.unit or usual, "teeth": teeth})
+    every = ", ".join(f'"axle {axle or 1}" = {entry}' for axle, entry in entries.items())
+    return toml.option(f"channels.{key} = {entries.get(None, f'{{{every}}}')}")
 
 
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ..core import units
+from ..core import toml, units
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import Meaning
@@ -17,7 +17,10 @@ from .rules import GENERIC, axle_of, bogie_of, guess, has, words_of
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """One line of `[channels]`: this channel means that."""
+    """One line of `[channels]`: this channel means that.
+
+    Without a channel it states the unit of every channel whose name has this meaning.
+    """
 
     meaning: Meaning
     axle: int | None
@@ -64,8 +67,8 @@ def understood(
     Raises:
         UserError: for a mapping to a channel or field the log does not have.
     """
-    by_hand = {_find(fields, m): m for m in mappings}
-    mapped = {m.meaning for m in mappings}
+    by_hand = dict(pair for m in mappings if m.channel for pair in _find(fields, m))
+    mapped = {m.meaning for m in mappings if m.channel}
     channels = {f.channel for f in fields}
     meant: list[Meant] = []
     guesses: list[int] = []
@@ -92,7 +95,17 @@ def understood(
     findings = _count_from_one(meant, guesses)
     findings += _bogies(meant, guesses)
     findings += _one_each(meant, guesses)
+    of_all = {m.meaning: m for m in mappings if not m.channel}
+    for i in guesses:
+        if m := of_all.get(meant[i].meaning or "time"):
+            meant[i] = _in_unit(meant[i], m)
     return meant, findings
+
+
+def _in_unit(guessed: Meant, m: Mapping) -> Meant:
+    """A guess with the unit that the user states for all channels of its meaning."""
+    reason = f"{guessed.reason.removesuffix('; no unit stated')}; unit {m.unit}: in [channels]"
+    return replace(guessed, unit=m.unit, reason=reason, teeth=m.teeth, wrap=m.wrap, unit_too="")
 
 
 def _as_stated(field: Field, m: Mapping) -> Meant:
@@ -243,8 +256,8 @@ def title(field: Field) -> str:
     return f"{name(field)} {field.path}".strip()
 
 
-def _find(fields: Sequence[Field], m: Mapping) -> Field:
-    """The field that a mapping names."""
+def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
+    """The field that a mapping names; of a list without an index each element, with its axle."""
     wanted = m.channel.strip()
     folded = wanted.casefold()
     spellings: tuple[Callable[[str], bool], ...] = (
@@ -257,16 +270,31 @@ def _find(fields: Sequence[Field], m: Mapping) -> Field:
     if not found:
         raise unknown("channel", m.channel, sorted({f.channel for f in fields}))
     own = [f for f in found if not m.group or f.group == m.group]
+    elements = [(f, replace(m, axle=int(i) + 1)) for f in own if (i := _index(f, m.field))]
     if m.field:
-        own = [f for f in own if m.field in (f.path, f.label)]
-    if len(own) == 1:
-        return own[0]
+        own = [f for f in own if m.field in (f.path, f.label)] or [f for f, _ in elements]
+    one_each = len({of.axle for _, of in elements}) == len(elements) > 0
+    if one_each and m.axle is None and m.meaning != "train_speed":
+        return elements
     if not m.field and (generic := [f for f in own if f.path in GENERIC]):
-        return generic[0]
+        own = generic[:1]
+    if len(own) == 1:
+        return [(own[0], m)]
     names = [title(f) for f in found]
     if own:
+        key = m.meaning if m.axle is None else f'{m.meaning}."axle {m.axle}"'
+        like = [f for f in own if (g := guess(f)).meaning == m.meaning and m.axle in (None, g.axle)]
+        one = (like or own)[0]
+        path = re.sub(r"\[\d+\]$", "", one.path) if m.axle is None else one.path
+        entry = {"channel": m.channel, "field": path, "group": one.group, "unit": m.unit}
         raise UserError(
             f"channel {m.channel!r} has several fields: {', '.join(names[:12])}",
-            'name one: {channel = "…", field = "…"}, or group = "…" for a device', code=2,
+            f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}", code=2,
         )  # fmt: skip
     raise unknown(f"field of {m.channel!r}", m.field or m.group, names)
+
+
+def _index(field: Field, named: str) -> str:
+    """The index of a field in the list of this name; "" where it is none, or has a name."""
+    found = re.fullmatch(r"([^\[]*)\[(\d+)\]([^\[]*)", "" if field.label else field.path)
+    return found[2] if found and found[1] + found[3] == named else ""

@@ -1,22 +1,105 @@
-"""TOML files from the user."""
+"""TOML from the user, bounded in size, and TOML that a message shows."""
 
+import json
+import shlex
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from .errors import UserError
+
+_MOST = 1 << 20  # bytes of a file
+_LONGEST = 4_000  # characters of a line; the parser's memory is the square of a key's dots
+DEEPEST = 16  # tables and lists inside each other
+_LARGEST = 1e18  # no number of a setting is larger
 
 
 def read(path: Path, hint: str) -> dict[str, Any]:
     """The tables of a file.
 
     Raises:
-        UserError: for a file that cannot be read or is not TOML; `hint` says what it should be.
+        UserError: for a file that cannot be read or is not TOML, `hint` says what it should be;
+            for what is too large.
     """
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        with path.open("rb") as file:
+            data = file.read(_MOST + 1)
+        if len(data) > _MOST:
+            raise UserError(f"{path}: is larger than {_MOST >> 20} MiB", hint, code=2)
+        return parsed(data.decode(), str(path))
     except OSError as error:
         text = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
         raise UserError(f"{path}: {text}", hint, code=2) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: {error}", hint, code=2) from error
+
+
+def parsed(text: str, where: str) -> dict[str, Any]:
+    """The tables of a text, with finite numbers of bounded size and depth.
+
+    Args:
+        text: TOML.
+        where: names the text in an error.
+
+    Raises:
+        tomllib.TOMLDecodeError: where it is not TOML.
+        UserError: where it is too large.
+    """
+    text = text.replace("\r\n", "\n")
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > _LONGEST:
+            what = f"line {number} ({line[:40]}…) has more than {_LONGEST} characters"
+            raise UserError(f"{where}: {what}", "write shorter keys and values", code=2)
+    try:
+        tree = tomllib.loads(text)
+    except RecursionError:
+        raise _too_deep(where, text.partition("=")[0].strip()) from None
+    return bounded(tree, where)
+
+
+def bounded(tree: dict[str, Any], where: str) -> dict[str, Any]:
+    """The same tree.
+
+    Raises:
+        UserError: where it is nested too deeply, or a number is not finite or too large.
+    """
+    left: list[tuple[tuple[str, ...], Any]] = [((), tree)]
+    while left:
+        keys, value = left.pop()
+        if len(keys) > DEEPEST:
+            raise _too_deep(where, keys[0])
+        if isinstance(value, (int, float)) and not abs(value) <= _LARGEST:
+            shown = value if isinstance(value, float) else "an integer of many digits"
+            what = f"{'.'.join(keys)} = {shown} is not finite, or too large"
+            raise UserError(f"{where}: {what}", "write a plain number", code=2)
+        if isinstance(value, list):
+            value = dict(enumerate(value, 1))
+        if isinstance(value, dict):
+            left += [((*keys, str(key)), inner) for key, inner in value.items()]
+    return tree
+
+
+def _too_deep(where: str, key: str) -> UserError:
+    what = f"{key[:40]} is nested deeper than {DEEPEST} levels"
+    return UserError(f"{where}: {what}", "settings have two or three levels", code=2)
+
+
+def quoted(text: str) -> str:
+    """A TOML basic string."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+def table(parts: Mapping[str, str | int]) -> str:
+    """A table in one line, without what is empty."""
+    texts = (f"{k} = {quoted(v) if isinstance(v, str) else v}" for k, v in parts.items() if v)
+    return f"{{{', '.join(texts)}}}"
+
+
+def option(line: str) -> str:
+    """The option for a shell that states one line of TOML, as `--set 'csv.decimal = ","'`.
+
+    Args:
+        line: with its heading; the same line may stand at the top of a TOML file.
+    """
+    return f"--set {shlex.quote(line)}"

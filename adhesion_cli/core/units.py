@@ -132,9 +132,9 @@ def stated(text: str, meaning: Meaning, channel: str) -> Unit:
 
 
 def unknown_in(name: str) -> str:
-    """What a name has in its last brackets, if it is not a known unit, "" for nothing."""
+    """What a name has in its last brackets, if it is no known unit and no index, "" for nothing."""
     inside = [text.strip() for text in _BRACKETS.findall(name)]
-    return inside[-1] if inside and not unit(inside[-1]) else ""
+    return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 
 
 def without_others(name: str) -> str:

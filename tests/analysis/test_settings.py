@@ -152,3 +152,50 @@ def test_thresholds_that_a_later_version_dropped_do_not_block_a_result() -> None
     stated[name] = {key: getattr(known, key), "former": 1.0}
     again = settings.load(base={"diagnostics": stated}, folder=False)
     assert again.checks[name] == known
+
+
+def test_a_unit_without_a_channel_is_one_for_all() -> None:
+    Path("c.toml").write_text('[channels]\npressure = {unit = "bar"}\n')
+    (m,) = settings.load(Path("c.toml")).mappings
+    assert (m.meaning, m.axle, m.channel, m.unit) == ("pressure", None, "", "bar")
+    (m,) = settings.load(Path("c.toml"), ['channels.pressure."axle 2" = {channel = "p"}']).mappings
+    assert (m.axle, m.channel, m.unit) == (2, "p", "")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        pytest.param("vehicle." + ".".join("a" * 100_000) + " = 1", id="dots"),
+        pytest.param("vehicle." + ".".join("a" * 1_000) + " = 1", id="fewer dots"),
+        pytest.param("vehicle = " + "[" * 1_000 + "]" * 1_000, id="deep"),
+        pytest.param("vehicle = " + "[" * 300 + "]" * 300, id="less deep"),
+        pytest.param("vehicle.friction = " + "9" * 5_000, id="digits"),
+        pytest.param("vehicle.friction = " + "9" * 1_000, id="fewer digits"),
+        "vehicle.friction = {value = 0.3, tolerance = inf}",
+        "vehicle.friction = {value = 0.3, tolerance = 1e17}",
+        "vehicle.friction = nan",
+        "analysis.max_gap = inf",
+        "analysis.max_gap = nan",
+        "analysis.max_gap = 1e17",
+        "analysis.max_gap = 1e308",
+        "neso.beta1 = inf",
+        "channels.speed = {channel = 'n', wrap = inf}",
+    ],
+)
+def test_what_is_too_large_or_not_finite_is_refused_by_its_key(line: str) -> None:
+    key = line.split("=")[0].strip().split(".")[0]
+    Path("c.toml").write_text(line + "\n")
+    for given in ({"config": Path("c.toml")}, {"assignments": [line]}):
+        with pytest.raises(UserError, match=key) as error:
+            settings.load(**given)
+        assert error.value.code == 2
+        assert len(error.value.text) < 200
+
+
+def test_lists_that_nest_over_many_lines_are_refused() -> None:
+    Path("c.toml").write_text("vehicle = " + "[\n" * 10_000)
+    with pytest.raises(UserError, match="vehicle is nested deeper"):
+        settings.load(Path("c.toml"))
+    Path("c.toml").write_text("#\n" * 1_000_000)
+    with pytest.raises(UserError, match="larger than 1 MiB"):
+        settings.load(Path("c.toml"))

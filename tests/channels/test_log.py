@@ -1,11 +1,13 @@
 """A log file as channels: counters, wheels, optional channels."""
 
 import math
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from adhesion_cli.analysis.settings import load
 from adhesion_cli.channels.log import read, survey, unchanged
 from adhesion_cli.channels.meaning import Mapping
 from adhesion_cli.core.errors import UserError
@@ -191,3 +193,31 @@ def test_every_message_of_the_findings_here_can_be_written(tmp_path: Path) -> No
     path = table(tmp_path / "a.csv", t, 2)
     for f in survey(open_source(path, ReadOptions()), (), Vehicle()).findings:
         assert f.message
+
+
+@pytest.mark.parametrize(
+    ("names", "line"),
+    [
+        ("bc_press[0],bc_press[1]", 'channels.pressure = {unit = "bar"}'),
+        (
+            "BC 1 [kPa],BC pressure 2",
+            'channels.pressure = {"axle 1" = {channel = "BC 1 [kPa]", unit = "kPa"}, '
+            '"axle 2" = {channel = "BC pressure 2", unit = "bar"}}',
+        ),
+    ],
+)
+def test_the_hint_on_a_missing_unit_can_be_given_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: str, line: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 100},{k / 10},{k / 10},{200 - k},{200 - k}\n" for k in range(200))
+    path.write_text(f"t [s],{names},axle 1 [km/h],axle 2 [km/h]\n{rows}")
+    with pytest.raises(UserError, match="its unit is not stated") as error:
+        read(open_source(path, ReadOptions()), (), Vehicle())
+    _, stated = shlex.split(error.value.hint.removeprefix("state it, as ").split("; units:")[0])
+    assert stated == line
+    Path("c.toml").write_text(line)
+    for settings in (load(assignments=[stated]), load(Path("c.toml"))):
+        log = read(open_source(path, ReadOptions()), settings.mappings, Vehicle())
+        assert [c.axle for c in log.channels if c.meaning == "pressure"] == [1, 2]

@@ -427,3 +427,41 @@ def test_no_name_is_too_strange(names: list[tuple[str, ...]]) -> None:
 
 def test_a_digit_of_no_decimal_number_is_no_axle() -> None:
     assert seen(("speed", "", "", "𐩀"))[0][1] is None
+
+
+JSON_LISTS = [
+    *(Field("/bcu", f"bc_press[{i}]", encoding="json") for i in range(4)),
+    *(Field("/bcu", f"wheel_rpm[{i}]", encoding="json") for i in range(4)),
+]
+
+
+def test_a_list_without_an_index_is_an_element_for_each_axle() -> None:
+    meant, _ = understood(JSON_LISTS, [Mapping(PRESSURE, None, "/bcu", "bc_press", "bar")])
+    assert [(m.field.path, m.axle, m.unit) for m in meant if m.meaning == PRESSURE] == [
+        (f"bc_press[{i}]", i + 1, "bar") for i in range(4)
+    ]
+    nested = [Field("/bcu", f"axles[{i}].p", encoding="json") for i in range(2)]
+    meant, _ = understood(nested, [Mapping(PRESSURE, None, "/bcu", "axles.p", "bar")])
+    assert [m.axle for m in meant] == [1, 2]
+
+
+def test_a_unit_without_a_channel_is_that_of_every_guess() -> None:
+    fields = [*JSON_LISTS, Field("/gnss", "speed_kmh", encoding="json")]
+    meant, _ = understood(fields, [Mapping(PRESSURE, None, "", unit="bar")])
+    assert [(m.meaning, m.axle, m.unit) for m in meant] == [
+        *((PRESSURE, i + 1, "bar") for i in range(4)),
+        *((WHEEL, i + 1, "rpm") for i in range(4)),
+        (TRAIN, None, "kmh"),
+    ]
+
+
+def test_the_index_of_a_list_is_no_unit() -> None:
+    assert not units.unknown_in("bc_press[0]")
+    assert units.unknown_in("bc_press[V]") == "V"
+
+
+def test_a_channel_of_several_lists_is_refused_with_a_line_that_works() -> None:
+    with pytest.raises(UserError, match="several fields") as error:
+        understood(JSON_LISTS, [Mapping(PRESSURE, None, "/bcu", unit="bar")])
+    line = """--set 'channels.pressure = {channel = "/bcu", field = "bc_press", unit = "bar"}'"""
+    assert error.value.hint.endswith(line)
