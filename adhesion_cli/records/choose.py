@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Channel, Log, Meaning
@@ -58,10 +59,9 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
             channels.setdefault((c.meaning, c.axle), c)
     meanings = {meaning for meaning, _ in channels}
     if "wheel_speed" not in meanings:
-        raise _missing(log, "wheel speed", 'speed."axle 1" = {channel = "…", unit = "km/h"}')
+        raise _missing(log, "wheel speed", "speed", "km/h")
     if not meanings & {"pressure", "clamping_force"}:
-        example = 'pressure."axle 1" = {channel = "…", unit = "bar"}'
-        raise _missing(log, "brake-cylinder pressure", example)
+        raise _missing(log, "brake-cylinder pressure", "pressure", "bar")
     of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
     numbers = sorted({a for meaning, a in channels if a and meaning in of_axles}) or [1]
     if unknown := set(axles) - set(numbers):
@@ -88,12 +88,12 @@ def find(channels: Channels, meaning: Meaning, axle: int | None) -> Key | None:
     return next((k for k in keys if k in channels), None)
 
 
-def _missing(log: Log, what: str, example: str) -> UserError:
+def _missing(log: Log, what: str, key: str, unit: str) -> UserError:
     names = ", ".join(repr(c.title) for c in log.channels[:8]) or "none"
     return UserError(
         f"{log.path}: no channel is a {what} (recognised: {names})",
-        "`adhesion inspect` lists the channels; map one in a TOML given with -c: "
-        f"[channels] {example}",
+        "`adhesion inspect` lists the channels; state one, as "
+        + toml.option(f'channels.{key}."axle 1" = {{channel = "…", unit = "{unit}"}}'),
     )
 
 
@@ -121,5 +121,5 @@ def nothing(log: Log, choice: Choice, view: View, findings: Iterable[Finding]) -
     return UserError(
         f"{log.path}: wheel speed ({of('wheel_speed')}) and pressure "
         f"({of('pressure', 'clamping_force')}) share no time, or fewer than {SHORTEST} samples",
-        'state the clock in [channels], e.g. time = {source = "log"}, or convert one of them',
+        "state the clock, as --set channels.time.source=log, or convert one of them",
     )

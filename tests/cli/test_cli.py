@@ -553,7 +553,7 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
     (told,) = json.loads(done.stdout)["logs"][0]["findings"]
     assert told["code"] == "not-analysable"
     assert "unknown unit 'furlong'" in told["names"]["reason"]
-    assert "[channels]" in told["hint"]
+    assert "--set 'channels.pressure = {unit = \"bar\"}'" in told["hint"]
 
 
 @pytest.mark.parametrize(
