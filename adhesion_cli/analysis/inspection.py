@@ -12,7 +12,7 @@ from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
 from ..diagnostics import plausible
-from ..formats.open import open_source
+from ..formats.open import is_mcap, open_source
 from ..formats.source import Source
 from .document import channel_document, findings_document, iso
 from .settings import Settings
@@ -52,7 +52,8 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
         if debug:
             traceback.print_exc()
         told = as_told(error)
-        doc |= {"status": "error", "error": told.text, "hint": told.hint}
+        known = {"format": "mcap"} if is_mcap(path) else {}
+        doc |= {"status": "error", "error": told.text, "hint": told.hint, **known}
         return Seen(doc, told.code)
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)

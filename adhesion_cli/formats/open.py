@@ -24,6 +24,14 @@ def open_source(path: Path, options: ReadOptions) -> Source:
     return open_csv(path, options)
 
 
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as an MCAP does."""
+    try:
+        return _first_bytes(path) == MCAP_MAGIC
+    except UserError:
+        return False
+
+
 def _first_bytes(path: Path) -> bytes:
     """The first bytes of a file that can be read more than once.
 

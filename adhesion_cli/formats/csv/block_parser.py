@@ -85,7 +85,7 @@ class Parser:
             why = found if isinstance(found, str) else "its quotes cannot be followed"
             raise UserError(
                 f"{self.table.path}: cannot be read from line {block.first_line} on: {why}",
-                "correct the log, or state its dialect under [csv]",
+                "correct the log, or state its dialect, as --set 'csv.delimiter = \";\"'",
             )
         arrays = {int(name[1:]): found[name].combine_chunks() for name in found.column_names}
         clock, decimal = self.table.clock, self.table.dialect.decimal

@@ -142,6 +142,7 @@ def _time_of_day(found: _Groups) -> tuple[Times, Bools]:
 def _days(found: _Groups) -> tuple[NDArray[np.int64], Bools]:
     """Days after 1970-01-01, and which are a date."""
     year, month, day = (found.number(name) for name in "ymd")
+    year = np.where(year < 100, year + 2000, year)
     ok = (month >= 1) & (month <= 12) & (year >= 1678) & (year <= 2261) & (day >= 1)
     months = np.where(ok, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + np.where(ok, day - 1, 0)

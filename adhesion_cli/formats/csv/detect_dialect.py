@@ -157,7 +157,8 @@ def _delimiter(lines: list[str], stated: str | None, path: Path) -> tuple[str, i
     if best is None:
         raise UserError(
             f"{path}: no delimiter splits the rows into columns",
-            'a log needs a time column and one more; state delimiter = ";" under [csv] if it has',
+            "a log needs a time column and one more; if it has, state what separates them, as "
+            "--set 'csv.delimiter = \";\"'",
         )
     _, width, delimiter = best
     shown = "whitespace" if delimiter == " " else repr(delimiter)
@@ -192,7 +193,7 @@ def _decimal(
     if not _proves_decimal(rows, width, ","):
         raise UserError(
             f"{path}: {example!r} may be a decimal comma or grouped thousands",
-            'state decimal = "," (or ".") under [csv]',
+            "state it, as --set csv.decimal=, (or --set csv.decimal=.)",
         )
     return ",", f"',' (as in {example!r})"
 
@@ -215,7 +216,7 @@ def _refuse_grouped(
             raise UserError(
                 f"{path}: column {name!r}: {dotted[0]!r} and {whole[0]!r} may be grouped "
                 "thousands or a decimal point",
-                'state decimal = "." under [csv] if it is a decimal point',
+                "if it is a decimal point, state it, as --set csv.decimal=.",
             )
 
 

@@ -66,8 +66,8 @@ def find_header(table: FirstRows, stated: bool | None) -> Header:
         raise UserError(
             f"{table.path}: no data rows under the header (no row of {table.width} cells holds "
             "numbers)",
-            'give a log with data rows; if its numbers use a decimal comma, state decimal = "," '
-            "under [csv]",
+            "give a log with data rows; if its numbers use a decimal comma, state it, as "
+            "--set csv.decimal=,",
         )
     if stated is False:
         return Header([], None, start, start)
@@ -202,8 +202,8 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
                 f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
                 f"{width}",
                 "correct the header; or export with semicolons if the comma is the decimal mark as "
-                "well; or state header = false under [csv] and map the columns as "
-                '"column 1", "column 2", …',
+                "well; or state --set csv.header=false, and the channels by number, as "
+                '"column 1"',
             )
 
 

@@ -14,15 +14,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from ...core.errors import UserError
-from .dialect import HEAD_BYTES, Dialect
+from .dialect import HEAD_BYTES, Dialect, split
 
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
 _MAX_LINE = 16 << 20
+_TAIL = 1 << 14  # bytes that hold the last rows
 _MAX_TEXT = 2_000  # characters of a row in the list of rejects
 
 
@@ -43,12 +44,13 @@ class Lines:
     dialect: Dialect
     max_inflated: int
     open_end: bool = False  # the last line has no line end
+    damage: str = ""  # of gzip; the rows before it are read
 
     def blocks(self) -> Iterator[Block]:
         """The rows in blocks, in order.
 
         Raises:
-            UserError: where a line has no end, or gzip is damaged or inflates too far.
+            UserError: where a line has no end, or gzip inflates too far.
         """
         rest = b""
         line, skip = 1, self.dialect.first_line - 1
@@ -58,6 +60,8 @@ class Lines:
                 data = re.sub(rb"\0+", b"\0", data)
             if chunk is None:  # the file's end, perhaps as DOS marked it
                 data = data.rstrip(b"\x1a")
+                if self.damage:
+                    data = data[: data.rfind(b"\n") + 1]
                 self.open_end = bool(data) and not data.endswith(b"\n")
                 data += b"\n" * self.open_end
             end = data.rfind(b"\n") + 1
@@ -135,6 +139,31 @@ class Lines:
                         f"--set csv.max_unpacked={8 * limit}",
                     )
                 yield chunk
+            self.damage = damage_of(file)
+
+
+class _Unpacked(io.RawIOBase):
+    """What a gzip file holds before its end, or before its damage."""
+
+    def __init__(self, packed: BinaryIO) -> None:
+        self._file = gzip.GzipFile(fileobj=packed)
+        self.damage = ""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        try:
+            data = b"" if self.damage else self._file.read1(len(buffer))
+        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            self.damage, data = str(error), b""
+        buffer[: len(data)] = data
+        return len(data)
+
+
+def damage_of(file: io.BufferedReader) -> str:
+    """What ended a file that was read as far as possible, "" for its own end."""
+    return getattr(file.raw, "damage", "")
 
 
 def is_gzip(path: Path) -> bool:
@@ -144,8 +173,8 @@ def is_gzip(path: Path) -> bool:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
-    """The file, unpacked where it is gzip.
+def opened(path: Path) -> Iterator[io.BufferedReader]:
+    """The file, unpacked where it is gzip, up to its end or its damage.
 
     Raises:
         UserError: where it cannot be read; also while it is read.
@@ -157,12 +186,7 @@ def opened(path: Path) -> Iterator[BinaryIO | gzip.GzipFile]:
                 f"{path}: {'no such file' if missing else 'is not a file'}", "check the path"
             )
         with path.open("rb") as raw:
-            yield gzip.GzipFile(fileobj=raw) if is_gzip(path) else raw
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise UserError(
-            f"{path}: gzip data are damaged: {error}",
-            f"fetch the file again, or unpack what is whole: gzip -dc {path.name} > log.csv",
-        ) from None
+            yield io.BufferedReader(_Unpacked(raw), _BLOCK) if is_gzip(path) else raw
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}", "check the path") from None
 
@@ -175,8 +199,25 @@ def read_head(path: Path) -> tuple[bytes, bool, float]:
     """
     with opened(path) as file:
         head = file.read(HEAD_BYTES + 1)
+        damage = damage_of(file)
+    if damage and not head.strip():
+        raise UserError(f"{path}: gzip data are damaged: {damage}", "fetch the file again")
     if not head.strip():
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     complete = len(head) <= HEAD_BYTES
     size = float(path.stat().st_size) * (4 if is_gzip(path) else 1)  # usual for numbers
     return head[:HEAD_BYTES], complete, len(head) if complete else size
+
+
+def read_tail(path: Path, dialect: Dialect) -> list[list[str]]:
+    """Cells of the last rows; of a gzip file after reading all of it."""
+    tail = b""
+    with opened(path) as file:
+        if not is_gzip(path):
+            size = path.stat().st_size - dialect.bom
+            file.seek(dialect.bom + max(0, size - _TAIL) // 4 * 4)  # whole characters of UTF-16
+        while chunk := file.read(_BLOCK):
+            tail = (tail + chunk)[-_TAIL:]
+    lines = tail.decode(dialect.encoding, "replace").splitlines()[1:]
+    rows = (split(line, dialect.delimiter) for line in lines)
+    return [cells for cells in rows if len(cells) == dialect.width]

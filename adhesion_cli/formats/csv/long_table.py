@@ -10,6 +10,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Times
@@ -17,7 +18,7 @@ from .block_parser import Table
 from .dialect import Dialect
 from .header_words import GROUP, SIGNAL, UNITS, is_named, is_units_row
 from .rows import Key, read_rows
-from .time_column import column_index, listed, toml
+from .time_column import column_index, listed
 
 _MAX_GROUPS = 64  # devices or axles of one log
 _MAX_SIGNALS = 1_000
@@ -75,7 +76,8 @@ def _stated(table: Table, i: int, named: list[int]) -> Keys:
         if len(groups) > _MAX_GROUPS:
             raise UserError(
                 f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
-                f'state one, as group = {{channel = {toml(name)}, equals = "…"}} under [channels]',
+                "state one, as "
+                + toml.option(f"channels.group = {toml.table({'channel': name, 'equals': '…'})}"),
             )
         return replace(_keys(dialect, (i,), [(g,) for g in groups]), findings=())
     if equals not in groups:
@@ -185,8 +187,8 @@ def interleaved(dialect: Dialect, time: Sequence[int]) -> Finding | None:
                 "devices-interleaved", "warning", channel=dialect.names[i], count=len(devices),
                 values={"devices": len(devices)},
                 names={
-                    "groups": listed(devices), "column": toml(dialect.names[i]),
-                    "first": toml(devices[0]),
+                    "groups": listed(devices), "column": toml.quoted(dialect.names[i]),
+                    "first": toml.quoted(devices[0]),
                 },
             )  # fmt: skip
     return None

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core import toml
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ...core.model import Column, Reject, Times
@@ -23,7 +24,7 @@ from .lines import read_head
 from .long_table import Series, find_keys, interleaved
 from .losses import quoted
 from .rows import read_rows
-from .time_column import find_clock, toml
+from .time_column import find_clock
 
 _NUMERIC = 0.2  # of a column's cells in the head: below, it is a column of words
 _DIGITS = re.compile(r"[+-]?[0-9][0-9.,' ]*([^\d\s.,].*)?")  # perhaps with a unit behind them
@@ -146,6 +147,15 @@ class CsvSource:
         self._refuse_time(t)
         for finding in read.losses.findings(t, earliest(t)):
             self._report(finding)
+        if read.lines.damage:
+            end = (int(t[-1]) - earliest(t)) / 1e9
+            self._report(
+                Finding(
+                    "csv-gzip-damaged", "error", spans=((end, end),),
+                    values={"line": sum(self.lines.values())},
+                    names={"damage": read.lines.damage},
+                )
+            )  # fmt: skip
         if read.lines.open_end:
             self._report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells}
@@ -173,7 +183,8 @@ class CsvSource:
             what = f"all {len(t)} rows have" if len(t) > 1 else "only one row has a time,"
             raise UserError(
                 f"{self.path}: the clock stands still: {what} {cells[0]!r} in column {name!r}",
-                "state another column, as time = {channel = …} under [channels], or log anew",
+                "log anew, or state another column, as "
+                + toml.option('channels.time = {channel = "…", unit = "s"}'),
             )
         if falls > 0.9 * (len(t) - 1) > 1:
             raise UserError(
@@ -219,12 +230,16 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     group, hint, rest = "", "", list(range(2, len(first) + 1))
     if found:
         group = f"; column {found.channel!r} seems to hold devices: {found.names['groups']}"
-        hint = f'group = {{channel = {toml(found.channel)}, equals = "…"}}, '
+        group_is = toml.table({"channel": found.channel, "equals": "…"})
+        hint = toml.option(f"channels.group = {group_is}") + " "
         rest = [k for k in rest if found.channel != f"column {k}"]
     return UserError(
         f"{path}: has no header row (line {dialect.first_line} is numbers: "
         f"{', '.join(first[:4])}{', …' if len(first) > 4 else ''}){group}",
-        'map its columns by number under [channels], as time = {channel = "column 1", unit = "s"}, '
-        f'{hint}pressure."axle 1" = {{channel = "column {rest[0]}", unit = "bar"}}, '
-        f'speed."axle 1" = {{channel = "column {rest[-1]}", unit = "km/h"}}',
+        "state its columns by number, as "
+        + toml.option('channels.time = {channel = "column 1", unit = "s"}')
+        + f" {hint}"
+        + toml.option(f'channels.pressure = {{channel = "column {rest[0]}", unit = "bar"}}')
+        + " "
+        + toml.option(f'channels.speed = {{channel = "column {rest[-1]}", unit = "km/h"}}'),
     )

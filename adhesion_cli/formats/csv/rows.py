@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from ...core import toml
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from . import arrow as pc
@@ -74,7 +75,7 @@ def read_rows(
     if not used:
         raise UserError(
             f"{table.path}: no row has a time stamp that can be read",
-            'state the time, as time = {channel = "…", unit = "s"} under [channels]',
+            "state the time, as " + toml.option('channels.time = {channel = "…", unit = "s"}'),
         )
     losses.lines["used"] = used
     whole = {i: np.concatenate(kept.pop(i)) for i in list(kept)}

@@ -1,6 +1,5 @@
 """Which column of a table is the time, in which form and unit, decided from its first rows."""
 
-import json
 import math
 import re
 import statistics
@@ -12,34 +11,24 @@ from typing import Any
 
 import pyarrow as pa
 
-from ...core import units
+from ...core import toml, units
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import ReadOptions
 from .clock import EXCEL_DAYS, SCALE, Clock
+from .dates import ANY_DATE, CLOCK, DATES, GAP, READABLE, WORDS, decided, forms_of
 from .dialect import Dialect, is_null
 from .header_words import NS_PER_UNIT, speaks_of_time, time_name, time_unit
+from .lines import read_tail
 
-TIME_UNITS = (*NS_PER_UNIT, "iso", "dmy", "mdy", "excel")
+_DATED = ("iso", "ymd", "dmy", "mdy")  # a column of dates, and the order of their numbers
+TIME_UNITS = (*NS_PER_UNIT, *_DATED, "excel")
 
 _S = 1_000_000_000
 _EPOCH_S = (946_684_800.0, 2_840_140_800.0)  # 2000 to 2060
 _STEP_S = (5e-5, 2.0)  # sampling periods of brake logs, for times whose unit is not stated
 _SPAN_S = (3.0, 100_000.0)  # and their lengths
 _SAME_RATE = 0.02  # two clocks whose rates differ by less are one
-_READABLE = 0.5  # of a time column's first cells must be readable
-
-_CLOCK = (
-    r"(?P<H>[0-9]{1,2}):(?P<M>[0-9]{2}):(?P<S>[0-9]{2})(?:[.,](?P<f>[0-9]+)|:(?P<l>[0-9]{3}))?"
-    r"(?:\s*(?P<p>[AaPp])[Mm])?\s*(?P<z>Z|z|UTC|GMT|[+-][0-9]{2}:?[0-9]{2}|[+-][0-9]{2})?"
-)
-_GAP = r"(?:[Tt]|[\s,_]+)"
-_DATES = {
-    "ymd": r"(?P<y>[0-9]{4})[-/.年](?P<m>[0-9]{1,2})[-/.月](?P<d>[0-9]{1,2})日?",
-    "dmy": r"(?P<d>[0-9]{1,2})[./-](?P<m>[0-9]{1,2})[./-](?P<y>[0-9]{4})",
-    "mdy": r"(?P<m>[0-9]{1,2})[/-](?P<d>[0-9]{1,2})[/-](?P<y>[0-9]{4})",
-}
-_ANY_DATE = "|".join(re.sub(r"\?P<\w>", "?:", date) for date in _DATES.values())
 _CANONICAL = re.compile(  # stamps that Arrow reads itself
     r"[0-9]{4}-[0-9]{2}-[0-9]{2}[ T][0-9]{2}:[0-9]{2}:[0-9]{2}(?:\.[0-9]{1,9})?"
     r"(Z|[+-][0-9]{2}:[0-9]{2})?"
@@ -77,7 +66,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     if clock is None:
         raise UserError(
             f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
-            'state it, as time = {channel = "…", unit = "s"} under [channels]',
+            _stated_time("…"),
         )
     search.refuse_another(clock)
     return clock
@@ -112,9 +101,10 @@ def listed(names: Iterable[str], most: int = 6) -> str:
     return ", ".join(shown[:most]) + (f", … ({len(shown)})" if len(shown) > most else "")
 
 
-def toml(text: str) -> str:
-    """A TOML basic string."""
-    return json.dumps(text, ensure_ascii=False)
+def _stated_time(channel: str, unit: str = "s") -> str:
+    """How a user states the time's column and unit."""
+    entry = toml.table({"channel": channel, "unit": unit})
+    return f"state it, as {toml.option(f'channels.time = {entry}')}"
 
 
 def _unreadable(dialect: Dialect, i: int, path: Path) -> UserError:
@@ -123,9 +113,8 @@ def _unreadable(dialect: Dialect, i: int, path: Path) -> UserError:
     return UserError(
         f"{path}: column {dialect.names[i]!r} holds no times that can be read"
         + (f", as {cells[0][:40]!r}" if cells else ""),
-        "export it in seconds, or as 2026-11-21 13:05:07.250 with four digits of the year; or "
-        f'state another, as time = {{channel = "…", unit = "s"}} under [channels] (unit: one of '
-        f"{', '.join(TIME_UNITS)})",
+        "export it in seconds, or as 2026-11-21 13:05:07.250; if another column is the time, "
+        f"{_stated_time('…')} (unit: one of {', '.join(TIME_UNITS)})",
     )
 
 
@@ -152,8 +141,8 @@ class _Search:
         """Columns of stamps, then those that rise and whose name or unit speaks of time."""
         dialect = self.dialect
         columns = range(len(dialect.names) * dialect.headed)
-        stamps = [i for i in columns if _date_form(dialect.column(i), self.unit)]
-        stamps += [i for i in columns if _share(dialect.column(i), _CLOCK) >= _READABLE]
+        stamps = [i for i in columns if forms_of(dialect.column(i), self.unit)]
+        stamps += [i for i in columns if _share(dialect.column(i), CLOCK) >= READABLE]
         return stamps + [i for i in columns if _says_time(dialect, i) and _rises(dialect, i)]
 
     def first(self, columns: Sequence[int], why: str) -> Clock | None:
@@ -178,7 +167,7 @@ class _Search:
         cells = self.dialect.column(i)
         if not cells:
             return None
-        if len(self.dialect.numbers(i)) >= _READABLE * len(cells):
+        if len(self.dialect.numbers(i)) >= READABLE * len(cells):
             return self._of_numbers(i, why)
         return self._of_stamps(i, why)
 
@@ -207,8 +196,7 @@ class _Search:
                     f"{self.path}: {dialect.names[i]!r} and {name!r} are both times, and differ: "
                     "the log does not state which columns belong to which",
                     "export all channels on one time axis; or, if all columns that are needed "
-                    f'belong to one, state it, as time = {{channel = "column {i + 1}"}} under '
-                    "[channels]",
+                    f"belong to one, {_stated_time(f'column {i + 1}', '')}",
                 )
 
     def _of_numbers(self, i: int, why: str) -> Clock | None:
@@ -225,7 +213,7 @@ class _Search:
             return None  # a T that is a temperature
         found = said or self._shown_unit(i, values)
         unit, source = found or self._plausible_unit(i, values)
-        if unit in ("iso", "dmy", "mdy"):
+        if unit in _DATED:
             return None
         absolute = unit == "excel" or values[0] * NS_PER_UNIT[unit] / _S >= _EPOCH_S[0]
         kind: Any = pa.float64()
@@ -251,8 +239,8 @@ class _Search:
     def _refusal(self, i: int, text: str) -> UserError:
         return UserError(
             f"{self.path}: {text}",
-            f'state its unit, as time = {{channel = {toml(self.dialect.names[i])}, unit = "ms"}} '
-            f"under [channels] (one of {', '.join(NS_PER_UNIT)}, excel)",
+            f"{_stated_time(self.dialect.names[i], 'ms')} (unit: one of {', '.join(NS_PER_UNIT)}, "
+            "excel)",
         )
 
     def _said_unit(self, i: int) -> tuple[str, str] | None:
@@ -319,64 +307,62 @@ class _Search:
             UserError: where day/month and month/day are possible.
         """
         dialect, columns = self.dialect, [i]
-        alone = _share(dialect.column(i), _CLOCK) >= _READABLE
-        if alone and (date := self._partner(i, i - 1, _ANY_DATE)) is not None:
+        alone = _share(dialect.column(i), CLOCK) >= READABLE
+        if alone and (date := self._partner(i, i - 1, ANY_DATE)) is not None:
             columns = [date, i]
-        elif _share(dialect.column(i), _ANY_DATE) >= _READABLE:
-            if (time := self._partner(i, i + 1, _CLOCK)) is None:
+        elif _share(dialect.column(i), ANY_DATE) >= READABLE:
+            if (time := self._partner(i, i + 1, CLOCK)) is None:
                 return None
             columns = [i, time]
         names = " + ".join(repr(dialect.names[k]) for k in columns)
-        form = _date_form(dialect.column(columns[0]), self.unit)
-        if form is None:
+        forms = forms_of(dialect.column(columns[0]), self.unit)
+        if not forms:
             reason = f"{why}; time of day in {names}, without a date"
-            clock = Clock((i,), "", _CLOCK, dialect.decimal, False, reason, pa.string())
+            clock = Clock((i,), "", CLOCK, dialect.decimal, False, reason, pa.string())
             return clock if alone else None
-        if form == "dmy|mdy":
-            raise UserError(
-                f"{self.path}: {dialect.column(columns[0])[0]!r} in {names} may be day/month or "
-                "month/day",
-                f'state it, as time = {{channel = {toml(dialect.names[i])}, unit = "dmy"}} '
-                '(or "mdy") under [channels]',
-            )
+        form, order = self._order(columns[0], forms)
         kind: Any = pa.string()
         plain = [_CANONICAL.fullmatch(c) for c in dialect.column(i)]
         with_zone = {bool(m and m[1]) for m in plain}
         if len(columns) == 1 and all(plain) and len(with_zone) == 1:
             kind = pa.timestamp("ns", "UTC" if True in with_zone else None)
         zone = "" if kind.equals(pa.timestamp("ns", "UTC")) else "; UTC where no zone is stated"
-        reason = f"{why}; date and time in {names} ({form}{zone})"
-        pattern = f"{_DATES[form]}{_GAP}{_CLOCK}"
+        reason = f"{why}; date and time in {names} ({form[-3:]}{order}{zone})"
+        pattern = f"{DATES[form]}{GAP}{CLOCK}"
         return Clock(tuple(columns), "", pattern, dialect.decimal, True, reason, kind)
+
+    def _order(self, i: int, forms: list[str]) -> tuple[str, str]:
+        """The form of the dates in a column, and what decided between several.
+
+        Raises:
+            UserError: where nothing does.
+        """
+        name, cells = self.dialect.names[i], self.dialect.column(i)
+        if len(forms) > 1:
+            last = read_tail(self.path, self.dialect)
+            cells += [c for row in last if not is_null(c := row[i])]
+            forms = [form for form in forms_of(cells, self.unit) if form in forms]
+        if len(forms) < 2:
+            return forms[0], ""
+        if found := decided(cells, forms):
+            return found[0], f": {found[1]}"
+        others = " or ".join(toml.quoted(form[-3:]) for form in forms[1:])
+        raise UserError(
+            f"{self.path}: {cells[0]!r} in {name!r} may be "
+            f"{' or '.join(WORDS[form] for form in forms)}",
+            f"{_stated_time(name, forms[0][-3:])} (or {others})",
+        )
 
     def _partner(self, i: int, next_to: int, pattern: str) -> int | None:
         """The column with the other half of date and time; the neighbour is preferred."""
         columns = sorted(range(len(self.dialect.names)), key=lambda k: k != next_to)
         cells = ((k, self.dialect.column(k)) for k in columns if k != i)
-        return next((k for k, of in cells if _share(of, pattern) >= _READABLE), None)
+        return next((k for k, of in cells if _share(of, pattern) >= READABLE), None)
 
 
 def _step(values: list[float]) -> float:
     """The median step of the times that rise, 0 where none does."""
     return statistics.median([b - a for a, b in pairwise(values) if b > a] or [0.0])
-
-
-def _date_form(cells: Sequence[str], unit: str | None) -> str | None:
-    """Form of the date most cells start with, None for none; "dmy|mdy" where both fit."""
-    fits = {
-        form
-        for form, date in _DATES.items()
-        if _share(cells, f"{date}(?:{_GAP}{_CLOCK})?") >= _READABLE
-    }
-    if "ymd" in fits or not fits:
-        return "ymd" if fits else None
-    if unit in ("dmy", "mdy"):
-        return unit if unit in fits else None
-    found = [re.match(r"([0-9]{1,2})[./-]([0-9]{1,2})", c) for c in cells]
-    pairs = [(int(m[1]), int(m[2])) for m in found if m]
-    if "mdy" not in fits or ("dmy" in fits and any(a > 12 for a, _ in pairs)):
-        return "dmy"
-    return "mdy" if any(b > 12 for _, b in pairs) else "dmy|mdy"
 
 
 def _runs_apart(dialect: Dialect, i: int, k: int, offset: bool) -> bool:

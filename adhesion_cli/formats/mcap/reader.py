@@ -148,7 +148,7 @@ class McapSource:
             if self._source == "header" and s.stamp is None:
                 raise UserError(
                     f"{self.path}: {s.topic}: messages carry no stamp",
-                    "state another time source, log or publish",
+                    "state another clock, as --set channels.time.source=log (or publish)",
                 )
         collectors = [
             Collector(by_topic[key], self._source, list(own), self.walk.times[0])

@@ -183,6 +183,35 @@ def test_reads_every_form_of_absolute_time(log, name, delimiter):
     assert not codes(source)
 
 
+DATED = {  # first stamp of 2026-11-03 10:15:00 or so, the second one some seconds later
+    "German, two digits": ("03.11.26 10:15:00", "03.11.26 10:15:02", "2026-11-03", "(dmy;"),
+    "one date": ("03/11/2026 10:15:00", "03/11/2026 10:15:02", "2026-11-03", "one date"),
+    "one date, American": ("11/3/26 10:15:00 AM", "11/3/26 10:15:02 AM", "2026-11-03", "month"),
+    "month first by its dates": ("11/03/2026 23:59:59", "11/04/2026 00:00:01", "2026-11-03", "mdy"),
+    "day first by its dates": ("03/11/26 23:59:59", "04/11/26 00:00:01", "2026-11-03", "dmy"),
+    "day above 12 behind": ("11/12/2026 23:59:59", "11/13/2026 00:00:01", "2026-11-12", "(mdy;"),
+    "year first": ("26/11/13 23:59:59", "26/11/14 00:00:01", "2026-11-13", "ymd"),
+}
+
+
+@pytest.mark.parametrize("apart", [1, 100_000])  # rows of a date: all in the head, and not
+@pytest.mark.parametrize("name", DATED)
+def test_dates_decide_what_is_the_day(log, name, apart):
+    first, last, date, reason = DATED[name]
+    source, columns = read(log, "Time;p\n" + f"{first};1\n" * apart + f"{last};2\n" * 9)
+    t = columns["p"].t
+    assert t[-1] - t[0] == 2 * S
+    assert str(t[:1].astype("datetime64[ns]").astype("datetime64[D]")[0]) == date
+    assert reason in source.time_reason
+
+
+def test_stated_order_of_a_date(log):
+    for unit, date in (("dmy", "2003-02-01"), ("mdy", "2003-01-02"), ("ymd", "2001-02-03")):
+        text = "Time;p\n" + "".join(f"01/02/03 10:00:0{k};1\n" for k in range(9))
+        _, columns = read(log, text, time_channel="Time", time_unit=unit)
+        assert str(columns["p"].t[:1].astype("datetime64[ns]")[0])[:10] == date
+
+
 RELATIVE = {
     "time of day": ("Time;p\n13:05:07,000;1\n13:05:07,250;2\n", {}, 47_107 * S),
     "minutes": ("Zeit [min];p\n0.5;1\n0.75;2\n", {}, 30 * S),
@@ -227,7 +256,7 @@ def test_asks_for_the_unit_where_several_are_plausible(log, step, n):
     log.write_text("time,p\n" + rows(step, n, ".0f"))
     with pytest.raises(UserError, match="unit of time column 'time'") as error:
         open_csv(log, ReadOptions())
-    assert 'time = {channel = "time", unit = "ms"}' in error.value.hint
+    assert """--set 'channels.time = {channel = "time", unit = "ms"}'""" in error.value.hint
 
 
 def test_epoch_nanoseconds_are_exact(log):
@@ -767,11 +796,28 @@ def test_space_never_written_costs_only_its_rows(log, rows):
     assert skipped(source) == [(lines[:hole].count(10) + 2, "\0", 2)]
 
 
-def test_damaged_gzip_is_refused(log):
-    text = "t [s],p\n" + "".join(f"{k},{k % 77}.5\n" for k in range(50_000))
-    with pytest.raises(UserError, match="gzip data are damaged") as error:
-        read(log, gzip.compress(text.encode())[:-4000])
-    assert "gzip -dc" in error.value.hint
+@pytest.mark.parametrize("rows", [2_000, 50_000])  # less than the head, and more
+@pytest.mark.parametrize("damage", ["cut off", "checksum"])
+def test_damaged_gzip_is_read_up_to_the_damage(log, rows, damage):
+    text = "t [s],p\n" + "".join(f"{k},{k % 77}.5\n" for k in range(rows))
+    packed = gzip.compress(text.encode())
+    data = packed[:-1_000] if damage == "cut off" else packed[:-8] + b"\0" * 8
+    source, columns = read(log, data)
+    (found,) = (f for f in source.findings if f.severity != "info")
+    assert (found.code, found.severity) == ("csv-gzip-damaged", "error")
+    n = len(columns["p"].t)
+    assert found.values["line"] == n + 1
+    assert found.spans == ((n - 1.0, n - 1.0),)
+    assert columns["p"].value.tolist() == [k % 77 + 0.5 for k in range(n)]  # no part of a number
+    assert n == rows if damage == "checksum" else rows / 4 < n < rows
+    assert not any(f.code == "csv-no-final-newline" for f in source.findings)
+    with pytest.raises(UserError, match="Compressed data are damaged"):
+        read(log, data, strict=True)
+
+
+def test_gzip_without_a_whole_byte_is_refused(log):
+    with pytest.raises(UserError, match="gzip data are damaged"):
+        read(log, gzip.compress(PLAIN.encode())[:8])
 
 
 @pytest.mark.parametrize("rows", [9, 300_000])
@@ -803,7 +849,7 @@ REFUSED = {
     "header of other width": (
         b"t [s],p\n0,1,2\n1,2,3\n2,3,4\n",
         "names 2 columns, the rows have 3",
-        "header = false",
+        "csv.header=false",
     ),
     "decimal comma as delimiter": (
         b"t [s],p,v\n" + b"".join(b"0,%02d,1,50,80,05\n" % k for k in range(9)),
@@ -834,9 +880,14 @@ REFUSED = {
     ),
     "no time": (b"p,v\n5,1\n3,2\n4,1\n", "no column is a time", "time = {channel"),
     "day or month": (
-        b"Time;p\n01/02/2026 13:00:00;1\n01/02/2026 13:00:01;2\n",
+        b"Time;p\n01/02/2026 13:00:00;1\n05/03/2026 13:00:01;2\n",
         "day/month or month/day",
-        'unit = "dmy"',
+        """--set 'channels.time = {channel = "Time", unit = "dmy"}' (or "mdy")""",
+    ),
+    "day, month or short year": (
+        b"Time;p\n01/02/03 13:00:00;1\n05/03/04 13:00:01;2\n",
+        "day/month or month/day or year/month/day",
+        '(or "mdy" or "ymd")',
     ),
     "date only": (
         b"Date;p\n2026-01-01;1\n2026-01-01;2\n",

@@ -1,0 +1,37 @@
+"""What `inspect` says of a file as a whole."""
+
+import gzip
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.inspection import inspect
+
+
+@pytest.mark.parametrize("damage", [slice(-200), slice(-8)])
+def test_a_damaged_gzip_is_damaged_and_its_whole_rows_are_read(
+    tmp_path: Path, damage: slice
+) -> None:
+    rows = "".join(f"{k / 100},{k % 7},{50 - k % 3}\n" for k in range(3000))
+    text = "t [s],bc pressure [bar],axle 1 [km/h]\n" + rows
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(text.encode())[damage])
+    seen = inspect(path, settings.load)
+    assert (seen.document["status"], seen.document["format"], seen.code) == ("damaged", "csv", 3)
+    assert 1000 < seen.document["rows_read"] <= 3000
+    (found,) = (f for f in seen.findings if f.severity == "error")
+    assert found.code == "csv-gzip-damaged"
+    assert found.values["line"] == seen.document["rows_read"] + 1
+
+
+def test_an_mcap_without_messages_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "log.bin"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    document = inspect(path, settings.load).document
+    assert (document["format"], document["status"]) == ("mcap", "error")
+    assert inspect(tmp_path / "none.mcap", settings.load).document["format"] is None
