@@ -1,5 +1,6 @@
 """Peak memory, each case in a process of its own: beside the columns nothing grows with the log."""
 
+import gzip
 import struct
 import subprocess
 import sys
@@ -109,16 +110,17 @@ print(peak() - before - held // 1024)
 """
 
 
-@pytest.mark.parametrize("megabytes", [20, 80])
-def test_reading_csv(tmp_path: Path, megabytes: int) -> None:
+@pytest.mark.parametrize(("megabytes", "suffix"), [(20, ""), (80, ""), (80, ".gz")])
+def test_reading_csv(tmp_path: Path, megabytes: int, suffix: str) -> None:
     """The text would not fit under the limit, nor a second copy of the larger log's columns."""
     rows = megabytes * 1_000_000 // 40
     tail = ",110.368,124.649,109.913,60.905"
-    with (tmp_path / "log.csv").open("w") as file:
+    path = tmp_path / f"log.csv{suffix}"
+    with gzip.open(path, "wt", 1) if suffix else path.open("w") as file:
         file.write("time [s],p1 [bar],p2 [bar],axle_1 [km/h],axle_2 [km/h]\n")
         for first in range(0, rows, 50_000):
             file.writelines(f"{k / 100:08.2f}{tail}\n" for k in range(first, first + 50_000))
-    assert grown(READ_CSV, tmp_path / "log.csv", rows) < 64 * MIB
+    assert grown(READ_CSV, path, rows) < 64 * MIB
 
 
 RECOVER = """
