@@ -24,7 +24,7 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, checked
 
-_IS = "settings are TOML, for example: [vehicle], and below it: friction = 0.3"
+_IS = "settings are TOML, for example the line: vehicle.friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}

@@ -159,17 +159,18 @@ class CsvSource:
         if read.lines.open_end:
             self._report(Finding("csv-no-final-newline", "info"))
         lossy = {i for i, _ in read.losses.cells}
-        order = np.argsort(codes, kind="stable")  # each series in the log's own order
-        bounds = np.searchsorted(codes, np.arange(len(self._series) + 1), sorter=order)
+        rows = []  # of each of several series, in the log's own order
+        if (n := len(self._series)) > 1:
+            order = np.argsort(codes, kind="stable")
+            rows = np.split(order, np.searchsorted(codes, np.arange(1, n), sorter=order))
         times: dict[int, Times] = {}
         out = []
         for f in wanted:
             k, i = self._places[f]
             value = read.values[i]
-            if len(self._series) > 1:
-                rows = order[bounds[k] : bounds[k + 1]]
-                value = value[rows]
-                times.setdefault(k, t[rows])
+            if rows:
+                value = value[rows[k]]
+                times.setdefault(k, t[rows[k]])
             valid = np.isfinite(value) if i in lossy else np.ones(len(value), np.bool_)
             out.append(Column(times.get(k, t), value, valid))
         return out

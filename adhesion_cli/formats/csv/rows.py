@@ -60,7 +60,7 @@ def read_rows(
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
     losses = Losses(table.dialect, lines, table.options.rejects)
     groups = _Groups(keys, wanted)
-    kept: dict[int, list[NDArray[Any]]] = {i: [] for i in (_T, _SERIES, *indices)}
+    kept: dict[int, NDArray[Any]] = {}
     used = 0
     for part in _parts(lines, Parser(table, indices, keys)):
         if not part.timed.all():
@@ -68,18 +68,22 @@ def read_rows(
         keep = part.timed.copy()
         codes = groups.codes(part, keep)
         losses.add(part, keep, used)
-        every = bool(keep.all())
+        end, every = used + int(keep.sum()), bool(keep.all())
         for i, array in {_T: part.times, _SERIES: codes, **part.values}.items():
-            kept[i].append(array if every else array[keep])
-        used += int(keep.sum())
+            column = kept.setdefault(i, np.empty(0, array.dtype))
+            if end > len(column):  # it grows in place: no second copy of a column
+                column.resize(end + end // 8, refcheck=False)
+            column[used:end] = array if every else array[keep]
+        used = end
     if not used:
         raise UserError(
             f"{table.path}: no row has a time stamp that can be read",
             "state the time, as " + toml.option('channels.time = {channel = "…", unit = "s"}'),
         )
     losses.lines["used"] = used
-    whole = {i: np.concatenate(kept.pop(i)) for i in list(kept)}
-    return Reading(whole.pop(_T), whole.pop(_SERIES), whole, groups.met, losses, lines)
+    for column in kept.values():
+        column.resize(used, refcheck=False)
+    return Reading(kept.pop(_T), kept.pop(_SERIES), kept, groups.met, losses, lines)
 
 
 def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
