@@ -169,10 +169,14 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
         logs: what the run reads.
 
     Raises:
-        UserError: as `atomic_files.check`, or a picture with another suffix.
+        UserError: as `atomic_files.check`; a picture with another suffix; a viewer without display.
     """
     from ..results import atomic_files
 
+    if shared.view:
+        from .view import check_display
+
+        check_display("adhesion view RESULT --serve")
     if shared.figure:
         from ..results.charts import kind
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from . import results
-from .options import Shared, shared
+from .options import Shared, check, shared
 
 
 @shared("out", "json", "force", "view")
@@ -22,7 +22,7 @@ def command(shared: Shared) -> int:
     from .terminal import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
-    atomic_files.check(paths, shared.force)
+    check(shared, paths)
     made = reproduce(tell=progress(shared.quiet))
 
     from ..results import rrd  # slow to import: only after the checks

@@ -1,17 +1,25 @@
 """`adhesion view`: a result in the Rerun viewer."""
 
 import functools
+import os
 import re
+import shlex
 import shutil
+import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from .options import Shared, shared
+from .options import Shared, option, shared
 
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+_PORTS = 9090, 9876  # of page and data, as Rerun has them
+_STARTS = 2.0  # after which a viewer that runs has opened its window [s]
+_WRITES = "`adhesion analyze LOG` writes one"
 _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
 
 
@@ -19,20 +27,31 @@ _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's be
 def command(
     result: Annotated[Path, typer.Argument(metavar="RESULT", help="Result: .mcap or .rrd.")],
     shared: Shared,
+    serve: Annotated[
+        bool, option("--serve", None, "Show it in a browser: serve on this computer until Ctrl-C.")
+    ] = False,
 ) -> int:
     """Open a result in the Rerun viewer, in its saved layout.
 
     The .rrd of an analysis is written again if it is missing or belongs to another result.
 
-    Example: adhesion view leaf-film.adhesion.mcap
+    Example: adhesion view service-brake.adhesion.mcap
     """
+    from ..core.errors import UserError
     from ..results import atomic_files
     from . import terminal
 
-    recording = result.with_suffix(".rrd")
-    if result.suffix == ".mcap" and not atomic_files.belong_together([result, recording]):
+    recording, kind = result.with_suffix(".rrd"), result.suffix.lower()
+    if kind not in (".mcap", ".rrd"):
+        hint = _view(recording) if recording.is_file() else _WRITES
+        raise UserError(f"{result}: not a result, which is an .mcap or .rrd file", hint, code=2)
+    if not result.is_file():
+        raise UserError(f"{result}: no such file", _WRITES)
+    if not serve:
+        check_display(f"{_view(result)} --serve")
+    if kind == ".mcap" and not atomic_files.belong_together([result, recording]):
         _remake(result, recording, terminal.progress(shared.quiet))
-    show_recording(recording)
+    (serve_recording if serve else show_recording)(recording)
     return 0
 
 
@@ -66,17 +85,87 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
         rrd.write_result(picture, analysed, list(registry()))
 
 
+def check_display(serves: str) -> None:
+    """Refuses where the viewer cannot open a window.
+
+    Args:
+        serves: the command that shows the result in a browser.
+
+    Raises:
+        UserError: on Linux without a display.
+    """
+    if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
+        raise _no_window("there is no display", serves)
+
+
+def _no_window(why: str, serves: str) -> Exception:
+    from ..core.errors import UserError
+
+    hint = f"in a browser: `{serves}`; or copy the .rrd to a computer with a display"
+    return UserError(f"the viewer cannot open a window: {why}", hint)
+
+
 def show_recording(recording: Path) -> None:
     """Starts the viewer on a recording and returns; the viewer keeps running.
 
     Raises:
-        UserError: where the recording is missing.
+        UserError: where the viewer ends at once.
+    """
+    import subprocess
+
+    null = subprocess.DEVNULL
+    viewer = subprocess.Popen(
+        _rerun(recording), stdin=null, stdout=null, stderr=null, start_new_session=True
+    )
+    try:
+        code = viewer.wait(_STARTS)
+    except subprocess.TimeoutExpired:
+        return
+    if code:
+        raise _no_window(f"it ended with exit code {code}", f"{_view(recording)} --serve")
+
+
+def serve_recording(recording: Path) -> None:
+    """Serves a recording to browsers of this computer until it is interrupted.
+
+    Raises:
+        UserError: where the server ends by itself.
     """
     import subprocess
 
     from ..core.errors import UserError
 
-    if not recording.is_file():
-        raise UserError(f"{recording}: no such file", "`adhesion analyze LOG` writes one")
-    arguments = [sys.executable, "-m", "rerun", str(recording), "--bind", "127.0.0.1"]
-    subprocess.Popen(arguments, stdin=subprocess.DEVNULL, start_new_session=True)
+    page, data = map(_free, _PORTS)
+    url = f"http://127.0.0.1:{page}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{data}%2Fproxy"
+    print(f"open {url}\nCtrl-C ends it", flush=True)
+    ports = ["--serve-web", "--web-viewer-port", str(page), "--port", str(data)]
+    server = subprocess.Popen(
+        [*_rerun(recording), *ports], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+        env={**os.environ, "RUST_LOG": "error"}, start_new_session=True,
+    )  # fmt: skip
+    try:
+        code = server.wait()
+    finally:
+        with suppress(ProcessLookupError):  # it has ended, with the process that it started
+            os.killpg(server.pid, signal.SIGTERM)
+    raise UserError(f"{recording}: the server ended with exit code {code}")
+
+
+def _rerun(recording: Path) -> list[str]:
+    return [sys.executable, "-m", "rerun", str(recording), "--bind", "127.0.0.1"]
+
+
+def _view(result: Path) -> str:
+    return f"adhesion view {shlex.quote(str(result))}"
+
+
+def _free(port: int) -> int:
+    """This port, or another one if it is in use."""
+    import socket
+
+    with socket.socket() as tried:
+        try:
+            tried.bind(("127.0.0.1", port))
+        except OSError:
+            tried.bind(("127.0.0.1", 0))
+        return int(tried.getsockname()[1])

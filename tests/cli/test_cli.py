@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import os
 import re
 import subprocess
 import sys
@@ -471,8 +472,9 @@ def viewed(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
     code = "import sys; from adhesion_cli import __main__; from adhesion_cli.cli import view\n"
     code += f"view.show_recording = print; sys.argv[1:] = ['view', {name!r}]; __main__.main()"
     return subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
-    )
+        [sys.executable, "-c", code], cwd=folder, env={**os.environ, "DISPLAY": ":0"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
 
 
 def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) -> None:
