@@ -174,7 +174,7 @@ def write(n):
     if path.suffix == ".mcap":
         mcap.write_result(path, whole, "{}")
     else:
-        rrd.write_result(path, whole, list(whole.axles[0].estimates))
+        rrd.write_result(path, whole)
     return peak() - before
 write(1000)  # all is loaded
 print(write(n))

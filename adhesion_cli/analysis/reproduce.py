@@ -22,8 +22,9 @@ from ..core.physics import wheelset
 from ..estimators import PAPER
 from ..evaluation import metrics
 from ..evaluation.response import harmonic
-from ..results.charts import BLACK, COLOURS, GREY, Line, Panel
+from ..results.charts import Line, Panel
 from ..results.log_writer import writer
+from ..results.palette import BLACK, BLUE, GREY, ORANGE, of_method
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
 from .analyze import analyze
@@ -339,7 +340,7 @@ def _field_test(result: Result) -> dict[str, Any]:
 def panels(reproduction: Reproduction) -> list[Panel]:
     """The counterparts of the paper's figures 2, 3, 5 and 6, and gain and lag over frequency."""
     constant, varying, braked = (r.axles[0] for r in reproduction.results)
-    colours = dict(zip(PUBLISHED, COLOURS, strict=False))
+    colours = {algo: of_method(algo) for algo in PUBLISHED}
     rows = reproduction.document["conditions"]["varying"]
 
     def forces(axle: AxleResult, until: float) -> list[Line]:
@@ -367,8 +368,8 @@ def panels(reproduction: Reproduction) -> list[Panel]:
         Panel("Constant adhesion (Fig. 2)", "time [s]", force, forces(constant, 4.0), y_range=few),
         Panel("Varying adhesion (Fig. 3)", "time [s]", force, forces(varying, 10.0), y_range=few),
         Panel("Field test, simulated (Fig. 5)", "time [s]", "speed [km/h], pressure [0.1 bar]", [
-            Line("wheel speed", t, 3.6 * radius * record.wheel_speed, COLOURS[0]),
-            Line("cylinder pressure", t, 1e-4 * record.pressure, COLOURS[1]),
+            Line("wheel speed", t, 3.6 * radius * record.wheel_speed, BLUE),
+            Line("cylinder pressure", t, 1e-4 * record.pressure, ORANGE),
         ]),
         Panel("Varying: gain", "frequency [Hz]", "gain", over_frequency("gain"), log_x=True),
         Panel("Varying: lag", "frequency [Hz]", "lag [s]", over_frequency("lag_s"), log_x=True),

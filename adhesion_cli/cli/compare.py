@@ -23,7 +23,6 @@ def command(
     Example: adhesion compare leaf-film.mcap --algo neso --algo leso
     """
     from ..analysis.document import document, dumps, entry
-    from ..core.estimator import registry
     from ..core.text import printable
     from ..evaluation.metrics import overall
     from ..results import mcap
@@ -39,7 +38,7 @@ def command(
 
     with places(shared, [pair], (r.log for r in analysed), logs) as ((record, picture),):
         mcap.write_comparison(record, analysed, results.embedded(analysed))
-        rrd.write_comparison(picture, analysed, list(registry()))
+        rrd.write_comparison(picture, analysed)
     if shared.json:
         print(dumps(document([entry(r, results.named(pair)) for r in analysed])))
     else:

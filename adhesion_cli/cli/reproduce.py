@@ -17,7 +17,6 @@ def command(shared: Shared) -> int:
     """
     from ..analysis.document import dumps
     from ..analysis.reproduce import panels, reproduce
-    from ..core.estimator import registry
     from ..results import atomic_files, charts, mcap
     from .terminal import progress, wrote
 
@@ -29,7 +28,7 @@ def command(shared: Shared) -> int:
 
     with atomic_files.outputs(paths, shared.force) as (record, recording, figure):
         mcap.write_comparison(record, made.results, dumps(made.document))
-        rrd.write_comparison(recording, made.results, list(registry()))
+        rrd.write_comparison(recording, made.results)
         charts.write(figure, "The paper, reproduced", panels(made))
     if shared.json:
         outputs = {path.suffix[1:]: str(path) for path in paths}

@@ -127,7 +127,6 @@ def write(
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: writes the picture of `--figure` to the path given.
     """
-    from ..core import estimator
     from ..results import mcap, rrd
 
     read = [Path(result.log.path) for result in results]
@@ -137,7 +136,7 @@ def write(
             record, recording, *drawn = of
             slip, notes = slips[i] if slips else ("", ())
             mcap.write_result(record, result, embedded([result]), slip)
-            rrd.write_result(recording, result, list(estimator.registry()), notes)
+            rrd.write_result(recording, result, notes)
             for place in drawn:
                 draw(place)
 

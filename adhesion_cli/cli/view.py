@@ -82,7 +82,7 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
     analysed = analyze.analyze(result, load, algos, tell=tell)
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
-        rrd.write_result(picture, analysed, list(registry()))
+        rrd.write_result(picture, analysed)
 
 
 def check_display(serves: str) -> None:

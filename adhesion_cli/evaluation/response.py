@@ -16,7 +16,8 @@ import numpy as np
 from ..core import compiled
 from ..core.estimator import Estimator
 from ..core.model import Floats, Wheelset
-from ..results.charts import COLOURS, Line, Panel
+from ..results.charts import Line, Panel
+from ..results.palette import of_method
 
 FREQUENCIES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [Hz]
 AMPLITUDES = (100.0, 1000.0, 5000.0)  # A [N]
@@ -79,7 +80,6 @@ def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
 
 def panels(found: Sequence[Response]) -> list[Panel]:
     """Gain, delay and noise gain over frequency; larger amplitudes are dashed."""
-    algos = list(dict.fromkeys(r.algo for r in found))
     columns = (
         ("Gain of the force", "gain", [r.gain for r in found]),
         ("Delay of the force", "delay [ms]", [1e3 * r.delay_s for r in found]),
@@ -91,7 +91,7 @@ def panels(found: Sequence[Response]) -> list[Panel]:
             [
                 Line(
                     r.algo if r.amplitude_n is None else f"{r.algo} {r.amplitude_n:.0f} N",
-                    r.frequency_hz, y, COLOURS[algos.index(r.algo) % len(COLOURS)],
+                    r.frequency_hz, y, of_method(r.algo),
                     dashed=r.amplitude_n not in (None, AMPLITUDES[0]),
                 )
                 for r, y in zip(found, values, strict=True)

@@ -15,9 +15,6 @@ from .verified import verified
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = ("#2f6fb3", "#d9822b", "#c23b3b", "#7d57b5", "#238a80", "#a08a00", "#c75b86", "#7a5636")
-BLACK, GREY = "#222222", "#999999"
-
 _NO_DATE: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None},
     ".png": {},

@@ -12,14 +12,14 @@ from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS, Bands
-from .charts import BLACK, COLOURS, GREY, Band, Line, Panel
+from .charts import Band, Line, Panel
+from .palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, of_method
 
 if TYPE_CHECKING:
     from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
 
-_BLUE, _ORANGE, _RED, _GREEN = COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[4]
-_OF_REGION = dict(zip(REGIONS, (GREY, _BLUE, _GREEN, _RED), strict=True))
-_OF_VALVE = (("apply", APPLY, _GREEN), ("hold", HOLD, _ORANGE), ("dump", DUMP, _RED))
+_OF_REGION = dict(zip(REGIONS, (GREY, BLUE, GREEN, RED), strict=True))
+_OF_VALVE = (("apply", APPLY, GREEN), ("hold", HOLD, ORANGE), ("dump", DUMP, RED))
 _SLIP, _TIME = "slip [%]", "time [s]"
 _MU = "adhesion coefficient µ [-]"
 _SLOPES = -0.3, 0.5  # drawn: those of a wheel that rolls are far larger
@@ -55,7 +55,7 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
         most = max(x.max_slip for x in summary.slides)
         curves = list(_fitted(summary.rail, speeds, vehicle, most))
         if peak := summary.rail.peak_slip:
-            spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, _ORANGE)]
+            spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, ORANGE)]
     told, whole = Line("slope dµ/ds", t, slope, BLACK), (0.0, float(t[-1]))
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
@@ -77,7 +77,7 @@ def _fitted(rail: RailFit, speeds: Floats, vehicle: Vehicle, most: float) -> Ite
 
 def _slope_band(bands: Bands) -> list[Band]:
     return [
-        Band("slope band of the AND-test", bands.slope_low, bands.slope_high, _GREEN, of_x=False)
+        Band("slope band of the AND-test", bands.slope_low, bands.slope_high, GREEN, of_x=False)
     ]
 
 
@@ -97,7 +97,7 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
         slip, mu, bar = stop.slip[:, 0], stop.force[:, 0] / weight, stop.pressure[:, 0] * 1e-5
         speeds = [
             Line("train", t, stop.train_speed * 3.6, GREY),
-            Line("wheel", t, stop.rim_speed[:, 0] * 3.6, _BLUE),
+            Line("wheel", t, stop.rim_speed[:, 0] * 3.6, BLUE),
         ]
         rows[0].append(Panel(f"{who}: speed, axle 1", _TIME, "speed [km/h]", speeds, x_range=time))
         pressures = [
@@ -112,16 +112,16 @@ def of_stops(stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands]) -
                   y_range=(0.0, most))
         )  # fmt: skip
         points = [
-            Line("operating point", 100.0 * slip, mu, _BLUE, dots=_DOT),
-            Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, _RED),
+            Line("operating point", 100.0 * slip, mu, BLUE, dots=_DOT),
+            Line("the rail's peak", 100.0 * stop.peak_slip[:, 0], stop.peak[:, 0] / weight, RED),
         ]
-        span = [Band("slip band", 100.0 * of.slip_low, 100.0 * of.slip_high, _GREEN)] if of else []
+        span = [Band("slip band", 100.0 * of.slip_low, 100.0 * of.slip_high, GREEN)] if of else []
         ends = 0.0, 105.0 * min(float(np.nanmax(slip)), 1.0)
         rows[2].append(Panel(f"{who}: µ over slip", _SLIP, _MU, points, x_range=ends, bands=span))
         rows[3].append(
             Panel(f"{who}: slope, confidence", _TIME, "[-]",
                   [Line("slope dµ/ds", t, stop.slope[:, 0], BLACK),
-                   Line("confidence", t, stop.confidence[:, 0], _ORANGE)],
+                   Line("confidence", t, stop.confidence[:, 0], ORANGE)],
                   x_range=time, y_range=(-0.3, 1.0), bands=_slope_band(of) if of else [])
         )  # fmt: skip
     return [panel for row in rows for panel in row]
@@ -149,7 +149,7 @@ def of_sweep(rows: "Sequence[Row]") -> list[Panel]:
                     places.append(at)
                     means.append(value[0])
                     ends += [(at, value[1]), (at, value[2]), (np.nan, np.nan)]
-            colour, spread = COLOURS[n % len(COLOURS)], np.array(ends).reshape(-1, 2)
+            colour, spread = of_method(law), np.array(ends).reshape(-1, 2)
             lines.append(Line("", spread[:, 0], spread[:, 1], colour))
             lines.append(Line(law, np.array(places), np.array(means), colour, dots=4.5))
         x = (-0.5, len(rails) - 0.5)

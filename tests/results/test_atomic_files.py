@@ -552,7 +552,7 @@ try:
         if "{kind}" == "mcap":
             mcap.write_result(record, big, "{{}}")
         else:
-            rrd.write_result(picture, big, [])
+            rrd.write_result(picture, big)
 except UserError as error:
     print(error.text)
     sys.exit(error.code)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.results import charts
+from adhesion_cli.results import charts, palette
 
 X = np.arange(2_000.0)
 PANEL = charts.Panel(
     "a $title$ & <b>", "x", "y", [
         charts.Line("line", X, np.where(X % 100 == 0, np.nan, X), "#123456"),
-        charts.Line("", X, -X, charts.GREY, dashed=True),
-        charts.Line("dots", X, X % 7, charts.BLACK, dots=2.0),
+        charts.Line("", X, -X, palette.GREY, dashed=True),
+        charts.Line("dots", X, X % 7, palette.BLACK, dots=2.0),
     ], bands=[charts.Band("band", 100.0, 200.0, "#00ff00")],
 )  # fmt: skip
 STARTS = {".svg": b"<?xml", ".png": b"\x89PNG", ".pdf": b"%PDF"}

@@ -29,7 +29,7 @@ ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "small.rrd"
-    rrd.write_result(path, result(2, 400), ALGORITHMS)
+    rrd.write_result(path, result(2, 400))
     return path
 
 
@@ -83,7 +83,7 @@ def test_clock_beside_brake_time(small: Path, tmp_path: Path) -> None:
     time = batch["time"].cast(pa.int64()).to_numpy(zero_copy_only=False)
     assert clock.min() == EPOCH
     assert set(clock - time) == {brake_start(result(2, 400))}
-    rrd.write_result(tmp_path / "a.rrd", result(1, 50, start=0), ALGORITHMS)
+    rrd.write_result(tmp_path / "a.rrd", result(1, 50, start=0))
     (batch,) = batches(tmp_path / "a.rrd", "/axle/1/speed")
     assert "clock" not in batch.schema.names
 
@@ -100,7 +100,7 @@ def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path:
     analysed = result(1, 50)
     (axle,) = analysed.axles
     some = replace(axle, estimates={a: axle.estimates[a] for a in ("td", "neso")})
-    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)), ALGORITHMS)
+    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)))
     assert static(tmp_path / "a.rrd", "/axle/1/force/estimates", "names") == ["neso", "td"]
     for entity in ("force/estimates", "error"):
         colours = static(tmp_path / "a.rrd", f"/axle/1/{entity}", "colors")
@@ -122,7 +122,7 @@ def test_events_and_summary(small: Path, tmp_path: Path) -> None:
     evil = {"reason": "![](http://evil/) <b> | \x1b[2J", "hint": ""}
     hostile = Finding("not-analysable", "info", "*\u202e", names=evil)
     analysed = replace(result(1, 50), findings=(hostile,))
-    rrd.write_result(tmp_path / "a.rrd", analysed, ALGORITHMS)
+    rrd.write_result(tmp_path / "a.rrd", analysed)
     (text,) = static(tmp_path / "a.rrd", "/summary", "text")
     assert "not\\-analysable\\: \\*\\\\u202e\\: " in text
     assert "\\!\\[\\]\\(http\\://evil/\\) \\<b\\> \\| \\\\x1b\\[2J" in text
@@ -157,21 +157,21 @@ def test_sparse_result(tmp_path: Path) -> None:
     record = replace(axle.record, pressure=None, train_speed=None, truth=None)
     bare = replace(axle, record=record, scores=(), applications=(), slip=None, estimates={})
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, replace(analysed, axles=(bare,), findings=()), ALGORITHMS)
+    rrd.write_result(path, replace(analysed, axles=(bare,), findings=()))
     t, force = column(path, "/axle/1/force/reference", "values")
     assert t[0] == 0  # counts from the log's start
     assert len(force) == 52
     assert not batches(path, "/axle/1/force/truth")
-    rrd.write_result(path, replace(analysed, axles=(), findings=()), ALGORITHMS)
+    rrd.write_result(path, replace(analysed, axles=(), findings=()))
     empty = replace(axle, slip=np.full(50, np.nan))
-    rrd.write_result(path, replace(analysed, axles=(empty,)), ALGORITHMS)
+    rrd.write_result(path, replace(analysed, axles=(empty,)))
 
 
 def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
     monkeypatch.setattr(results, "_OVERVIEW_ROWS", 100)
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, result(1, 2000), ALGORITHMS)
+    rrd.write_result(path, result(1, 2000))
     t, full = column(path, "/axle/1/force/estimates", "scalars")
     few_t, few = column(path, "/overview/axle/1/force/estimates", "scalars")
     assert len(full) == 2002
@@ -192,7 +192,7 @@ def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
     logs = [result(1, 60, name="a.csv"), result(1, 60, start=0, name="b odd/name.mcap")]
-    rrd.write_comparison(tmp_path / "c.rrd", logs, ALGORITHMS)
+    rrd.write_comparison(tmp_path / "c.rrd", logs)
     first, _ = column(tmp_path / "c.rrd", "/a/axle/1/speed", "scalars")
     second, _ = column(tmp_path / "c.rrd", "/name/axle/1/speed", "scalars")
     np.testing.assert_array_equal(first, second)
@@ -209,7 +209,7 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
         analysed, axles=(curved,), settings={**analysed.settings, "bands": stated}
     )  # fmt: skip
     path = tmp_path / "a.rrd"
-    rrd.write_result(path, made, ALGORITHMS)
+    rrd.write_result(path, made)
     t, edges = column(path, "/axle/1/slope/band", "scalars")
     assert edges.tolist() == [[-0.1, 0.4]] * 2
     assert t.tolist() == [
@@ -224,9 +224,9 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
     ends = np.interp([0.02, 0.06], known, x)
     np.testing.assert_allclose(edges, ends, atol=0.5)
     made = replace(made, settings={**made.settings, "bands": {**stated, "slip_high": 0.9}})
-    rrd.write_result(path, made, ALGORITHMS)
+    rrd.write_result(path, made)
     assert len(static(path, "/axle/1/slip/band", "strips")) == 1  # the other lies outside
-    rrd.write_result(path, replace(analysed, axles=(curved,)), ALGORITHMS)
+    rrd.write_result(path, replace(analysed, axles=(curved,)))
     assert not batches(path, "/axle/1/slope/band")
     assert not batches(path, "/axle/1/slip/band", static=True)
 
@@ -239,7 +239,7 @@ def test_a_fitted_rail_is_drawn_among_the_points(tmp_path: Path) -> None:
     peak = Interval(0.03, 0.02, 0.05)
     rail = RailFit(law, (), (), {}, 0.05, peak, Interval(0.02, 0.01, 0.03), None, 12.0)
     made = replace(analysed, axles=(replace(axle, slip=slip),))
-    rrd.write_result(path, made, ALGORITHMS, [("a note", rail)])
+    rrd.write_result(path, made, [("a note", rail)])
     _, now = column(path, "/axle/1/slip/now", "positions")
     known = np.isfinite(axle.reference.force)
     x = np.poly1d(np.polyfit(slip[known], [point[0] for (point,) in now], 1))
@@ -271,7 +271,7 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     from rerun.experimental import ViewerClient
 
     recording = tmp_path / "a.rrd"
-    rrd.write_result(recording, result(2, 2000), ALGORITHMS)
+    rrd.write_result(recording, result(2, 2000))
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

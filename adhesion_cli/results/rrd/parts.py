@@ -21,10 +21,6 @@ from ..verified import verified
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
 SLOPE = 0xF2A33AFF
-ESTIMATORS = (
-    0x2F6FD0FF, 0xF2A33AFF, 0xE45756FF, 0xB98AE0FF, 0x3FBFB2FF,
-    0xEBD03CFF, 0x6FB7FFFF, 0xA8794FFF, 0xE070E8FF, 0x7C83FFFF,
-)  # fmt: skip
 _PIPED = 1 << 20  # bytes copied at a time
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share

@@ -1,6 +1,5 @@
 """Analysed logs: a tab for each axle with its forces, and its slip where it has one."""
 
-import itertools
 import math
 import re
 import textwrap
@@ -20,7 +19,7 @@ from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit
 from ...rail.slope import Bands
-from .. import log_events, names
+from .. import log_events, names, palette
 from . import parts
 from .curve import Fitted, curve_view, send_curve
 
@@ -33,39 +32,30 @@ Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
-def write_result(
-    path: Path, result: Result, algorithms: Sequence[str], notes: Sequence[Note] = ()
-) -> None:
+def write_result(path: Path, result: Result, notes: Sequence[Note] = ()) -> None:
     """Write one analysed log.
 
     Args:
         path: file to write; its old content is lost.
         result: the analysed log.
-        algorithms: every estimator there is, in a fixed order: each keeps its colour whatever the
-            selection.
         notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
 
     Raises:
         OSError: the file cannot be written or does not read back.
     """
-    _write(path, [("", result)], algorithms, notes)
+    _write(path, [("", result)], notes)
 
 
-def write_comparison(path: Path, results: Sequence[Result], algorithms: Sequence[str]) -> None:
+def write_comparison(path: Path, results: Sequence[Result]) -> None:
     """Write several analysed logs into one recording, each in its own tab; else `write_result`.
 
     Time counts from each log's own brake start, so that they lie over one another.
     """
-    _write(path, list(zip(names.logs(results), results, strict=True)), algorithms, ())
+    _write(path, list(zip(names.logs(results), results, strict=True)), ())
 
 
-def _write(
-    path: Path, logs: list[tuple[str, Result]], algorithms: Sequence[str], notes: Sequence[Note]
-) -> None:
-    own = sorted({a for _, r in logs for x in r.axles for a in x.estimates})
-    known = dict.fromkeys([*algorithms, *own])
-    colours = dict(zip(known, itertools.cycle(parts.ESTIMATORS)))
-    pages = [_Page(name, result, colours, notes) for name, result in logs]
+def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note]) -> None:
+    pages = [_Page(name, result, notes) for name, result in logs]
     title = ", ".join(page.title for page in pages)
     parts.write(path, title, " ".join(r.log.sha256 for _, r in logs), pages)
 
@@ -73,10 +63,8 @@ def _write(
 class _Page:
     """One log: its entities under `root` and the views that show them."""
 
-    def __init__(
-        self, name: str, result: Result, colours: dict[str, int], notes: Sequence[Note]
-    ) -> None:
-        self.result, self.colours, self.notes = result, colours, notes
+    def __init__(self, name: str, result: Result, notes: Sequence[Note]) -> None:
+        self.result, self.notes = result, notes
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
         self.zero = result.brake_ns()
@@ -153,12 +141,12 @@ class _Page:
         )  # fmt: skip
         if record.truth is not None:
             yield parts.lines("force/truth", [("truth", parts.TRUTH, computed(record.truth))])
-        algos = [a for a in self.colours if a in axle.estimates]
-        estimates = [(a, self.colours[a], computed(axle.estimates[a])) for a in algos]
+        colours = {a: palette.rgba(palette.of_method(a)) for a in sorted(axle.estimates)}
+        estimates = [(a, c, computed(axle.estimates[a])) for a, c in colours.items()]
         errors = [
-            (a, self.colours[a], np.where(inside, axle.error(a, index), np.nan)) for a in algos
+            (a, c, np.where(inside, axle.error(a, index), np.nan)) for a, c in colours.items()
         ]
-        if algos:
+        if colours:
             yield parts.lines("force/estimates", estimates)
             yield parts.lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:

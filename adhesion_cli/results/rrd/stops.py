@@ -11,6 +11,7 @@ from ...core.model import Times
 from ...core.stop import Stop
 from ...core.text import printable
 from ...rail.slope import Bands
+from .. import palette
 from . import parts
 from .curve import curve_view, send_curve
 
@@ -51,8 +52,9 @@ class _Stops:
         """Send everything."""
         told = self.verdict.replace("`", "'")  # a log's words do not end the block
         parts.send_text(rec, "verdict", f"```\n{told}\n```")
-        for n, stop in enumerate(self.stops):
-            train = [(stop.controller, parts.ESTIMATORS[n], stop.train_speed * 3.6)]
+        for stop in self.stops:
+            colour = palette.rgba(palette.of_method(stop.controller))
+            train = [(stop.controller, colour, stop.train_speed * 3.6)]
             path, plot = f"train/{stop.controller}", parts.lines("", train)
             parts.send_plot(rec, path, _since_start, stop.t, plot)
             for i in range(stop.pressure.shape[1]):

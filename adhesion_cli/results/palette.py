@@ -1,0 +1,31 @@
+"""One colour per method, in every figure and in the viewer; legible on white and on black."""
+
+from zlib import crc32
+
+BLUE, ORANGE, RED, GREEN = "#2f6fd0", "#e08a2a", "#d9484a", "#238a80"
+BLACK, GREY = "#222222", "#999999"
+
+_METHODS = {
+    "gradient": "#e08a2a",
+    "kalman": "#2f6fd0",
+    "leso": "#d9484a",
+    "neso": "#9a63d0",
+    "td": "#2a9d90",
+    "none": "#d9484a",
+    "patent": "#2f6fd0",
+    "rule": "#e08a2a",
+}
+_OTHERS = ("#a08a00", "#c75b86", "#8a6a4a", "#5f8f2f", "#4aa3d8", "#7c7cf0")
+
+
+def of_method(name: str) -> str:
+    """The colour of an estimator or a controller, "#rrggbb".
+
+    Other methods never change it. One that is not in the table has a colour by its name.
+    """
+    return _METHODS.get(name) or _OTHERS[crc32(name.encode()) % len(_OTHERS)]
+
+
+def rgba(colour: str) -> int:
+    """A colour "#rrggbb" as Rerun has it."""
+    return int(f"{colour[1:]}ff", 16)
