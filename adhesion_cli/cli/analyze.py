@@ -6,7 +6,9 @@ from .options import EVERY, Logs, Shared, shared
 
 @shared(*EVERY)
 def command(logs: Logs, shared: Shared) -> int:
-    """Compute reference and estimates of each log; write .adhesion.mcap and .adhesion.rrd.
+    """Compute adhesion force and coefficient of each log.
+
+    Writes <log>.adhesion.mcap and <log>.adhesion.rrd: the reference and every estimate.
 
     Of several logs, those that fail are listed, and the others are written. With --strict, none is
     written if one fails.

@@ -64,7 +64,9 @@ def command(  # noqa: PLR0913 (one parameter per option)
         int | None, option("--seeds", "N", "Stops on each rail of --rails; else 10.", min=1)
     ] = None,
 ) -> int:
-    """Stop a train under the patent's law, a rule-based WSP and none, on the same rail.
+    """Stop a train with different WSPs on the same rail.
+
+    The WSPs are the patent's law, a rule-based WSP and none.
 
     --from-log fits the rail to the slides of a log. Each controller then stops the log's train on
     that rail; intervals are those of the fit. Writes <name>.<controller>.antiskid.mcap, each a log,

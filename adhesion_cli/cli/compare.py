@@ -16,11 +16,14 @@ def command(
         list[Path] | None, typer.Argument(metavar="LOG", help="Logs and results.")
     ] = None,
 ) -> int:
-    """Rank the estimators against truth if the log has it, else against the reference.
+    """Rank the estimators against the true force.
+
+    Against the reference where the log has no true force. Writes <log>.compare.mcap and
+    <log>.compare.rrd, named after the first log.
 
     With no LOG: the newest *.adhesion.mcap here, else the bundled sample.
 
-    Example: adhesion compare leaf-film.mcap --algo neso --algo leso
+    Example: adhesion compare sample_logs/low-adhesion.mcap --algo neso --algo leso
     """
     from ..analysis.document import document, dumps, entry
     from ..core.text import printable

@@ -15,9 +15,11 @@ def command(
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv or .mcap.")],
     shared: Shared,
 ) -> int:
-    """Write a log's channels, as logged, in the format of OUT's suffix; units survive.
+    """Convert a log to CSV or MCAP; units survive.
 
-    Example: adhesion convert leaf-film.mcap leaf-film.csv
+    Writes the channels as logged, in the format of OUT's suffix.
+
+    Example: adhesion convert sample_logs/low-adhesion.mcap low-adhesion.csv
     """
     from ..channels.log import unchanged
     from ..formats.open import open_source

@@ -17,7 +17,9 @@ def command(
         bool, option("--response", None, "Measure gain, delay, noise over frequency.")
     ] = False,
 ) -> int:
-    """Show every online estimator: method, source, parameters as set, with unit, range, default.
+    """Show every online estimator and its parameters.
+
+    With method and source; each parameter as set, with unit, range and default.
 
     --response measures the response to sines with the settings stated; writes response.svg.
     --out, --axle and --force need --response.

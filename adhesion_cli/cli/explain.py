@@ -32,9 +32,9 @@ def command(
         ),
     ] = None,
 ) -> int:
-    """Explain a finding: cause, effect on the result, remedy, and what the check cannot see.
+    """Explain a finding: cause, effect, remedy, limits.
 
-    Without CODE: every finding by section. A former code shows the findings that replaced it.
+    The limits are what the check cannot see. Without CODE: every finding by section. A former code shows the findings that replaced it.
 
     Example: adhesion explain pressure-delay
     """

@@ -13,13 +13,19 @@ _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 
 @shared("config", "set_", "json", "force", "strict", "rejects")
 def command(logs: Logs, shared: Shared) -> int:
-    """Show channels, what each means and why, units, rates, gaps and everything found.
+    """Show what is in a log: channels, units, gaps, findings.
 
-    Example: adhesion inspect leaf-film.mcap
+    Of each channel: its meaning and why, its unit, its rate and its faults.
+
+    Example: adhesion inspect sample_logs/low-adhesion.mcap
     """
     from ..analysis.document import dumps, tagged
     from ..analysis.inspection import inspect
+    from ..core.errors import UserError
 
+    if shared.force and not shared.rejects:
+        text = "--force has no effect without --rejects: inspect writes nothing else"
+        raise UserError(text, "leave out --force", code=2)
     check(shared, [], *logs)
     seen = [inspect(log, loader(shared), shared.debug) for log in logs]
     with places(shared, [[]], (one.log for one in seen if one.log), logs):

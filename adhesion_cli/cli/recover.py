@@ -16,11 +16,11 @@ def command(
     out: Annotated[Path, option("-o --out", "FILE", "MCAP to write.")],
     shared: Shared,
 ) -> int:
-    """Write the undamaged parts of an MCAP as a valid file; exit code 3 if data was lost.
+    """Write the undamaged parts of an MCAP as a valid file.
 
-    With --strict: an error if data was lost.
+    The exit code is 3 if data was lost; with --strict that is an error.
 
-    Example: adhesion recover leaf-film.mcap -o whole.mcap
+    Example: adhesion recover sample_logs/low-adhesion.mcap -o whole.mcap
     """
     from ..formats.mcap.reader import McapSource
     from ..results import atomic_files, mcap_container

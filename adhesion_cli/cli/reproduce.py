@@ -9,9 +9,10 @@ from .options import Shared, check, shared
 
 @shared("out", "json", "force", "view")
 def command(shared: Shared) -> int:
-    """Reproduce the paper's sections 3 and 4; write reproduce.mcap, .rrd and .svg.
+    """Reproduce the paper's table and figures.
 
-    States the reading of the text behind each number, and what another reading would give.
+    They are in its sections 3 and 4. The command states the reading of the text behind each number,
+    and what another reading would give. Writes reproduce.mcap, reproduce.rrd and reproduce.svg.
 
     Example: adhesion reproduce
     """

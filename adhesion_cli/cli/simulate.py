@@ -18,7 +18,9 @@ def command(
         option("--dt", "S", "Time step, instead of the scenario's.", min=1e-6, max=0.02),
     ] = None,
 ) -> int:
-    """Simulate a scenario and write what its sensors log, with the true force.
+    """Simulate a brake test and write its log.
+
+    The log holds what the sensors measure, and the true force.
 
     Example: adhesion simulate leaf-film -o leaf-film.mcap
     """

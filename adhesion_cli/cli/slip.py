@@ -13,15 +13,17 @@ if TYPE_CHECKING:
     from ..rail.slip import Summary
 
 
-@shared(*EVERY, "figure")
+@shared(*(name for name in EVERY if name != "algo"), "figure")
 def command(logs: Logs, shared: Shared) -> int:
-    """Slip, slope and region of every axle; slides, peak and rail; write .slip.mcap and .slip.rrd.
+    """Show slip, slides and the adhesion curve of every axle.
+
+    Writes <log>.slip.mcap and <log>.slip.rrd.
 
     Without a train speed, all axles together give a reference speed. All logs are analysed before
     anything is written: if one fails, there are no results. --figure draws curve, slope and
     confidence of the axles that slid.
 
-    Example: adhesion slip leaf-film.mcap --set bands.slip_high=0.15
+    Example: adhesion slip sample_logs/low-adhesion.mcap --set bands.slip_high=0.15
     """
     from ..analysis.document import dumps, slip_document
     from ..core.errors import UserError

@@ -477,6 +477,14 @@ def viewed(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+def test_the_summary_of_every_command_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        app(["--help"], terminal_width=80)
+    listed = capsys.readouterr().out.partition("Commands:\n")[2].strip().splitlines()
+    assert len(listed) == len(app.registered_commands)
+    assert all(line.endswith(".") and "..." not in line for line in listed), listed
+
+
 def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) -> None:
     examples = {
         c.name: re.findall(r"Example: adhesion (.*)", c.callback.__doc__ or "")
@@ -484,6 +492,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
         if c.callback
     }
     assert all(len(found) == 1 for found in examples.values()), examples
+    (tmp_path / "sample_logs").symlink_to(SAMPLES)
     # These take long, need no file, and have tests of their own.
     assert examples.pop("reproduce") == ["reproduce"]
     assert examples.pop("antiskid") == ["antiskid slippery-stop --set patent.slip_high=0.05"]
@@ -491,7 +500,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
     for (example,) in [examples.pop("simulate"), *examples.values()]:  # makes what the others take
         done = run(*example.split())
         assert done.returncode in (0, 3), (example, done.stderr)  # leaf-film's train speed is late
-    assert viewed(tmp_path, shown.split()[1]).stdout == "leaf-film.adhesion.rrd\n"
+    assert viewed(tmp_path, shown.split()[1]).stdout == "service-brake.adhesion.rrd\n"
 
 
 def test_view_makes_a_recording_anew_and_keeps_the_set_whole(run: Run, tmp_path: Path) -> None:
@@ -560,7 +569,7 @@ def test_inspect_of_an_empty_channel_and_of_a_calendar(run: Run, tmp_path: Path)
 
 @pytest.mark.parametrize(
     "command",
-    [["inspect"], ["analyze"], ["compare", "-a", "neso"], ["slip", "-a", "neso"], ["convert"]],
+    [["inspect"], ["analyze"], ["compare", "-a", "neso"], ["slip"], ["convert"]],
 )
 def test_what_was_left_out_is_written_where_asked_for(run: Run, tmp_path: Path, command) -> None:
     lines = rows().splitlines()
@@ -604,6 +613,7 @@ def test_rejects_and_results_appear_together(run: Run, tmp_path: Path) -> None:
     assert run("analyze", "log.csv", "--rejects", "missing/left-out.csv").returncode == 1
     assert run("analyze", "log.csv", "--strict", "--rejects", "left-out.csv").returncode == 1
     assert run("convert", "log.csv", "a.csv", "--rejects", "a.csv").returncode == 1
+    assert run("inspect", "log.csv", "--force").returncode == 2  # nothing to replace
     assert run("inspect", "log.csv", "--force", "--rejects", "log.csv").returncode == 1
     Path(tmp_path, "my.toml").write_text("# mine\n")
     mine = ["-c", "my.toml", "--force", "--rejects", "my.toml"]
