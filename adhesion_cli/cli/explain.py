@@ -34,7 +34,8 @@ def command(
 ) -> int:
     """Explain a finding: cause, effect, remedy, limits.
 
-    The limits are what the check cannot see. Without CODE: every finding by section. A former code shows the findings that replaced it.
+    The limits are what the check cannot see. Without CODE: every finding by section. A former code
+    shows the findings that replaced it.
 
     Example: adhesion explain pressure-delay
     """

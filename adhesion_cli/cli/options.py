@@ -78,7 +78,9 @@ class Shared:
         "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")] = None
     figure: Annotated[Path | None, option(
         "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")] = None
-    quiet: Annotated[bool, option("-q --quiet", None, "No progress and no notes on stderr; results and errors stay.")] = False
+    quiet: Annotated[bool, option(
+        "-q --quiet", None, "No progress and no notes on stderr; results and errors stay.",
+        )] = False
     debug: Annotated[bool, option("--debug", None, "Show the traceback of an error.")] = False
     view: Annotated[bool, option("--view", None, "Open the result in the Rerun viewer.")] = False
 # fmt: on
