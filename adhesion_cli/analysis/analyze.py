@@ -95,13 +95,13 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         result, more = _axle(record, settings, estimators, log.start_ns())
         done.append(result)
         findings += more
-    findings += _assumed(vehicle, any(r.pressure is not None for r in records))
+    assumed = _assumed(vehicle, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
         log,
         vehicle,
         tuple(done),
-        tuple(dict.fromkeys((*log.findings, *findings))),
+        tuple(dict.fromkeys((*assumed, *log.findings, *findings))),
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
@@ -132,7 +132,7 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
     if not named:
         return []
     shown = {"parameters": ", ".join(named)}
-    return [Finding("vehicle-default", "info", count=len(named), names=shown)]
+    return [Finding("vehicle-default", "warning", count=len(named), names=shown)]
 
 
 def _axle(

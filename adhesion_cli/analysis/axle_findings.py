@@ -7,12 +7,14 @@ import numpy as np
 from ..core import physics, signals
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
+from ..core.stop import STANDING
 from ..core.time_axis import spans_of
 from ..evaluation import metrics
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
 _SURELY = 0.99  # probability from which a speed is an average since the last one
 _FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
+_MOVES = 3.0  # train speed from which a standing wheel is surely locked [m/s]
 _SLIGHT = 0.02  # of the highest φK: as little is an error of the model
 
 
@@ -73,9 +75,15 @@ def _without_value(
         turning[run] = True
     driven = signals.driven(record, vehicle.radius(record.axle).value)
     short = turning & ~driven & ~np.isfinite(ref.force)
+    locked = np.zeros(len(record), dtype=np.bool_)
+    if record.train_speed is not None:
+        rim = record.wheel_speed * vehicle.radius(record.axle).value
+        locked = (rim < STANDING) & (record.train_speed > _MOVES)
+        locked &= record.clamping_force > physics.NO_FORCE
     cut = any(short[s].any() and turning[s].all() for s in record.segments)
     return {
-        "standstill": ("info", ~turning),
+        "standstill": ("info", ~turning & ~locked),
+        "wheel-locked": ("info", locked),
         "traction": ("info", driven),
         "no-reference" if cut else "turns-too-briefly": ("warning" if cut else "info", short),
     }

@@ -13,9 +13,11 @@ import numpy as np
 from ..core.finding import Finding
 from ..core.model import AxleResult, Channel, Floats, Log, Result
 from ..core.text import utf8
+from ..rail.applications import of_axle
 
 if TYPE_CHECKING:
     from ..core.stop import Stop
+    from ..rail.applications import Application
     from ..rail.slip import Summary
     from ..wsp import wsp_controller
     from ..wsp.plant import Track
@@ -56,13 +58,13 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
             "rows_used": rows_used(result),
         },
         "outputs": outputs,
-        "axles": [_axle(axle) for axle in result.axles],
+        "axles": [_axle(axle, result) for axle in result.axles],
         "channels": [channel_document(c) for c in used],
         "findings": findings_document(result.findings),
     }
 
 
-def _axle(axle: AxleResult) -> dict[str, Any]:
+def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
     ref = axle.reference
     # While the wheel only rolls, force and errors are almost zero.
     braked = np.r_[axle.applications] if axle.applications else slice(None)
@@ -73,8 +75,38 @@ def _axle(axle: AxleResult) -> dict[str, Any]:
             "sigma_n": _median(ref.sigma[braked]),
             "band_n": _median(ref.half[braked]),
         },
+        "applications": [
+            _application(x, result.log.start_ns()) for x in of_axle(axle, result.vehicle)
+        ],
         "estimators": [asdict(s) for s in axle.scores],
     }
+
+
+def _application(x: "Application", start_ns: int) -> dict[str, Any]:
+    """A brake application; times of its slides are sums."""
+    slides, used = x.slides, x.utilisation
+    return {
+        "start_s": (x.start - start_ns) / 1e9,
+        "end_s": (x.end - start_ns) / 1e9,
+        "from_mps": x.from_mps,
+        "to_mps": x.to_mps,
+        "force_n": x.force and x.force._asdict(),
+        "coefficient": x.coefficient and x.coefficient._asdict(),
+        "slides": len(slides),
+        "slide_s": sum(s.duration for s in slides),
+        "slide_distance_m": sum(s.distance for s in slides),
+        "max_slip": max((s.max_slip for s in slides), default=None),
+        "slide_energy_j": _sum([s.energy for s in slides]),
+        "at_least": any(s.at_least for s in slides),
+        "utilisation": used and used.value,
+        "utilisation_ci": used and [used.low, used.high],
+    }
+
+
+def _sum(values: Sequence[float | None]) -> float | None:
+    """None where one is not known."""
+    known = [v for v in values if v is not None]
+    return sum(known) if len(known) == len(values) else None
 
 
 def slip_document(

@@ -65,14 +65,14 @@ def analysed(
 def analysed_or_failed(
     shared: Shared, logs: Sequence[Path], paths: Iterable[Path]
 ) -> "list[Result | Failed]":
-    """As `analysed`; with several logs, one that fails does not stop the others.
+    """As `analysed` with a train speed; of several logs, one that fails does not stop the others.
 
     Raises:
         UserError: as `analysed`; for a log that fails with --strict; where every log fails.
     """
     from ..core.errors import as_told
 
-    analyze = _analyzer(shared, logs, paths)
+    analyze = _analyzer(shared, logs, paths, train_speed=True)
     found: list[Result | Failed] = []
     errors: list[Exception] = []
     for log in logs:

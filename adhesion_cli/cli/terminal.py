@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import Result, Score
+from ..core.model import Score
 from ..core.text import printable
 
 _WIDEST = 120  # columns of a line on a finding
@@ -99,7 +99,16 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
             "ripple [N]": _newtons(s.ripple_n),
         })  # fmt: skip
     where = f"{printable(log)}, " if log else ""
-    return "\n".join(f"{where}against {x}:\n{records(of, left=2)}" for x, of in by_target.items())
+    return "\n".join(
+        f"{where}against {target}:\n{records(_known(of), left=2)}"
+        for target, of in by_target.items()
+    )
+
+
+def _known(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
+    """The rows without the columns that hold no value."""
+    keys = [key for key in rows[0] if any(row[key] != "-" for row in rows)]
+    return [{key: row[key] for key in keys} for row in rows]
 
 
 def findings(found: Sequence[Finding], width: int | None = None) -> str:
@@ -167,28 +176,28 @@ def _cut(text: str, width: int) -> str:
 
 
 def lossy(found: Sequence[Finding]) -> bool:
-    """Whether data was dropped, repaired or refused: exit code 3."""
-    return any(f.severity != "info" for f in found)
+    """Whether data was dropped, repaired or refused, or may be wrong: exit code 3."""
+    return any(f.lossy for f in found)
 
 
-def summary(result: Result, entry: dict[str, Any]) -> str:
-    """What `analyze` says of one log: the log, the reference's errors, scores, files."""
-    log = entry["log"]
-    axles = ", ".join(str(a["axle"]) for a in entry["axles"])
-    many = "axles" if len(entry["axles"]) > 1 else "axle"
-    lines = [
-        f"{printable(log['path'])}: {log['format']}, {log['duration_s']:.1f} s, "
-        f"{log['rows_used']} of {log['rows_read']} rows used, {many} {axles}"
-    ]
-    for axle in entry["axles"]:
-        reference = axle["reference"]
-        lines.append(
-            f"axle {axle['axle']}: reference {reference['method']}, "
-            f"noise ±{_newtons(reference['sigma_n'])} N (1 sigma), "
-            f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
-        )
-    lines.append(scores([(str(a.record.axle), s) for a in result.axles for s in a.scores]))
-    return "\n".join([*lines, wrote(*entry["outputs"].values())])
+def of_log(entry: dict[str, Any]) -> str:
+    """The log's path, and below it format, duration, rows and axles."""
+    log, axles = entry["log"], [str(a["axle"]) for a in entry["axles"]]
+    return (
+        f"{printable(log['path'])}:\n{log['format']}, {log['duration_s']:.1f} s, "
+        f"{log['rows_used']} of {log['rows_read']} rows used, "
+        f"{'axles' if len(axles) > 1 else 'axle'} {', '.join(axles)}"
+    )
+
+
+def of_reference(axle: dict[str, Any]) -> str:
+    """The reference of an axle and its uncertainty in one line."""
+    reference = axle["reference"]
+    return (
+        f"axle {axle['axle']}: reference {reference['method']}, "
+        f"noise ±{_newtons(reference['sigma_n'])} N (1 sigma), "
+        f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
+    )
 
 
 def wrote(*paths: str | Path) -> str:

@@ -29,6 +29,7 @@ class Words:
     remedy: str  # a template, too
     limits: str = ""  # what the check cannot see
     old: tuple[str, ...] = ()  # codes it had before
+    keeps_data: bool = False  # whether a warning of it is about settings, and no data is lost
 
 
 @cache
@@ -60,7 +61,7 @@ class Finding:
     """One thing about the data that the user must be able to know.
 
     `warning` and `error` mean that data was dropped, repaired or refused, or that a result cannot
-    be trusted: they set exit code 3.
+    be trusted. See `lossy` for the exit code.
     """
 
     code: str  # stable, kebab-case, an entry of the catalogue
@@ -73,6 +74,11 @@ class Finding:
 
     def __hash__(self) -> int:
         return hash((self.code, self.severity, self.channel, self.count, self.spans))
+
+    @property
+    def lossy(self) -> bool:
+        """Whether it sets exit code 3: data was dropped, repaired or refused, or may be wrong."""
+        return self.severity != "info" and not catalogue()[self.code].keeps_data
 
     @property
     def first_s(self) -> float | None:

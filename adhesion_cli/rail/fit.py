@@ -59,7 +59,7 @@ _EVALUATIONS = 50
 _INSIDE = -12.0, 3.0  # range of the unknowns, in which exponentials do not overflow
 _CLOSE = 1e-4  # relative change at which a search ends
 _STEP = 1e-6  # of an unknown, for the curve's derivative
-_DRAWS = 200
+DRAWS = 200
 _SPEEDS = 8  # at which the peak is found
 _ENDS = 0.01, 0.98  # quantiles of slip between which the points show the curve
 _SLIPS = 1e-4, 1.0  # range of slip in which the peak is found
@@ -236,7 +236,7 @@ def enough(points: Points) -> bool:
 
 
 def fit(
-    points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, seed: int = 0
+    points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, draws: int = DRAWS
 ) -> RailFit | None:
     """The rail under the points; None where there are too few, or no curve fits them.
 
@@ -245,7 +245,7 @@ def fit(
         vehicle: for the load; the contact is `creep_law.Contact`'s.
         radius_error: 1 sigma of wheel radius over train speed, as a share of it.
         mu_error: 1 sigma of μ's scale over μ.
-        seed: of the draws.
+        draws: how many; an interval of few is rougher.
     """
     if not enough(points):
         return None
@@ -258,16 +258,16 @@ def fit(
     if found is None:
         return None
     best, sigma = found
-    random = np.random.default_rng(seed)
-    scales = np.exp(mu_error * random.standard_normal(_DRAWS))
+    random = np.random.default_rng(0)
+    scales = np.exp(mu_error * random.standard_normal(draws))
     weak = search._replace(weight=1.0 / math.sqrt(_alike(p.t, best.left)))
-    draws = np.array([weak.draw(sigma, best.x, random) for _ in range(_DRAWS)])
-    curves = _bent(search, sigma, draws, best.x, random)
+    drawn = np.array([weak.draw(sigma, best.x, random) for _ in range(draws)])
+    curves = _bent(search, sigma, drawn, best.x, random)
     if curves is None:
         return None
-    for drawn in (draws, curves):
-        drawn[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
-    return _fitted(points, search.of, _rail(best.x), draws, curves, scales)
+    for of in (drawn, curves):
+        of[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
+    return _fitted(points, search.of, _rail(best.x), drawn, curves, scales)
 
 
 def _best(search: "_Search") -> "tuple[_Found, float] | None":
@@ -295,7 +295,7 @@ def _fitted(
     spreads = {n: _interval([getattr(rail, n) for rail in rails]) for n in Condition._fields}
     slides = points.speed[points.sliding]
     speed, speeds = float(np.median(slides)), np.linspace(slides.min(), slides.max(), _SPEEDS)
-    peaks = np.empty((_DRAWS, 1 + _SPEEDS, 2))
+    peaks = np.empty((len(curves), 1 + _SPEEDS, 2))
     compiled.function(_peaks)(curves, of.patch, of.bend, np.append(speed, speeds), peaks)
     at, mu = (_interval(peaks[:, 0, i]) for i in (0, 1))
     low, high = np.quantile(of.p.slip, _ENDS).tolist()

@@ -17,6 +17,7 @@ from ..dynamics.train_grid import Axle, Grid, Scene, grid
 from .faults import View
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
+_CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and removed
 _COUNTED = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
 
@@ -105,7 +106,7 @@ def _on_one_clock(
         delay = unknown
     else:
         values |= {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
-        code = "train-speed-delay-or-offset" if offset else "train-speed-delay"
+        code = "train-speed-delay-or-offset" if offset else _CORRECTED
         findings = _found(code, train, values, view)
         delay = unknown if offset else delay
     moved = [_shifted(a, delay) if a.train and _same(a.train, train) else a for a in axles]
@@ -115,8 +116,10 @@ def _on_one_clock(
 def _found(code: str, train: Channel, values: dict[str, float], view: View) -> list[Finding]:
     first, last = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
     return [
-        Finding(code, "warning", channel=train.title, count=train.rows, spans=((first, last),),
-                values=values)
+        Finding(
+            code, "info" if code == _CORRECTED else "warning", channel=train.title,
+            count=train.rows, spans=((first, last),), values=values,
+        )
     ]  # fmt: skip
 
 

@@ -82,7 +82,7 @@ def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
         return [(f.severity, f.names["parameters"]) for f in found]
 
     ((severity, text),) = told()
-    assert severity == "info"
+    assert severity == "warning"
     assert "axle_mass 4797 kg" in text
     assert "lever_ratio 1," in text
     ((_, text),) = told("vehicle.axle_mass=5200", "vehicle.phi=0.31")

@@ -31,6 +31,8 @@ def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None
     done = run("analyze", SAMPLES / "service-brake.csv")
     assert done.returncode == 0, done.stderr
     assert "neso" in done.stdout
+    assert "µ mean" in done.stdout
+    assert max(map(len, done.stdout.splitlines()[1:])) <= 80
     for kind in ("mcap", "rrd", "sha256"):
         assert f"wrote service-brake.adhesion.{kind}\n" in done.stdout
     names = {p.name for p in tmp_path.iterdir()}
@@ -52,6 +54,12 @@ def test_analyze_writes_both_files_and_says_so(run: Run, tmp_path: Path) -> None
     (axle,) = result["axles"]
     assert axle["reference"]["method"] == "smoother"
     assert axle["reference"]["sigma_n"] < axle["reference"]["band_n"]
+    (braked,) = axle["applications"]
+    assert 0.0 < braked["start_s"] < braked["end_s"] < 26.0
+    assert braked["coefficient"]["mean"] < braked["coefficient"]["max"] < 0.1
+    assert braked["slides"] == 0
+    assert result["findings"][0]["code"] == "vehicle-default"
+    assert result["findings"][0]["severity"] == "warning"
     assert {e["algo"] for e in axle["estimators"]} == {"td", "kalman", "leso", "neso", "gradient"}
     assert {e["against"] for e in axle["estimators"]} == {"truth"}
     assert min(e["relative"] for e in axle["estimators"]) == 1.0

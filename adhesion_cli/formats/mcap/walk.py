@@ -250,7 +250,8 @@ class Walk:
 
     def _record(self, opcode: int, at: int, length: int) -> None:
         self._kinds[opcode] += 1
-        if opcode in _IN_DATA and not self._data_end:
+        # A wrong byte can make an end of data of another record.
+        if opcode in _IN_DATA and (self.damage or not self._data_end):
             getattr(self, _IN_DATA[opcode])(at, length)
         elif opcode in _DEFINITIONS:
             self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at)

@@ -1,0 +1,66 @@
+"""The answer of `analyze` on the screen: brake applications, slides, estimators."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from . import terminal
+from .terminal import number
+
+_NOTE = (
+    "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
+    "coefficient and force, mean and highest, with expanded uncertainty (95\N{NO-BREAK SPACE}%)."
+)
+_OF_SLIDES = (
+    "Slides of each brake application: number, time and distance together, largest slip, energy "
+    "of friction between wheel and rail, and share of the available adhesion that was used."
+)
+_AT_LEAST = "≥: the true value is at least this."
+
+
+def tables(axles: Sequence[dict[str, Any]]) -> str:
+    """Brake applications of every axle, then those with slides; keys as in the JSON."""
+    every = [(str(axle["axle"]), one) for axle in axles for one in axle["applications"]]
+    if not every:
+        return "No brake application."
+    parts = [terminal.records([_row(*of) for of in every]), terminal.folded(_NOTE), ""]
+    if slid := [_slides(axle, one) for axle, one in every if one["slides"]]:
+        least = any(one["at_least"] for _, one in every if one["slides"])
+        note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
+        return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
+    return "\n".join([*parts, "No slides."])
+
+
+def _row(axle: str, one: dict[str, Any]) -> dict[str, str]:
+    mu, force = one["coefficient"] or {}, one["force_n"] or {}
+    speeds = [number(one[key], 1) for key in ("from_mps", "to_mps")]
+    return {
+        "axle": axle, "at [s]": number(one["start_s"], 1),
+        "for [s]": number(one["end_s"] - one["start_s"], 1), "v [m/s]": "–".join(speeds),
+        "µ mean": _with_u95(mu, "mean", 1.0, 3), "µ max": _with_u95(mu, "max", 1.0, 3),
+        "F [kN]": _with_u95(force, "mean", 1e-3), "Fmax [kN]": _with_u95(force, "max", 1e-3),
+    }  # fmt: skip
+
+
+def _with_u95(of: dict[str, float], key: str, factor: float, digits: int | None = None) -> str:
+    """A value with its uncertainty; to these digits, or to three that count."""
+    if not of:
+        return "-"
+    value, u95 = factor * of[key], factor * of[f"{key}_u95"]
+    if digits is None:
+        digits = 2 if abs(value) < 10.0 else 1
+    return f"{number(value, digits)}±{number(u95, digits)}"
+
+
+def _slides(axle: str, one: dict[str, Any]) -> dict[str, str]:
+    def least(value: float | None, digits: int) -> str:
+        return "≥ " * (one["at_least"] and value is not None) + number(value, digits)
+
+    energy, used = one["slide_energy_j"], one["utilisation"]
+    highest = min(100.0 * one["max_slip"], 100.0)
+    return {
+        "axle": axle, "at [s]": number(one["start_s"], 1), "slides": str(one["slides"]),
+        "for [s]": least(one["slide_s"], 1), "distance [m]": least(one["slide_distance_m"], 0),
+        "max slip [%]": number(highest, 0) if highest > 99.5 else least(highest, 1),
+        "energy [kJ]": least(energy and 1e-3 * energy, 1),
+        "used [%]": number(used and 100.0 * used, 0),
+    }  # fmt: skip

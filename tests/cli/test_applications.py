@@ -1,0 +1,46 @@
+"""The table of brake applications."""
+
+from typing import Any
+
+from adhesion_cli.cli.applications import tables
+
+MEASURED = {"mean": 0.123, "mean_u95": 0.021, "max": 0.234, "max_u95": 0.045}
+
+
+def one(start: float = 3456.7, slides: int = 0, **more: Any) -> dict[str, Any]:
+    return {
+        "start_s": start, "end_s": start + 123.4, "from_mps": 83.31, "to_mps": 10.02,
+        "coefficient": MEASURED, "force_n": {k: 1e5 * v for k, v in MEASURED.items()},
+        "slides": slides, "slide_s": 100.2, "slide_distance_m": 1234.5, "max_slip": 0.999,
+        "slide_energy_j": 1234567.0, "at_least": False, "utilisation": None, **more,
+    }  # fmt: skip
+
+
+def test_a_log_of_three_stops_has_three_rows_per_axle_in_80_columns() -> None:
+    axles = [{"axle": n, "applications": [one(s) for s in (1.0, 200.0, 400.0)]} for n in (1, 2)]
+    lines = tables(axles).splitlines()
+    assert [line.split()[:2] for line in lines[2:8]] == [
+        [str(n), s] for n in (1, 2) for s in ("1.0", "200.0", "400.0")
+    ]
+    assert max(map(len, lines)) <= 80
+    assert lines[-1] == "No slides."
+
+
+def test_slides_are_one_row_per_application_in_80_columns() -> None:
+    slid = [one(), one(slides=12, utilisation=0.94), one(slides=3, at_least=True, max_slip=1.0)]
+    lines = tables([{"axle": 4, "applications": slid}]).splitlines()
+    at = next(i for i, line in enumerate(lines) if "slides" in line and "axle" in line)
+    assert max(map(len, lines)) <= 80
+    first, second = lines[at + 2 : at + 4]
+    assert first.split()[2] == "12"
+    assert first.split()[-1] == "94"
+    assert "≥" in second
+    assert " 100 " in second
+    assert "at least" in lines[-1]
+
+
+def test_what_the_log_does_not_show_is_a_dash() -> None:
+    unknown = one(force_n=None, coefficient=None, from_mps=None, slides=1, slide_energy_j=None)
+    lines = tables([{"axle": 1, "applications": [unknown]}]).splitlines()
+    assert lines[2].split()[3:] == ["-–10.0", "-", "-", "-", "-"]
+    assert tables([{"axle": 1, "applications": []}]) == "No brake application."

@@ -1,0 +1,77 @@
+"""Brake applications: force, coefficient, slides, against simulated truth."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.core.model import Result
+from adhesion_cli.core.physics import G
+from adhesion_cli.rail.applications import of_axle
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+
+
+@pytest.fixture(scope="module")
+def low() -> Result:
+    return analyze(SAMPLES / "low-adhesion.csv", settings.load, ["td"])
+
+
+def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:
+    for axle in low.axles:
+        (one,) = of_axle(axle, low.vehicle)
+        assert axle.record.truth is not None
+        assert one.force is not None
+        true = axle.record.truth[one.where]
+        t = axle.record.t[one.where] * 1e-9
+        known = np.isfinite(true)
+        mean = np.trapezoid(true[known], t[known]) / np.ptp(t[known])
+        assert abs(one.force.mean - mean) < one.force.mean_u95
+        assert abs(one.force.max - np.nanmax(true)) < one.force.max_u95
+        assert one.force.mean < one.force.max
+
+
+def test_the_coefficient_has_the_tolerance_of_the_mass_too(low: Result) -> None:
+    (one,) = of_axle(low.axles[2], low.vehicle)
+    assert one.force is not None
+    assert one.coefficient is not None
+    mass = low.vehicle.axle_mass
+    weight = mass.value * G
+    assert one.coefficient.mean == pytest.approx(one.force.mean / weight)
+    of_force, of_mass = one.force.mean_u95 / one.force.mean, 1.96 * mass.tolerance / mass.value
+    share = one.coefficient.mean_u95 / one.coefficient.mean
+    assert share == pytest.approx(np.hypot(of_force, of_mass), rel=1e-3)
+
+
+def test_slides_belong_to_the_application_in_which_they_begin(low: Result) -> None:
+    slid, rolled = (of_axle(low.axles[i], low.vehicle)[0] for i in (0, 2))
+    assert len(slid.slides) > 1
+    assert not rolled.slides
+    assert slid.utilisation is not None
+    assert slid.utilisation.low < slid.utilisation.value < slid.utilisation.high
+    assert 0.9 < slid.utilisation.value < 1.0
+    assert rolled.utilisation is None
+
+
+def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force() -> None:
+    result = analyze(SAMPLES / "service-brake.csv", settings.load, ["td"])
+    (axle,) = result.axles
+    (one,) = of_axle(axle, result.vehicle)
+    middle = (one.where.start + one.where.stop) // 2
+    ref = axle.reference
+    force, sigma = ref.force.copy(), ref.sigma.copy()
+    force[middle], sigma[middle] = 3.0 * force[middle], 2.0 * force[middle]
+    noisy = replace(
+        axle,
+        reference=replace(ref, force=force, sigma=sigma),
+        applications=(slice(one.where.start, middle), slice(middle, one.where.stop)),
+    )
+    first, second = of_axle(noisy, result.vehicle)
+    assert first.end <= second.start
+    for part in (first, second):
+        assert part.force is not None
+        assert one.force is not None
+        assert part.force.max <= one.force.max * 1.001
