@@ -44,7 +44,7 @@ def command(logs: Logs, shared: Shared) -> int:
         of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
         summaries.append(of)
         findings.append([*result.findings, *(f for axle in told for f in axle)])
-        zero = result.brake_ns()
+        zero = result.log.start_ns()
         notes = [(f"```\n{note(s, zero)}\n```", s.rail) for s in of]
         slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
@@ -68,46 +68,51 @@ _OF_CURVE = (
     "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
     "for other laws (docs/explanation/slip.md)."
 )
-_OF_REGIONS = (
-    "Share of the braked time in which slope and slip show the side of the curve's peak: below, at "
-    "the peak (optimal), or beyond it."
-)
+_OF_REGIONS = """\
+Share of the braked time in each region:
+  unknown  slip hardly changes, so that its slope cannot be measured
+  below    below the peak: µ rises with slip, or slip is small
+  flat     µ hardly changes with slip: the peak, or a flat part beyond it
+           (`optimal` in files: slip and slope in the bands of the AND-test)
+  beyond   beyond the peak: µ falls with slip, or slip is above its band"""
+_LOCKED = 0.9995  # slip that is shown as 100 %
 _CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
 
 
 def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     """What the screen shows of a log: rail and regions of every axle, and every slide."""
+    from ..rail.slope import SHOWN
     from .terminal import folded, number, records, table
 
-    rails, regions = [], []
+    regions = []
     noise = any(s.slip_rmse is not None for s in summaries)
     for s in summaries:
-        axle = {"axle": str(s.axle)}
-        shares = {f"{r} [%]": number(100.0 * x, 1) for r, x in (s.regions or {}).items()}
+        shares = zip(SHOWN, (s.regions or {}).values(), strict=False)
+        shown = {f"{region} [%]": number(100.0 * x, 1) for region, x in shares}
         rmse = number(None if s.slip_rmse is None else 100.0 * s.slip_rmse, 2)
-        regions.append(axle | shares | ({"slip RMSE [%]": rmse} if noise else {}))
-        rails.append(axle | _rail(s.rail))
-    parts = [records(rails), records(regions), folded(_OF_REGIONS)]
-    if of := {f"axle {s.axle}": _constants(s.rail) for s in summaries if s.rail}:
-        rows = [list(row) for row in zip(_CONSTANTS, *of.values(), strict=True)]
-        parts += [table(["rail", *of], rows), folded(_OF_CURVE)]
-    if slides := _slides(summaries, start_ns, "slide at [s]"):
+        regions.append({"axle": str(s.axle)} | shown | ({"slip RMSE [%]": rmse} if noise else {}))
+    parts = [records(regions), _OF_REGIONS]
+    known = {s.axle: s.rail for s in summaries if s.rail}
+    if known:
+        parts.insert(0, records([{"axle": str(axle)} | _rail(of) for axle, of in known.items()]))
+    if rows := _constants(list(known.values())):
+        parts += [table(["rail", *(f"axle {axle}" for axle in known)], rows), folded(_OF_CURVE)]
+    if slides := _slides(summaries, start_ns):
         parts.append(records(slides))
     return "\n\n".join(parts)
 
 
-def note(summary: "Summary", brake_ns: int) -> str:
-    """What a recording says of an axle: as `table`, without regions, times from the brake on."""
+def note(summary: "Summary", start_ns: int) -> str:
+    """What a recording says of an axle: as `table`, without regions."""
     from . import terminal
 
     width, rail = terminal.NARROW, summary.rail
-    values = list(_rail(rail).items())
-    values += zip(_CONSTANTS, _constants(rail), strict=True) if rail else []
-    parts = [terminal.table(["axle", str(summary.axle)], values, width=width)]
+    values = [*_rail(rail).items(), *_constants([rail])] if rail else []
+    parts = [terminal.table(["axle", str(summary.axle)], values, width=width)] if rail else []
     parts += [terminal.folded(_OF_CURVE, width=width)] if rail else []
-    if slides := _slides([summary], brake_ns, "from brake [s]"):
+    if slides := _slides([summary], start_ns):
         parts.append(terminal.records(slides, width))
-    return "\n".join(parts)
+    return "\n".join(parts) or "no slide"
 
 
 def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
@@ -119,25 +124,32 @@ def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1
     return f"{value} ({low}–{high})"
 
 
-def _rail(rail: "RailFit | None") -> dict[str, str]:
+def _rail(rail: "RailFit") -> dict[str, str]:
+    """What the slides show of the curve's peak, and a dash for what they do not."""
     from .terminal import number
 
-    peak = _spread(rail and rail.peak_slip, 2, 100.0)
-    if rail and rail.below and not rail.peak_slip:
+    peak = _spread(rail.peak_slip, 2, 100.0)
+    if rail.below and not rail.peak_slip:
         peak = f"below {number(100.0 * rail.below, 2)}"
     return {
         "peak slip [%]": peak,
-        "peak µ": _spread(rail and rail.peak_mu, 3),
-        "speed [m/s]": number(rail.speed if rail and rail.below else None, 1),
-        "utilisation": _spread(rail and rail.utilisation, 3),
+        "peak µ": _spread(rail.peak_mu, 3),
+        "speed [m/s]": number(rail.speed if rail.below else None, 1),
+        "utilisation": _spread(rail.utilisation, 3),
     }
 
 
-def _constants(rail: "RailFit") -> list[str]:
-    return [_spread(rail.told.get(name), 3) for name in _CONSTANTS.values()]
+def _constants(rails: "Sequence[RailFit]") -> list[list[str]]:
+    """A row for each constant that is known of some rail."""
+    return [
+        [shown, *(_spread(rail.told.get(name), 3) for rail in rails)]
+        for shown, name in _CONSTANTS.items()
+        if any(name in rail.told for rail in rails)
+    ]
 
 
-def _slides(summaries: "Sequence[Summary]", zero_ns: int, when: str) -> list[dict[str, str]]:
+def _slides(summaries: "Sequence[Summary]", start_ns: int) -> list[dict[str, str]]:
+    """A row for each slide."""
     from .terminal import number
 
     def least(x: "Slide", value: float | None, digits: int) -> str:
@@ -146,10 +158,11 @@ def _slides(summaries: "Sequence[Summary]", zero_ns: int, when: str) -> list[dic
     return [
         {
             "axle": str(s.axle),
-            when: number((x.start - zero_ns) / 1e9, 2),
+            "start [s]": number((x.start - start_ns) / 1e9, 2),
             "duration [s]": least(x, x.duration, 2),
             "distance [m]": least(x, x.distance, 1),
-            "max slip [%]": least(x, 100.0 * x.max_slip, 1),
+            # of a locked wheel it is 100 %, whatever the train speed's error
+            "max slip [%]": least(x, 100.0 * x.max_slip, 1) if x.max_slip < _LOCKED else "100.0",
             "energy [kJ]": least(x, x.energy and x.energy / 1e3, 1),
         }
         for s in summaries

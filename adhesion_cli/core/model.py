@@ -364,6 +364,6 @@ class Result:
     sources: tuple[str, ...] = field(default=())  # literature of the methods used
 
     def brake_ns(self) -> int:
-        """Start of the first brake application, else of the log [ns]: time zero of a recording."""
+        """Start of the first brake application, else of the log [ns]."""
         begun = [int(a.record.t[a.applications[0].start]) for a in self.axles if a.applications]
         return min(begun, default=self.log.start_ns())

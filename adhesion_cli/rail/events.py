@@ -8,7 +8,7 @@ import numpy as np
 from ..core.model import Bools, Event, Floats, Regions, Times
 from ..core.signals import true_runs
 from ..core.stop import SLIDE
-from .slope import REGIONS
+from .slope import SHOWN
 
 CAUGHT = 0.01  # slip at which a slide is over
 _SHORT = 0.1  # least duration of a slide [s]
@@ -77,7 +77,7 @@ def of_axle(
         found: its slides.
         segments: of `t` and `code`.
         t: [ns], shape (n,).
-        code: index into `slope.REGIONS`, shape (n,).
+        code: index into `slope.SHOWN`, shape (n,).
     """
     name = f"axle {axle}"
     events = [
@@ -87,9 +87,9 @@ def of_axle(
         mine, at = code[segment], t[segment]
         starts = np.concatenate([[0], np.flatnonzero(np.diff(mine)) + 1])
         lasts = np.diff(at[starts], append=at[-1]) * 1e-9 >= _LASTS
-        before = REGIONS[0]
+        before = SHOWN[0]
         for i in starts[lasts].tolist():
-            after = REGIONS[mine[i]]
+            after = SHOWN[mine[i]]
             if after != before:
                 text = f"{name}: region changes from {before} to {after}"
                 events.append(Event(int(at[i]), "region-change", text))

@@ -49,6 +49,8 @@ _BEND = 1.4  # distance, in λ, over which the slope is expected to change
 _FAR = 7.0  # distance, in λ, from which what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
+# As people read them. The AND-test is also true on a flat part of the curve far beyond its peak.
+SHOWN = ("unknown", "below", "flat", "beyond")
 
 
 class Params(NamedTuple):

@@ -11,14 +11,14 @@ from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
 from ..rail.slip import Summary
-from ..rail.slope import REGIONS, Bands
+from ..rail.slope import SHOWN, Bands
 from .charts import Band, Line, Panel
 from .palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, of_method
 
 if TYPE_CHECKING:
     from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
 
-_OF_REGION = dict(zip(REGIONS, (GREY, BLUE, GREEN, RED), strict=True))
+_OF_REGION = dict(zip(SHOWN, (GREY, BLUE, GREEN, RED), strict=True))
 _OF_VALVE = (("apply", APPLY, GREEN), ("hold", HOLD, ORANGE), ("dump", DUMP, RED))
 _SLIP, _TIME = "slip [%]", "time [s]"
 _MU = "adhesion coefficient µ [-]"
@@ -30,12 +30,15 @@ def of_slip(result: Result, summaries: Sequence[Summary], bands: Bands) -> list[
     """Curve, slope and confidence of every axle that slid, or of all if none did."""
     pairs = list(zip(result.axles, summaries, strict=True))
     shown = [(a, s) for a, s in pairs if s.slides] or pairs
-    return [p for axle, s in shown for p in _axle(axle, s, result.vehicle, bands)]
+    start = result.log.start_ns()
+    return [p for axle, s in shown for p in _axle(axle, s, result.vehicle, bands, start)]
 
 
-def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) -> list[Panel]:
+def _axle(
+    axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands, start_ns: int
+) -> list[Panel]:
     record, name = axle.record, f"axle {axle.record.axle}"
-    t = (record.t - record.t[0]) * np.float64(1e-9)
+    t = (record.t - start_ns) * np.float64(1e-9)
     slip = np.full(len(t), np.nan) if axle.slip is None else axle.slip
     slope, sure = (np.full(len(t), np.nan) if x is None else x
                    for x in (axle.slope, axle.slope_confidence))  # fmt: skip
@@ -46,8 +49,8 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
         braked[s] = True
     slip = np.where(braked, slip, np.nan)
     points = [
-        Line(region, 100.0 * np.where(code == i, slip, np.nan), mu, _OF_REGION[region], dots=_DOT)
-        for i, region in enumerate(REGIONS)
+        Line(region, 100.0 * np.where(code == i, slip, np.nan), mu, colour, dots=_DOT)
+        for i, (region, colour) in enumerate(_OF_REGION.items())
     ]
     spans, curves = [], []
     if summary.rail and (v := record.train_speed) is not None:
@@ -56,7 +59,7 @@ def _axle(axle: AxleResult, summary: Summary, vehicle: Vehicle, bands: Bands) ->
         curves = list(_fitted(summary.rail, speeds, vehicle, most))
         if peak := summary.rail.peak_slip:
             spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, ORANGE)]
-    told, whole = Line("slope dµ/ds", t, slope, BLACK), (0.0, float(t[-1]))
+    told, whole = Line("slope dµ/ds", t, slope, BLACK), (float(t[0]), float(t[-1]))
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),
         Panel(f"{name}: slope", _TIME, "slope dµ/ds [-]", [told], x_range=whole, y_range=_SLOPES,

@@ -555,7 +555,7 @@ def test_the_command(tmp_path: Path) -> None:
             cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
         )  # fmt: skip
 
-    done = run(log.name, "--json", "--axle", "1", "--axle", "3", "-a", "leso")
+    done = run(log.name, "--json", "--axle", "1", "--axle", "3")
     assert done.returncode == 0, done.stderr
     document = json.loads(done.stdout)
     assert document["schema"] == "adhesion.slip/1"
@@ -581,7 +581,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert third["fit"] is None
     assert (first["fit_curve"], third["fit_curve"]) == ("polach", None)
     assert third["slides"] == []
-    again = run(log.name, "--force", "--axle", "1", "-a", "leso", "--figure", "slip.svg")
+    again = run(log.name, "--force", "--axle", "1", "--figure", "slip.svg")
     assert again.returncode == 0, again.stderr
     assert again.stdout.endswith("wrote slip.svg\nwrote stop.slip.sha256\n")
     listed = (tmp_path / "stop.slip.sha256").read_text().splitlines()[1:]

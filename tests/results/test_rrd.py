@@ -39,7 +39,7 @@ def brake_start(analysed: Result) -> int:
 
 def test_numbers_and_gaps(small: Path) -> None:
     analysed = result(2, 400)
-    zero = brake_start(analysed)
+    zero = analysed.log.start_ns()
     for axle in analysed.axles:
         root, record = f"/axle/{axle.record.axle}", axle.record
         (first, second) = record.segments
@@ -77,12 +77,15 @@ def test_numbers_and_gaps(small: Path) -> None:
         np.testing.assert_allclose(middle[:, 0] + half, drawn(axle.reference.upper, True))
 
 
-def test_clock_beside_brake_time(small: Path, tmp_path: Path) -> None:
+def test_time_counts_from_the_log_beside_brake_and_clock(small: Path, tmp_path: Path) -> None:
     (batch,) = batches(small, "/axle/1/speed")
-    clock = batch["clock"].cast(pa.int64()).to_numpy(zero_copy_only=False)
-    time = batch["time"].cast(pa.int64()).to_numpy(zero_copy_only=False)
+    clock, time, brake = (
+        batch[name].cast(pa.int64()).to_numpy(zero_copy_only=False)
+        for name in ("clock", "time", "brake")
+    )
     assert clock.min() == EPOCH
-    assert set(clock - time) == {brake_start(result(2, 400))}
+    assert set(clock - time) == {result(2, 400).log.start_ns()}
+    assert set(clock - brake) == {brake_start(result(2, 400))}
     rrd.write_result(tmp_path / "a.rrd", result(1, 50, start=0))
     (batch,) = batches(tmp_path / "a.rrd", "/axle/1/speed")
     assert "clock" not in batch.schema.names
@@ -110,8 +113,8 @@ def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path:
 def test_events_and_summary(small: Path, tmp_path: Path) -> None:
     (batch,) = batches(small, "/events")
     texts = [cell[0] for cell in batch["TextLog:text"].to_pylist()]
-    assert texts[0] == "-0.19 s  no-application: speed 1: No brake application found."
-    assert "+0.00 s  axle 1: brake applied" in texts
+    assert texts[0] == "0.00 s  no-application: speed 1: No brake application found."
+    assert "0.19 s  axle 1: brake applied" in texts
     (text,) = static(small, "/summary", "text")
     assert "| neso | truth |" in text
     assert "**warning** gap\\: speed 2" in text
@@ -213,8 +216,8 @@ def test_bands_are_drawn_where_the_result_states_them(tmp_path: Path) -> None:
     t, edges = column(path, "/axle/1/slope/band", "scalars")
     assert edges.tolist() == [[-0.1, 0.4]] * 2
     assert t.tolist() == [
-        axle.record.t[0] - brake_start(made),
-        axle.record.t[-1] - brake_start(made),
+        axle.record.t[0] - made.log.start_ns(),
+        axle.record.t[-1] - made.log.start_ns(),
     ]
     edges = [line[0][0] for line in static(path, "/axle/1/slip/band", "strips")]
     assert "green: slip band 2 to 6 %" in static(path, "/axle/1/slip/notes", "labels")
@@ -297,4 +300,4 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert rest == {"Events", "How this was made", "Scores and findings"}
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
-    assert {t.name for t in shown.timelines} == {"time", "clock"}
+    assert {t.name for t in shown.timelines} == {"time", "brake", "clock"}

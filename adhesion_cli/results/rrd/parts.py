@@ -15,7 +15,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ...core.model import Floats, Times
-from ...rail.slope import REGIONS, Bands
+from ...rail.slope import SHOWN, Bands
 from ..verified import verified
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
@@ -129,7 +129,7 @@ _State = tuple[str, int]  # name and colour
 OFF = 0x4A4E54FF  # of a state in which nothing is the matter
 BRAKE: tuple[_State, ...] = (("released", OFF), ("applied", 0x4C78A8FF))
 REGION_STATES: tuple[_State, ...] = tuple(
-    zip(REGIONS, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
+    zip(SHOWN, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
 )
 WHEELS: tuple[_State, ...] = (("rolls", OFF), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
 VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))

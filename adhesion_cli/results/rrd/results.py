@@ -49,7 +49,7 @@ def write_result(path: Path, result: Result, notes: Sequence[Note] = ()) -> None
 def write_comparison(path: Path, results: Sequence[Result]) -> None:
     """Write several analysed logs into one recording, each in its own tab; else `write_result`.
 
-    Time counts from each log's own brake start, so that they lie over one another.
+    On the timeline `brake`, time counts from each log's own brake start.
     """
     _write(path, list(zip(names.logs(results), results, strict=True)), ())
 
@@ -67,7 +67,7 @@ class _Page:
         self.result, self.notes = result, notes
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
-        self.zero = result.brake_ns()
+        self.zeros = {"time": result.log.start_ns(), "brake": result.brake_ns()}
         points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
         stated = result.settings.get("bands")
@@ -102,7 +102,10 @@ class _Page:
         parts.send_text(rec, f"{self.root}/about", _about(self.result, self.large))
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
-        columns = [rr.TimeColumn("time", duration=(t - self.zero).astype("timedelta64[ns]"))]
+        columns = [
+            rr.TimeColumn(name, duration=(t - zero).astype("timedelta64[ns]"))
+            for name, zero in self.zeros.items()
+        ]
         if self.result.log.absolute:
             columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
         return columns
@@ -192,7 +195,7 @@ class _Page:
         rows = []
         for x in sorted(log_events.of_result(self.result), key=lambda e: e.t):
             code = f"{x.code}: " if x.code in catalogue() else ""
-            text = f"{(x.t - self.zero) / 1e9:+.2f} s  {code}{x.message}"
+            text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
             rows += [
                 (x.t, _LEVEL[x.severity], line)
                 for line in textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
@@ -333,7 +336,8 @@ Grey is the reference. The wide band holds the truth with 95 %, vehicle toleranc
 narrow one is one sigma of its noise. Green is the truth, where the log has it. Each estimator has
 its own colour everywhere. A gap in a line is a gap in the data.
 
-Time counts from the first brake application; the timeline `clock` is the log's own.
+Time counts from the start of the log, as on the screen and in the findings. The timeline `brake`
+counts from the first brake application, and `clock` is the log's own.
 """
 _OVERVIEW = f"""
 The log is long: the overviews show the lowest and the highest value of each of

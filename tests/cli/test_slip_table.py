@@ -1,0 +1,42 @@
+"""What `adhesion slip` shows: each word explained, no table of dashes, no slip above 100 %."""
+
+import re
+
+from adhesion_cli.cli.slip import note, table
+from adhesion_cli.rail.events import Slide
+from adhesion_cli.rail.slip import Summary
+from adhesion_cli.rail.slope import REGIONS, SHOWN
+
+SHARES = dict(zip(REGIONS, (0.1, 0.5, 0.3, 0.1), strict=True))
+
+
+def slide(max_slip: float, energy: float | None) -> Slide:
+    return Slide(slice(0, 9), 12_500_000_000, 4.0, 60.0, max_slip, energy, at_least=True)
+
+
+SLID = Summary(2, SHARES, [slide(1.0, None), slide(0.15, 2e3)], None, None, None)
+ROLLED = Summary(1, SHARES, [], None, None, None)
+
+
+def test_every_region_is_explained_where_it_is_shown() -> None:
+    lines = table([ROLLED], 0).splitlines()
+    assert all(f"{region} [%]" in lines[0] for region in SHOWN)
+    assert all(any(re.match(f"  {region} +[a-zµ]", line) for line in lines) for region in SHOWN)
+
+
+def test_a_flat_part_far_beyond_the_peak_is_not_called_optimal() -> None:
+    assert "optimal [%]" not in table([SLID], 0)
+    assert "`optimal` in files" in table([SLID], 0)
+
+
+def test_what_no_axle_has_is_no_table() -> None:
+    assert "peak slip" not in table([ROLLED, SLID], 0)
+    assert "Polach" not in table([ROLLED, SLID], 0)
+    assert note(ROLLED, 0) == "no slide"
+
+
+def test_a_locked_wheel_has_a_slip_of_100_percent() -> None:
+    rows = table([SLID], 10_000_000_000).splitlines()[-2:]
+    assert rows[0].split() == ["2", "2.50", "≥", "4.00", "≥", "60.0", "100.0", "-"]
+    assert rows[1].split()[6:] == ["≥", "15.0", "≥", "2.0"]
+    assert "2.50" in note(SLID, 10_000_000_000)
