@@ -249,9 +249,9 @@ def checked(shared: Shared) -> Callable[..., Any]:
     span = {flag: value for flag, value in stated.items() if value is not None}
     ends = span.get("--from", 0.0) < span.get("--to", math.inf)
     if not (ends and all(map(math.isfinite, span.values()))):
-        text = " ".join(f"{flag} {value:g}" for flag, value in span.items())
-        hint = "both are seconds after the log's start"
-        raise UserError(f"{text} is no span of time", hint, code=2)
+        text = " and ".join(f"{flag} {value:g}" for flag, value in span.items())
+        hint = "--to is later than --from; both are seconds after the log's start"
+        raise UserError(f"{text} are not two times in order", hint, code=2)
     load = loader(shared)
     analyze.checked(load())
     return load

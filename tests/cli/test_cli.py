@@ -367,7 +367,7 @@ def test_debug_adds_the_traceback_and_changes_nothing_else(run: Run) -> None:
         ("--set nesso.k=1", "unknown setting 'nesso'"),
         ("--reference s", "unknown reference 's'"),
         ("--axle 0", "Invalid value for '--axle'"),
-        ("--from 5 --to 5", "--to 5 is not after --from 5"),
+        ("--from 5 --to 5", "--from 5 and --to 5 are not two times in order"),
     ],
 )
 def test_wrong_arguments_are_told_before_existing_results(

@@ -51,7 +51,7 @@ def open_csv(path: Path, options: ReadOptions) -> "CsvSource":
     if not dialect.headed and options.time_channel is None:
         raise _headerless(dialect, path)
     rows = size / len(head) * (head.count(b"\n") or head.count(b"\r"))
-    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path))
+    return CsvSource(path, options, dialect, find_clock(dialect, options, rows, path), rows)
 
 
 class CsvSource:
@@ -62,7 +62,9 @@ class CsvSource:
 
     format = "csv"
 
-    def __init__(self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock) -> None:
+    def __init__(
+        self, path: Path, options: ReadOptions, dialect: Dialect, clock: Clock, rows: float
+    ) -> None:
         self.path = path
         self.absolute = clock.absolute
         self.time_reason = clock.reason
@@ -73,7 +75,8 @@ class CsvSource:
         self.lines: Counter[str] = Counter()
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
-        self._table = Table(path, options, dialect, clock, dict.fromkeys(clock.columns, clock.type))
+        types = dict.fromkeys(clock.columns, clock.type)
+        self._table = Table(path, options, dialect, clock, types, round(1.06 * rows))
         self._keys = find_keys(self._table)
         self._series = list(self._keys.series.values()) or [Series()]
         self.findings += self._keys.findings

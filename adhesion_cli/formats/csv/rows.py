@@ -70,8 +70,10 @@ def read_rows(
         losses.add(part, keep, used)
         end, every = used + int(keep.sum()), bool(keep.all())
         for i, array in {_T: part.times, _SERIES: codes, **part.values}.items():
-            column = kept.setdefault(i, np.empty(0, array.dtype))
-            if end > len(column):  # it grows in place: no second copy of a column
+            if i not in kept:
+                kept[i] = np.empty(max(table.expected, end), array.dtype)
+            column = kept[i]
+            if end > len(column):
                 column.resize(end + end // 8, refcheck=False)
             column[used:end] = array if every else array[keep]
         used = end
