@@ -396,7 +396,9 @@ def test_a_wheels_diameter_is_measured(scale: float, tmp_path: Path) -> None:
 @pytest.mark.parametrize("pair", [(1, 2), (1, 3), (2, 4)])
 def test_swapped_axles_are_found_where_they_slide(pair: tuple[int, int], tmp_path: Path) -> None:
     log = clean("low-adhesion", 1, "as it is")
-    assert codes(simulated.swapped(log, *pair), tmp_path) == {"axles-swapped"}
+    found = codes(simulated.swapped(log, *pair), tmp_path)
+    assert "axles-swapped" in found
+    assert found <= {"axles-swapped", "axle-pressure-differs"}  # the one is a reason of the other
 
 
 @pytest.mark.parametrize(

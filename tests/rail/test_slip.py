@@ -253,7 +253,7 @@ def test_a_rail_that_changes_has_no_curve() -> None:
 def test_a_wheel_that_swings_about_the_peak_tells_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Slide protection lets it slide for less than a fit needs, and creep for 40 s."""
+    """Slide protection lets it slide for hardly longer than a fit needs, and creep for 40 s."""
     arguments = ["antiskid", "slippery-stop", "-q", "--json", "-o", str(tmp_path)]
     assert app(arguments, standalone_mode=False) == 0
     capsys.readouterr()
@@ -261,7 +261,7 @@ def test_a_wheel_that_swings_about_the_peak_tells_it(
         log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
         result = analyze.analyze(log, partial(settings.load, folder=False), ["leso"])
         found, _ = slip.summary(result.axles[0], result.vehicle)
-        assert sum(x.duration for x in found.slides) < fit.SHORTEST
+        assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
         assert found.rail is not None
         at, height = true_curve("low", 1.0, found.rail.speed)
         assert found.rail.peak_slip is not None
