@@ -589,7 +589,7 @@ def test_the_command(tmp_path: Path) -> None:
         "stop.slip.mcap", "stop.slip.rrd", "slip.svg",
     ]  # fmt: skip
     picture = (tmp_path / "slip.svg").read_text()
-    assert all(text in picture for text in (*slope.REGIONS, "peak, 95 %", "axle 1: confidence"))
+    assert all(text in picture for text in (*slope.SHOWN, "peak, 95 %", "axle 1: confidence"))
     assert run(log.name, "--force", "--figure", "slip.txt").returncode == 2
     refused = run(log.name, log.name, "--figure", "two.svg")
     assert refused.returncode == 2
