@@ -23,7 +23,7 @@ def command(
     Of several logs, those that fail are listed, and the others are written. With --strict, none is
     written if one fails.
 
-    Example: adhesion analyze sample_logs/service-brake.csv --set vehicle.phi=0.28
+    Example: adhesion analyze sample_logs/service-brake.csv
     """
     from ..analysis.document import document, dumps, entry
 

@@ -23,7 +23,7 @@ def command(
 
     With no LOG: the newest *.adhesion.mcap here, else the bundled sample.
 
-    Example: adhesion compare sample_logs/low-adhesion.mcap --algo neso --algo leso
+    Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
     from ..analysis.document import document, dumps, entry
     from ..core.text import printable

@@ -23,7 +23,7 @@ def command(logs: Logs, shared: Shared) -> int:
     anything is written: if one fails, there are no results. --figure draws curve, slope and
     confidence of the axles that slid.
 
-    Example: adhesion slip sample_logs/low-adhesion.mcap --set bands.slip_high=0.15
+    Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
     from ..analysis.document import dumps, slip_document
     from ..core.errors import UserError

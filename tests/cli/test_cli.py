@@ -500,6 +500,7 @@ def test_the_examples_of_the_help_run_as_they_stand(run: Run, tmp_path: Path) ->
         if c.callback
     }
     assert all(len(found) == 1 for found in examples.values()), examples
+    assert max(len(found[0]) for found in examples.values()) <= 60  # on one line: it can be pasted
     (tmp_path / "sample_logs").symlink_to(SAMPLES)
     # These take long, need no file, and have tests of their own.
     assert examples.pop("reproduce") == ["reproduce"]
