@@ -34,9 +34,8 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -190,20 +189,46 @@ def _compiled(
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
         tell("compiling, for the first run with these methods ...")
     path = folder / f"{name}.py"
-    if not path.exists():
-        _write(path, text)
-    spec = spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[name] = module_from_spec(spec)  # where numba looks for its globals
+    kept = _kept(path, text)
+    module = sys.modules[name] = ModuleType(name)  # where numba looks for its globals
     done: dict[FunctionType, Any] = {}
     for named, called in stand_ins:
         done[named] = _lowered(called, done)
     for key, x in reached:
         setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
-    spec.loader.exec_module(module)
-    call: Callable[..., Any] = njit(cache=True, nogil=True, error_model="numpy")(module.call)
-    return call
+    exec(compile(text, path, "exec"), module.__dict__)
+    call: Any = njit(cache=kept, nogil=True, error_model="numpy")(module.__dict__["call"])
+    if kept:
+        call._cache = _Cache(call._cache)
+    made: Callable[..., Any] = call
+    return made
+
+
+class _Cache:
+    """numba's cache on disk: one that is damaged or full costs time, and never a run."""
+
+    def __init__(self, numbas: Any) -> None:
+        self._numbas = numbas
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._numbas, name)
+
+    def load_overload(self, *of: Any) -> Any:
+        """The machine code for a signature; None where there is none that can be read."""
+        try:
+            return self._numbas.load_overload(*of)
+        except Exception:  # whatever bytes are there: any error of pickle, or of numba
+            tell("the cache of compiled code is damaged: compiling anew ...")
+            with suppress(OSError):
+                self._numbas.flush()
+            return None
+
+    def save_overload(self, *of: Any) -> None:
+        """Keeps the machine code for a signature, where the disk takes it."""
+        try:
+            self._numbas.save_overload(*of)
+        except OSError as error:
+            tell(f"the cache of compiled code cannot be written: {error}")
 
 
 @cache
@@ -281,9 +306,20 @@ def _prune(root: Path) -> None:
             shutil.rmtree(old, ignore_errors=True)
 
 
-def _write(path: Path, text: str) -> None:
-    """Writes `path` whole, with one fixed time: numba then accepts the copy of every process."""
+def _kept(path: Path, text: str) -> bool:
+    """Whether `path` holds the text; it is written if it did not, and the disk takes it.
+
+    It is written whole, with one fixed time: numba then accepts the copy of every process.
+    """
     part = path.with_suffix(f".{os.getpid()}")
-    part.write_text(text, encoding="utf-8")
-    os.utime(part, (0, 0))
-    os.replace(part, path)
+    try:
+        if not path.exists() or path.read_text("utf-8", "replace") != text:
+            part.write_text(text, encoding="utf-8")
+            os.utime(part, (0, 0))
+            os.replace(part, path)
+    except OSError as error:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+        tell(f"the cache of compiled code cannot be written: {error}")
+        return False
+    return True

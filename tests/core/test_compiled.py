@@ -131,8 +131,11 @@ from adhesion_cli.wsp import closed_loop, scenario
 case = scenario.load("slippery-stop")
 closed_loop.run(replace(case, train=scenario.Train(1.0)), "none")  # compiled
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-signal.setitimer(signal.ITIMER_REAL, 0.02)
-closed_loop.run(case, "none")
+signal.setitimer(signal.ITIMER_REAL, 0.02, 0.02)  # one alone may come where Python ignores it
+try:
+    closed_loop.run(case, "none")
+finally:
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
 """
 
 
@@ -241,3 +244,23 @@ def test_no_samples_no_answer():
     none, no_times = np.zeros(0), np.zeros(0, np.int64)
     w = wheelset(Vehicle(), 1)
     assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times).shape == (0,)
+
+
+@pytest.mark.parametrize("damage", ["empty index", "half an index", "half of the code", "no text"])
+def test_a_damaged_cache_costs_time_and_no_run(copy: Path, tmp_path: Path, damage: str) -> None:
+    good = answer(start(copy, BATCH, "td", XDG_CACHE_HOME=tmp_path))
+    pattern = {"half of the code": "*.nbc", "no text": "batch_td.py"}.get(damage, "*.nbi")
+    (path,) = tmp_path.rglob(pattern)
+    whole = path.read_bytes()
+    path.write_bytes(b"" if damage in ("empty index", "no text") else whole[: len(whole) // 2])
+    assert answer(start(copy, BATCH, "td", XDG_CACHE_HOME=tmp_path)) == good
+    before = machine_code(tmp_path)
+    assert answer(start(copy, BATCH, "td", XDG_CACHE_HOME=tmp_path)) == good
+    assert machine_code(tmp_path) == before  # whole again
+
+
+def test_a_cache_on_a_full_disk_is_done_without(copy: Path, tmp_path: Path) -> None:
+    full = "import resource, signal\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+    full += "resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))\n"
+    good = answer(start(copy, BATCH, "td", XDG_CACHE_HOME=tmp_path / "roomy"))
+    assert answer(start(copy, full + BATCH, "td", XDG_CACHE_HOME=tmp_path / "full")) == good
