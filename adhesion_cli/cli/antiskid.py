@@ -86,9 +86,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     if shared.figure:
         given["--force"] = False  # has an effect on the figure
     settings: Stated = loader(shared)().overrides
-    idle = [
-        flag for flag in _IDLE[how] if given[flag] not in (None, []) and given[flag] is not False
-    ]
+    idle = [flag for flag in _IDLE[how] if _is_given(given[flag])]
     idle += [] if from_log else _idle_settings(shared, settings)
     if idle:
         text = f"{', '.join(idle)}: no effect with {how}"
@@ -103,6 +101,10 @@ def command(  # noqa: PLR0913 (one parameter per option)
     if rails:
         return _on_rails(shared, Path(scenario), case, seeds or 10, algo, settings)
     return _on_own_rail(shared, Path(scenario), case, seed, algo, settings)
+
+
+def _is_given(value: object) -> bool:
+    return value not in (None, []) and value is not False
 
 
 def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:

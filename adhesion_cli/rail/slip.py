@@ -416,7 +416,7 @@ def utilisation(axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]) -> I
 
 
 def _rail(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], draws: int = fit.DRAWS
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], draws: int | None = None
 ) -> tuple[fit.RailFit | None, list[Finding]]:
     """The rail under the slides of an axle, and findings about what they do not show."""
     name, radius = f"axle {axle.record.axle}", calibrated(axle.record, vehicle)[0]
@@ -424,7 +424,7 @@ def _rail(
     if not fit.enough(points):
         needed = {"needed_s": fit.SHORTEST}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
-    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error, draws)
+    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
     if rail is None:
         return None, [Finding("rail-changes", "info", channel=name)]
     findings = []

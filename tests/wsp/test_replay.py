@@ -38,7 +38,7 @@ def analysed(path: Path) -> Result:
 
 @pytest.fixture(autouse=True)
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fit, "_DRAWS", 12)
+    monkeypatch.setattr(fit, "DRAWS", 12)
 
 
 def test_the_stop_is_the_logs(log: Path) -> None:
@@ -231,7 +231,7 @@ def test_a_guessed_demand_is_in_every_interval(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All axles are at the limit from the first moment, and slide past it 640 m later."""
-    monkeypatch.setattr(fit, "_DRAWS", 40)
+    monkeypatch.setattr(fit, "DRAWS", 40)
     there = ["-o", str(tmp_path), "--json"]
     assert app(["antiskid", "slippery-stop", "--seed", "1", *there], standalone_mode=False) == 0
     true = json.loads(capsys.readouterr().out)["controllers"]

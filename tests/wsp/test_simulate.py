@@ -512,7 +512,7 @@ def test_minimal_scenario(tmp_path: Path) -> None:
         ("[brake]\nfil_time = 1.0\n", "'fil_time'", "'fill_time'"),
         ("[wps]\n", "'wps'", "'wsp'"),
         ("[train]\nspeed = -3.0\n", "speed = -3", "0 to 150 m/s"),
-        ("[train]\nspeed = nan\n", "speed = nan", "0 to 150"),
+        ("[train]\nspeed = nan\n", "speed = nan", "plain number"),
         ("[train]\naxles = 2.5\n", "axles = 2.5", "bundled"),
         ("[train]\naxles = 2\npositions = [0.0]\n", "positions", "2 values"),
         ("[vehicle]\nfriction = 'high'\n", "friction = 'high'", "bundled"),

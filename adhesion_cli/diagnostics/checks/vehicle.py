@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity
-from ...core.physics import GRADIENT, clamping_force
+from ...core.physics import clamping_force
 from ...core.units import others
 from ...dynamics import longitudinal
 from ...dynamics.train_grid import LEAST, Scene
@@ -49,23 +49,13 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 
 
 def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
-    """A factor that only another unit explains, or that exceeds any gradient and tolerance."""
+    """A factor that only another unit explains, such as that of time."""
     K = s.grid.mean(np.mean(s.grid.clamping, axis=0))
     on = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
     if on.sum() >= LEAST:
-        measured = float(np.median(s.grid.braking[on]))
-        stated = float(s.by_rolling * np.median(K[on]))
-        factor = measured / stated
-        usual = 0.02 < factor < 50.0
-        by_unit = factor > 0.0 and not usual and bool(_units(p, s, factor))
-        if by_unit or (usual and _beyond(p, s, measured, stated)):
+        factor = float(np.median(s.grid.braking[on]) / (s.by_rolling * np.median(K[on])))
+        if factor > 0.0 and not 0.02 < factor < 50.0 and _units(p, s, factor):
             yield _another(p, s, factor)
-
-
-def _beyond(p: Params, s: Scene, measured: float, stated: float) -> bool:
-    """Whether neither a gradient nor the tolerances explain a deceleration of a rolling wheel."""
-    apart = abs(measured - stated) > GRADIENT and not _stated(p, s, measured / stated)
-    return apart and not s.grid.slid_together
 
 
 def _stated(p: Params, s: Scene, factor: float) -> bool:
