@@ -27,11 +27,6 @@ _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.DATA_END: "_end_of_data",
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-_OF_SUMMARY = (  # they stand behind the data only
-    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
-    Opcode.SUMMARY_OFFSET,
-)  # fmt: skip
-_KINDS = frozenset(map(int, Opcode))
 _MISPLACED = (Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 _END = struct.Struct("<BQQQI8s")  # a footer, and the magic bytes after it
 
@@ -258,8 +253,6 @@ class Walk:
         # A wrong byte can make an end of data of another record.
         if opcode in _IN_DATA and (self.damage or not self._data_end):
             getattr(self, _IN_DATA[opcode])(at, length)
-        elif not self._data_end and self._is_chunk(opcode, at, length):
-            pass
         elif opcode in _DEFINITIONS:
             self._definitions.read(opcode, self._file.read(at + HEADER.size, length), at)
         elif opcode == Opcode.HEADER and self._kinds[opcode] == 1:
@@ -271,32 +264,6 @@ class Walk:
             self._footer(at)
         elif opcode in _MISPLACED:
             raise DamageError(at, f"a record of kind {opcode} where none may be")
-
-    def _is_chunk(self, opcode: int, at: int, length: int) -> bool:
-        """Reads a chunk whose opcode is wrong; False where the record may be what it says.
-
-        Raises:
-            DamageError: where the record is neither.
-        """
-        if opcode == Opcode.MESSAGE_INDEX:
-            said = int.from_bytes(self._file.read(at + HEADER.size, min(length, 6))[2:], "little")
-            wrong = length != 6 + said or said % 16 != 0
-        else:
-            wrong = opcode in _OF_SUMMARY
-        if not wrong and opcode in _KINDS:
-            return False
-        misfit = DamageError(at, f"a record of kind {opcode} that is none of this kind")
-        block = Block(at, at + HEADER.size + length, True)
-        try:
-            records = self._reader.records(block)
-        except DamageError:
-            records = None
-        if records and len(records.start):
-            self._take(block, records)
-        elif not wrong:
-            return False  # an unknown kind may hold anything
-        self._note(misfit)
-        return True
 
     def _footer(self, at: int) -> None:
         said = Footer.read(self._file.content(at, 20))
