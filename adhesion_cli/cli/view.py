@@ -79,7 +79,7 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
         )
     load = functools.partial(settings.load, folder=False)
     algos = [name for name in registry() if name in ran]
-    analysed = analyze.analyze(result, load, algos, tell=tell)
+    analysed = analyze.analyze(result, load, algos, tell=tell, train_speed=True)
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
         rrd.write_result(picture, analysed)
