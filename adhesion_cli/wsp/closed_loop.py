@@ -23,7 +23,7 @@ from ..core.stop import JUDGED_FROM, LOCKED, ROLLS, Stop, Verdict
 from ..rail import slope
 from ..rail.slope import region
 from . import plant as plants
-from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_at
+from .plant import Demand, Plant, Track, Train, Wheels, adhesion, advance_to, rail_under
 from .scenario import Limit, Rail, Scenario, Section
 from .wsp_controller import Constants, Settings, bands, choose, slip_of, start, stated, tick
 
@@ -175,8 +175,7 @@ def _peaks(
     for i in range(rim.shape[1]):
         knot = 0
         for j in range(len(v)):
-            z = t[j] if track.timed else x[j] - plant.positions[i]
-            knot = rail_at(track, i, z, knot, rail)
+            knot = rail_under(plant, track, i, t[j], x[j], knot, rail)
             low, high = math.log(1e-6 * v[j]), math.log(v[j])
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)

@@ -179,6 +179,14 @@ def rail_at(track: Track, axle: int, z: float, j: int, rail: Floats) -> int:
     return j
 
 
+def rail_under(  # noqa: PLR0913 (compiled)
+    plant: Plant, track: Track, axle: int, t: float, x: float, j: int, rail: Floats
+) -> int:  # fmt: skip
+    """`rail_at` under an axle of a train whose first axle is at `x` at time `t`."""
+    z = t if track.timed else x - plant.positions[axle]
+    return rail_at(track, axle, z, j, rail)
+
+
 def adhesion(sliding: float, speed: float, rail: Floats, patch: Patch) -> tuple[float, float]:
     """`creep_force` under the condition that `rail_at` left in `rail`."""
     law = Condition(rail[0], rail[1], rail[2], rail[3], rail[4])
@@ -193,8 +201,7 @@ def forces(  # noqa: PLR0913 (compiled: one array each)
     for i in range(w.shape[1]):
         knot = 0
         for k in range(len(t)):
-            z = t[k] if track.timed else x[k] - plant.positions[i]
-            knot = rail_at(track, i, z, knot, rail)
+            knot = rail_under(plant, track, i, t[k], x[k], knot, rail)
             force[k, i] = adhesion(v[k] - w[k, i], v[k], rail, plant.patch)[0]
 
 
@@ -319,8 +326,8 @@ def _step(  # noqa: PLR0913 (compiled: plain floats)
             if part == 1.0:
                 s.air[i] += max(p1 - s.p[i], 0.0)
                 s.p[i] = p1
-            z = t + part * h if track.timed else x + part * h * v_new - plant.positions[i]
-            s.knot[i] = rail_at(track, i, z, s.knot[i], s.rails[i])
+            to, at = t + part * h, x + part * h * v_new
+            s.knot[i] = rail_under(plant, track, i, to, at, s.knot[i], s.rails[i])
         if v > 0.0:
             v_new = _stage(plant, s, GAMMA * h, v_from, v_new)
         if math.isnan(v_new):
