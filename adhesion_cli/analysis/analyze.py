@@ -85,8 +85,9 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
     records, findings = plausible.records(log, vehicle, axles, window, settings.checks)
     if train_speed and all(r.train_speed is None for r in records):
-        sensors = plausible.of_sensors(settings.checks)
-        every = axle_records.prepare(log, vehicle, (), window, sensors).records
+        sensors, every = plausible.of_sensors(settings.checks), records
+        if axles:
+            every = axle_records.prepare(log, vehicle, (), window, sensors).records
         records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())
         findings += told
     done = []

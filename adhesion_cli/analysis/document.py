@@ -13,7 +13,6 @@ import numpy as np
 from ..core.finding import Finding
 from ..core.model import AxleResult, Channel, Floats, Log, Result
 from ..core.text import utf8
-from ..rail.applications import of_axle
 
 if TYPE_CHECKING:
     from ..core.stop import Stop
@@ -65,6 +64,8 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
 
 
 def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
+    from ..rail.applications import of_axle  # slow to import, and only results need it
+
     ref = axle.reference
     # While the wheel only rolls, force and errors are almost zero.
     braked = np.r_[axle.applications] if axle.applications else slice(None)
@@ -130,8 +131,10 @@ def slip_document(
         for s in of
     ]
     told = findings_document([f for of in findings for f in of])
-    files = {"outputs": {log.path: of for log, of in zip(logs, outputs, strict=False)}}
-    return tagged("slip", **(files if outputs else {}), axles=axles, findings=told)
+    if not outputs:
+        return tagged("slip", axles=axles, findings=told)
+    files = {log.path: of for log, of in zip(logs, outputs, strict=True)}
+    return tagged("slip", outputs=files, axles=axles, findings=told)
 
 
 def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:

@@ -76,7 +76,9 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
         ],
         "findings": findings_document(findings),
     }  # fmt: skip
-    return Seen(doc, 3 if worst - {"info"} else 0, findings, replace(log, channels=()))
+    return Seen(
+        doc, 3 if any(f.lossy for f in findings) else 0, findings, replace(log, channels=())
+    )
 
 
 def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:

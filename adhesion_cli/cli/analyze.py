@@ -32,8 +32,8 @@ def command(
     found = results.analysed_or_failed(shared, logs, paths)
     failed = [f for f in found if isinstance(f, results.Failed)]
     done = [(f, p) for f, p in zip(found, pairs, strict=True) if not isinstance(f, results.Failed)]
-    results.write(shared, [result for result, _ in done], [pair for _, pair in done])
     entries = [entry(r, results.named(pair)) for r, pair in done]
+    results.write(shared, [result for result, _ in done], [pair for _, pair in done], entries)
     if shared.json:
         of = iter(entries)
         every = (f.entry() if isinstance(f, results.Failed) else next(of) for f in found)

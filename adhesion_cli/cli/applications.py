@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import terminal
-from .terminal import number
+from .terminal import at_least, number
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
@@ -52,15 +52,13 @@ def _with_u95(of: dict[str, float], key: str, factor: float, digits: int | None 
 
 
 def _slides(axle: str, one: dict[str, Any]) -> dict[str, str]:
-    def least(value: float | None, digits: int) -> str:
-        return "≥ " * (one["at_least"] and value is not None) + number(value, digits)
-
-    energy, used = one["slide_energy_j"], one["utilisation"]
+    energy, used, bound = one["slide_energy_j"], one["utilisation"], one["at_least"]
     highest = min(100.0 * one["max_slip"], 100.0)
     return {
         "axle": axle, "at [s]": number(one["start_s"], 1), "slides": str(one["slides"]),
-        "for [s]": least(one["slide_s"], 1), "distance [m]": least(one["slide_distance_m"], 0),
-        "max slip [%]": number(highest, 0) if highest > 99.5 else least(highest, 1),
-        "energy [kJ]": least(energy and 1e-3 * energy, 1),
+        "for [s]": at_least(one["slide_s"], 1, bound),
+        "distance [m]": at_least(one["slide_distance_m"], 0, bound),
+        "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
+        "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
         "used [%]": number(used and 100.0 * used, 0),
     }  # fmt: skip

@@ -39,11 +39,12 @@ def command(
 
     from ..results import rrd  # slow to import: only after the checks
 
+    entries = [entry(r, results.named(pair)) for r in analysed]
     with places(shared, [pair], (r.log for r in analysed), logs) as ((record, picture),):
-        mcap.write_comparison(record, analysed, results.embedded(analysed))
+        mcap.write_comparison(record, analysed, results.embedded(entries))
         rrd.write_comparison(picture, analysed)
     if shared.json:
-        print(dumps(document([entry(r, results.named(pair)) for r in analysed])))
+        print(dumps(document(entries)))
     else:
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]

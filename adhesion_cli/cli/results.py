@@ -3,7 +3,7 @@
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .options import Shared, check, checked, pictures, places
 
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]
+Entry = dict[str, Any]
 
 
 class Failed(NamedTuple):
@@ -114,7 +115,7 @@ def _analyzer(
 
 
 def write(
-    shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair],
+    shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair], entries: Sequence[Entry],
     slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
     draw: "Callable[[Path], None]" = lambda _: None,
 ) -> None:  # fmt: skip
@@ -124,6 +125,7 @@ def write(
         shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
         pairs: the files of each.
+        entries: of each in the document, from `document.entry`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: writes the picture of `--figure` to the path given.
     """
@@ -135,21 +137,20 @@ def write(
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
             record, recording, *drawn = of
             slip, notes = slips[i] if slips else ("", ())
-            mcap.write_result(record, result, embedded([result]), slip)
+            mcap.write_result(record, result, embedded([entries[i]]), slip)
             rrd.write_result(recording, result, notes)
             for place in drawn:
                 draw(place)
 
 
-def embedded(results: "Sequence[Result]") -> str:
+def embedded(entries: Sequence[Entry]) -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..analysis.document import document, dumps, entry
+    from ..analysis.document import document, dumps
 
-    entries = [entry(result, {}) for result in results]
-    for one in entries:
-        one["log"]["path"] = Path(one["log"]["path"]).name
-        del one["outputs"]
-    return dumps(document(entries))
+    carried = [{key: of for key, of in one.items() if key != "outputs"} for one in entries]
+    for one in carried:
+        one["log"] = {**one["log"], "path": Path(one["log"]["path"]).name}
+    return dumps(document(carried))
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:

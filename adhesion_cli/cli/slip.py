@@ -8,7 +8,6 @@ from . import results
 from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
-    from ..rail.events import Slide
     from ..rail.fit import RailFit
     from ..rail.slip import Summary
 
@@ -25,7 +24,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
-    from ..analysis.document import dumps, slip_document
+    from ..analysis.document import dumps, entry, slip_document
     from ..core.errors import UserError
     from ..core.text import printable
     from ..rail.slip import summary
@@ -50,7 +49,7 @@ def command(logs: Logs, shared: Shared) -> int:
     first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.settings["bands"])
     results.write(
-        shared, analysed, pairs, slips,
+        shared, analysed, pairs, [entry(r, {}) for r in analysed], slips,
         lambda place: draw(shared, place, title, of_slip(first, summaries[0], bands)),
     )  # fmt: skip
     if shared.json:
@@ -150,20 +149,19 @@ def _constants(rails: "Sequence[RailFit]") -> list[list[str]]:
 
 def _slides(summaries: "Sequence[Summary]", start_ns: int) -> list[dict[str, str]]:
     """A row for each slide."""
-    from .terminal import number
-
-    def least(x: "Slide", value: float | None, digits: int) -> str:
-        return "≥ " * (x.at_least and value is not None) + number(value, digits)
+    from .terminal import at_least, number
 
     return [
         {
             "axle": str(s.axle),
             "start [s]": number((x.start - start_ns) / 1e9, 2),
-            "duration [s]": least(x, x.duration, 2),
-            "distance [m]": least(x, x.distance, 1),
+            "duration [s]": at_least(x.duration, 2, x.at_least),
+            "distance [m]": at_least(x.distance, 1, x.at_least),
             # of a locked wheel it is 100 %, whatever the train speed's error
-            "max slip [%]": least(x, 100.0 * x.max_slip, 1) if x.max_slip < _LOCKED else "100.0",
-            "energy [kJ]": least(x, x.energy and x.energy / 1e3, 1),
+            "max slip [%]": (
+                at_least(100.0 * x.max_slip, 1, x.at_least) if x.max_slip < _LOCKED else "100.0"
+            ),
+            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.at_least),
         }
         for s in summaries
         for x in s.slides

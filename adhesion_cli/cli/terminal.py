@@ -77,6 +77,11 @@ def number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
 
 
+def at_least(value: float | None, digits: int, bound: bool) -> str:
+    """A number, marked if it is a lower bound."""
+    return "≥ " * (bound and value is not None) + number(value, digits)
+
+
 def _newtons(value: float | None) -> str:
     """A force's error [N], with one decimal where that says more."""
     return number(value, 1 if value is not None and value < 10.0 else 0)

@@ -71,10 +71,12 @@ def _application(
 ) -> Application:
     record = axle.record
     start, end = int(record.t[where.start]), int(record.t[where.stop - 1])
-    rim = record.wheel_speed * vehicle.radius(record.axle).value
-    speed = rim if record.train_speed is None else record.train_speed
-    known = np.flatnonzero(np.isfinite(speed[where]))
-    first, last = (float(speed[where][known[i]]) if len(known) else None for i in (0, -1))
+    if record.train_speed is None:
+        speed = record.wheel_speed[where] * vehicle.radius(record.axle).value
+    else:
+        speed = record.train_speed[where]
+    known = speed[np.isfinite(speed)]
+    first, last = (float(known[i]) if len(known) else None for i in (0, -1))
     force = _measured(axle, where)
     weight = vehicle.axle_mass.value * physics.G
     share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value

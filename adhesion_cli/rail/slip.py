@@ -23,7 +23,6 @@ from ..core.model import Z95, AxleRecord, AxleResult, Floats, Parameter, Regions
 from ..core.physics import reference_speed
 from . import events, fit
 from .events import CAUGHT, Slide
-from .fit import Interval
 from .slope import REGIONS, Bands, Params, State, init, region, step
 
 _EVEN = 0.3  # largest deceleration of a coasting train [m/s²]
@@ -404,7 +403,7 @@ def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]
     return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
 
 
-def utilisation(axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]) -> Interval | None:
+def utilisation(axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]) -> fit.Interval | None:
     """Adhesion utilisation in these slides of an axle, by the rail under them; None if not known.
 
     As in `summary`, with fewer draws: it takes about half a second.

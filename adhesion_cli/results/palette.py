@@ -6,14 +6,14 @@ BLUE, ORANGE, RED, GREEN = "#2f6fd0", "#e08a2a", "#d9484a", "#238a80"
 BLACK, GREY = "#222222", "#999999"
 
 _METHODS = {
-    "gradient": "#e08a2a",
-    "kalman": "#2f6fd0",
-    "leso": "#d9484a",
+    "gradient": ORANGE,
+    "kalman": BLUE,
+    "leso": RED,
     "neso": "#9a63d0",
     "td": "#2a9d90",
-    "none": "#d9484a",
-    "patent": "#2f6fd0",
-    "rule": "#e08a2a",
+    "none": RED,
+    "patent": BLUE,
+    "rule": ORANGE,
 }
 _OTHERS = ("#a08a00", "#c75b86", "#8a6a4a", "#5f8f2f", "#4aa3d8", "#7c7cf0")
 
