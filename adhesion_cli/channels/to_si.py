@@ -177,6 +177,9 @@ def period_tick(speed: Floats, step: float) -> float:
     close = np.arange(0.8, 1.25, usual / periods[-1] / 8.0)
     for parts in (1, 2, 3):
         ticks = usual / parts * close
+        ticks = ticks[agree(ticks, some[::5]) > 0.5 * _ON_GRID]  # a few periods rule most out
+        if not len(ticks):
+            continue
         best = ticks[[np.argmax(agree(ticks, some))]]
         if agree(best, periods)[0] > _ON_GRID:
             whole = np.rint(periods / best)

@@ -1,10 +1,11 @@
 """What a record shows before any estimate: brake on, wheel still, moving or driven, noise."""
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
-from .model import AxleRecord, Bools, Floats, Times
+from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RISE
 from .stop import SLIDE
 
@@ -105,3 +106,13 @@ def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
         square = off**2 / (1.0 + share**2 + (1.0 - share) ** 2)
         blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
     return float(np.median(blocks)) if blocks else 0.0
+
+
+def coverage_factor(freedom: float) -> float:
+    """How many sigma hold 95 % where sigma has so many degrees of freedom: Student's t.
+
+    Wallace's formula (1959): within 0.1 % from 10 degrees on and 1.2 % from 3 on, larger below.
+    scipy.special has the exact one, and importing that takes a tenth of a short run.
+    """
+    z = Z95 * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
+    return math.sqrt(freedom * math.expm1(z * z / freedom))

@@ -67,11 +67,9 @@ def calibration(record: AxleRecord, radius: float) -> tuple[float, float] | None
         return None
     # At most one value a second is independent: interpolated values repeat. A line between readings
     # has 2/3 of their variance. The spread of few values is itself uncertain.
-    from scipy.special import stdtrit
-
     interval, step = record.train_speed_interval, seconds / len(ratio)
     sigma = float(np.std(ratio)) * (math.sqrt(1.5) if interval > 1.5 * step else 1.0)
-    sigma *= float(stdtrit(max(seconds / max(interval, step) - 1.0, 1.0), 0.975)) / Z95
+    sigma *= signals.coverage_factor(max(seconds / max(interval, step) - 1.0, 1.0)) / Z95
     sigma /= math.sqrt(max(seconds / max(interval, 1.0), 1.0))
     return float(np.median(ratio)), math.hypot(sigma, float(np.median(np.concatenate(late))))
 
