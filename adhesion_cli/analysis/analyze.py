@@ -155,8 +155,8 @@ def _axle(
     if lost:
         ref, refused = _refused(record, ref, lost, start_ns)
         findings.append(refused)
-        applications = tuple(s for s in applications if s not in lost)
-    scores = metrics.scores(record, ref, estimates, applications)
+    known = tuple(s for s in applications if s not in lost)
+    scores = metrics.scores(record, ref, estimates, known)
     result = AxleResult(record, ref, estimates, scores, applications)
     if record.train_speed is None:
         return result, findings

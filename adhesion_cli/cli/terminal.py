@@ -6,7 +6,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
@@ -39,21 +39,21 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
-    made = Table(box=None, padding=(0, 2, 0, 0))
-    least = -2
+    least = []
     for i, name in enumerate(header):
-        is_text = i < left
         longest = max(cell_len(printable(row[i])) for row in (header, *rows))
-        kept = max(min(longest, _TEXT), cell_len(name)) if is_text else longest
-        least += kept + 2
-        made.add_column(
-            Text(name), justify="left" if is_text else "right", no_wrap=not is_text, min_width=kept
-        )
+        least.append(max(min(longest, _TEXT), cell_len(name)) if i < left else longest)
+    columns = width or shutil.get_terminal_size((NARROW, 24)).columns
+    gap = 2 if sum(least) + 2 * (len(least) - 1) <= columns else 1
+    made = Table(box=None, padding=(0, gap, 0, 0))
+    for i, name in enumerate(header):
+        side: Literal["left", "right"] = "left" if i < left else "right"
+        made.add_column(Text(name), justify=side, no_wrap=i >= left, min_width=least[i])
     for row in rows:
         made.add_row(*(Text(printable(cell), overflow="fold") for cell in row))
     drawn = io.StringIO()
-    columns = max(width or shutil.get_terminal_size((NARROW, 24)).columns, least)
-    Console(file=drawn, width=columns + 2, color_system=None).print(made)
+    columns = max(columns, sum(least) + gap * (len(least) - 1))
+    Console(file=drawn, width=columns + gap, color_system=None).print(made)
     lines = [line.rstrip() for line in drawn.getvalue().splitlines()]
     return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
 
@@ -117,7 +117,7 @@ def _known(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
 
 
 def findings(found: Sequence[Finding], width: int | None = None) -> str:
-    """One line per finding, at most `width` columns, grouped by severity; then how to ask for more.
+    """A line per finding, folded at `width`, grouped by severity; then how to ask for more.
 
     Findings with one code and one message share a line. So do more than three with one code: the
     line then says the title of the code, because their messages differ.
@@ -131,7 +131,8 @@ def findings(found: Sequence[Finding], width: int | None = None) -> str:
         for of, message in groups:
             where = ", ".join(filter(None, (_channels(of), _when(of))))
             parts = [of[0].code.ljust(codes), *([where] if where else []), printable(message)]
-            lines.append(_cut("  " + "  ".join(parts), columns))
+            line = _cut("  " + "  ".join(parts), 2 * _WIDEST)
+            lines.append(folded(line, " " * 6, columns))
     return "\n".join([*lines, _EXPLAINS] if lines else lines)
 
 

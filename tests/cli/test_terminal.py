@@ -70,3 +70,19 @@ def test_findings_that_differ_do_not_share_a_message():
     assert len(shown(*enumerate([1.0, 1.0, 2.0, 3.0]))) == 3
     (line,) = shown(*enumerate([1.0, 2.0, 3.0, 4.0]))
     assert line.endswith(title)
+
+
+def test_a_finding_is_folded_and_not_cut_off():
+    values = {"factor": 0.91, "diameter_m": 0.85}
+    spans = ((0.0, 31.98),) * 2
+    found = Finding("wheel-diameter", "warning", "speed " * 9, spans=spans, values=values)
+    for width in (80, 120):
+        lines = findings([found], width).splitlines()
+        assert max(map(len, lines)) <= width
+        assert found.message in " ".join(line.strip() for line in lines)
+
+
+def test_a_table_too_wide_for_the_terminal_has_narrower_gaps():
+    row = ["1", *["-0.045±0.013"] * 5, "12.0±1.1"]
+    header = ["axle", *(f"{c} [N]" for c in "abcdef")]
+    assert max(map(len, table(header, [row], width=80).splitlines())) <= 80

@@ -22,6 +22,7 @@ from adhesion_cli.diagnostics import plausible, registry
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Grid, Scene
 from adhesion_cli.formats.open import open_source
+from adhesion_cli.rail.applications import of_axle
 from adhesion_cli.wsp import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -541,6 +542,7 @@ def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
     assert (told.count, told.channel) == (1, "axle 1")
     (axle,) = result.axles
     assert all(s.rmse_n is None for s in axle.scores)
+    assert [a.force for a in of_axle(axle, result.vehicle)] == [None]  # its slides are still shown
     braked = axle.record.clamping_force > 1000.0
     assert not np.isfinite(axle.reference.force[braked]).any()
 
