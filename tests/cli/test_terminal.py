@@ -75,7 +75,8 @@ def test_findings_that_differ_do_not_share_a_message():
 def test_a_finding_is_folded_and_not_cut_off():
     values = {"factor": 0.91, "diameter_m": 0.85}
     spans = ((0.0, 31.98),) * 2
-    found = Finding("wheel-diameter", "warning", "speed " * 9, spans=spans, values=values)
+    names = {"reference": "the train"}
+    found = Finding("wheel-diameter", "warning", "speed " * 9, 1, spans, values, names)
     for width in (80, 120):
         lines = findings([found], width).splitlines()
         assert max(map(len, lines)) <= width
