@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import physics
-from ..core.model import Z95, AxleResult, Floats, Vehicle
+from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
 from . import slip
 from .events import Slide
 from .fit import Interval
@@ -62,14 +63,27 @@ def of_axle(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
         axle: with its slip, where the log has a train speed.
         vehicle: for the coefficient and its tolerance.
     """
-    found = slip.slides(axle)
-    return [_application(axle, vehicle, s, found) for s in axle.applications]
+    found, joined = slip.slides(axle), list[list[slice]]()
+    for s in axle.applications:
+        if joined and _locked(axle.record, slice(joined[-1][-1].stop, s.start)):
+            joined[-1].append(s)
+        else:
+            joined.append([s])
+    return [_application(axle, vehicle, parts, found) for parts in joined]
+
+
+def _locked(record: AxleRecord, between: slice) -> bool:
+    """Whether the brake stays on while the train moves: it is one application of a locked wheel."""
+    K, v = record.clamping_force[between], record.train_speed
+    if v is None or not len(K):
+        return False
+    return bool((K > physics.NO_FORCE).all() and (v[between] > physics.CRAWL).all())
 
 
 def _application(
-    axle: AxleResult, vehicle: Vehicle, where: slice, slides: Sequence[Slide]
+    axle: AxleResult, vehicle: Vehicle, parts: Sequence[slice], slides: Sequence[Slide]
 ) -> Application:
-    record = axle.record
+    record, where = axle.record, slice(parts[0].start, parts[-1].stop)
     start, end = int(record.t[where.start]), int(record.t[where.stop - 1])
     if record.train_speed is None:
         speed = record.wheel_speed[where] * vehicle.radius(record.axle).value
@@ -77,7 +91,7 @@ def _application(
         speed = record.train_speed[where]
     known = speed[np.isfinite(speed)]
     first, last = (float(known[i]) if len(known) else None for i in (0, -1))
-    force = _measured(axle, where)
+    force = _measured(axle, parts)
     weight = vehicle.axle_mass.value * physics.G
     share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     own = tuple(x for x in slides if where.start <= x.where.start < where.stop)
@@ -87,26 +101,37 @@ def _application(
     )  # fmt: skip
 
 
-def _measured(axle: AxleResult, where: slice) -> Measured | None:
+def _measured(axle: AxleResult, parts: Sequence[slice]) -> Measured | None:
     """The force of an application [N]; None where the reference has no value.
+
+    Args:
+        axle: with its reference.
+        parts: of the application in which the wheel turns.
 
     The highest force is that with the highest lower limit of its noise: no outlier of the noise.
     """
-    t: Floats = (axle.record.t[where] - axle.record.t[where.start]) * 1e-9
-    ref = axle.reference
-    at = np.flatnonzero(np.isfinite(ref.force[where]))
-    if len(at) < 2:
+    ref, known = axle.reference, []
+    for part in parts:
+        at = part.start + np.flatnonzero(np.isfinite(ref.force[part]))
+        if len(at) > 1:
+            known.append(at)
+    if not known:
         return None
-    force, sigma, tolerance = (x[where][at] for x in (ref.force, ref.sigma, ref.tolerance))
-    highest = int(np.argmax(force - Z95 * sigma))
-    half = math.hypot(_mean(t[at], sigma), _mean(t[at], tolerance))
-    peak = math.hypot(float(sigma[highest]), float(tolerance[highest]))
-    return Measured(_mean(t[at], force), Z95 * half, float(force[highest]), Z95 * peak)
+    every = np.concatenate(known)
+    highest = int(every[np.argmax(ref.force[every] - Z95 * ref.sigma[every])])
+    mean, noise, tolerance = (
+        _mean(axle.record.t, x, known) for x in (ref.force, ref.sigma, ref.tolerance)
+    )
+    peak = math.hypot(float(ref.sigma[highest]), float(ref.tolerance[highest]))
+    return Measured(
+        mean, Z95 * math.hypot(noise, tolerance), float(ref.force[highest]), Z95 * peak
+    )  # fmt: skip
 
 
-def _mean(t: Floats, x: Floats) -> float:
-    """Mean over time, by the trapezoidal rule."""
-    return float(np.trapezoid(x, t) / (t[-1] - t[0]))
+def _mean(t: Times, x: Floats, known: Sequence[NDArray[np.int64]]) -> float:
+    """Mean over time of the known samples, by the trapezoidal rule in each part."""
+    area = sum(float(np.trapezoid(x[at], 1e-9 * (t[at] - t[at[0]]))) for at in known)
+    return area / sum(1e-9 * float(t[at[-1]] - t[at[0]]) for at in known)
 
 
 def _over(force: Measured, weight: float, share: float) -> Measured:

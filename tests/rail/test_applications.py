@@ -75,3 +75,24 @@ def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force(
         assert part.force is not None
         assert one.force is not None
         assert part.force.max <= one.force.max * 1.001
+
+
+def test_a_wheel_that_locks_for_a_time_has_one_application(low: Result) -> None:
+    axle = low.axles[2]
+    (whole,) = of_axle(axle, low.vehicle)
+    middle = (whole.where.start + whole.where.stop) // 2
+    parts = slice(whole.where.start, middle), slice(middle + 200, whole.where.stop)
+    apart = replace(axle, applications=parts)
+    (one,) = of_axle(apart, low.vehicle)
+    assert (one.start, one.end) == (whole.start, whole.end)
+    first, second = (of_axle(replace(axle, applications=(x,)), low.vehicle)[0] for x in parts)
+    assert one.force
+    assert first.force
+    assert second.force
+    assert one.force.max == max(first.force.max, second.force.max)
+    means = sorted([first.force.mean, second.force.mean])
+    assert means[0] < one.force.mean < means[1]
+    released = axle.record.clamping_force.copy()
+    released[middle : middle + 200] = 0.0
+    record = replace(axle.record, clamping_force=released)
+    assert len(of_axle(replace(apart, record=record), low.vehicle)) == 2
