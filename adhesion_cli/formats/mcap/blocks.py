@@ -1,10 +1,11 @@
 """Chunks, and runs of records outside chunks: their bytes, checked, and the messages in them."""
 
 import re
+import struct
 import zlib
 from array import array
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -25,6 +26,7 @@ _UNUSUAL = 1000
 # The start of a Chunk record: a length below 2^40, and the length of its compression's name.
 _CHUNK = re.compile(rb"(?s)(?=\x06.{5}\0{3}.{28}[\0\3\4]\0{3})")
 _CHUNK_START = 41  # bytes that it looks at
+_MESSAGE_INDEX = struct.Struct("<HI")  # channel, and bytes of the entries that follow
 
 
 @dataclass(slots=True)
@@ -36,6 +38,25 @@ class Block:
     chunk: bool
     rows: int = 0  # messages
     checked: bool = False  # by a CRC
+    index: tuple[int, int] = (0, 0)  # message indexes behind it: bytes, hash of their places
+
+    @property
+    def offset(self) -> int:
+        """Where it begins, by the name that index records use."""
+        return self.at
+
+    @property
+    def length(self) -> int:
+        """Bytes of a chunk's record."""
+        return self.end - self.at
+
+
+class Index(NamedTuple):
+    """What the message indexes behind a chunk say; not yet to be believed."""
+
+    channels: list[int]  # of each message index
+    counts: list[int]  # entries of each
+    entries: Offsets  # of all: log time [ns] and offset in the chunk, shape (n, 2)
 
 
 @dataclass(slots=True)
@@ -46,6 +67,7 @@ class Records:
     start: Offsets  # of the Message records
     channel: Offsets  # their channel ids
     definitions: list[int]  # offsets of the Schema and Channel records
+    index: Index | None = None  # None where an entry leads to no message, or two to one
 
     def _field(self, offset: int) -> Offsets:
         """A number of 8 bytes that every message record has at an offset."""
@@ -99,12 +121,15 @@ class BlockReader:
         if not block.chunk:
             return self.run(block.at, block.end - block.at)[1]
         data, size = self._inflate(block)
-        hints, end = self._hints(block, size), size
+        index, end = self._message_indexes(block, size), size
         search = self._search(data, size)
-        if hints is None or not search.indexed(hints):
+        led = index is not None and search.indexed(index.entries[:, 1])
+        if not led:
             search = self._search(data, size)
             end = search.walk(0, size)
         records = self._counted(search, block.at)
+        if led or (index and not len(index.entries)):
+            records.index = index
         if end < size:
             what = f"chunk, at its inflated byte {end}: no whole record that may stand there"
             raise DamageError(block.at, what)
@@ -119,9 +144,32 @@ class BlockReader:
         data = np.zeros(size + PADDING, np.uint8)
         data[:size] = np.frombuffer(self._file.read(at, size), np.uint8)
         search = self._search(data, size)
-        if not (end := search.walk(0, size)):
+        if not (end := search.walk(0, size, outside=True)):
             raise DamageError(at, "no whole message, schema or channel")
         return Block(at, at + end, False), self._counted(search, at)
+
+    def disguised(self, at: int, length: int) -> tuple[Block, Records] | None:
+        """A chunk whose record has a wrong opcode, None for any other record.
+
+        Raises:
+            DamageError: where the record is shaped as a chunk and is not whole.
+        """
+        if not _like_chunk(self._file.read(at, min(HEADER.size + length, _CHUNK_START))):
+            return None
+        block = Block(at, at + HEADER.size + length, True)
+        try:
+            _, _, compression, packed, spare = self._fields(block)
+        except DamageError:
+            return None
+        if compression not in _INFLATE or not packed:
+            return None
+        try:
+            records = self.records(block)
+        except DamageError:
+            if spare:  # a record of another kind can look like this
+                return None
+            raise
+        return (block, records) if len(records.start) or records.definitions else None
 
     def next_chunk(self, at: int) -> Block | None:
         """The first whole chunk from an offset on."""
@@ -153,13 +201,19 @@ class BlockReader:
             limit = self._most + self._spent + more - self._allowed
             raise DamageError(at, what, RAISE_LIMIT.format("max_inflated", limit))
 
-    def _inflate(self, block: Block) -> tuple[Bytes, int]:
-        """The bytes in a chunk with PADDING more, and how many they are."""
-        content = self._file.content(block.at, block.end - block.at - HEADER.size)
+    def _fields(self, block: Block) -> tuple[int, int, str, bytes, int]:
+        """A chunk's inflated size, CRC, compression and packed bytes, and the bytes behind them."""
+        length = block.length - HEADER.size
+        content = self._file.content(block.at, length)
         content.read(16)  # the time range, which nothing here relies on
         size, crc = content.read8(), content.read4()
         compression = content.read_prefixed_string()
         packed = content.read(content.read8())
+        return size, crc, compression, packed, length - content.count
+
+    def _inflate(self, block: Block) -> tuple[Bytes, int]:
+        """The bytes in a chunk with PADDING more, and how many they are."""
+        size, crc, compression, packed, _ = self._fields(block)
         if size > self._most:
             hint = RAISE_LIMIT.format("max_inflated", size)
             raise DamageError(
@@ -183,20 +237,27 @@ class BlockReader:
         self.compressions.add(compression or "none")
         return data, size
 
-    def _hints(self, block: Block, size: int) -> Offsets | None:
-        """Where the message indexes after a chunk say its messages are; not yet to be believed."""
-        found, at = [np.empty(0, np.int64)], block.end
+    def _message_indexes(self, block: Block, size: int) -> "Index | None":
+        """What the message indexes behind a chunk say."""
+        places: list[tuple[int, int]] = []
+        found, counts, at = list[bytes](), list[int](), block.end
         try:
             while (head := self._file.head(at))[0] == Opcode.MESSAGE_INDEX:
                 if at - block.end > size + (1 << 20):
-                    return None
+                    break
                 raw = self._file.read(at + HEADER.size, head[1])
-                entries = int.from_bytes(raw[2:6], "little") // 16
-                found.append(np.frombuffer(raw, "<i8", 2 * entries, 6)[1::2])
+                channel, length = _MESSAGE_INDEX.unpack_from(raw)
+                if length % 16 or length > len(raw) - 6:
+                    return None  # the walk meets this damage next
+                places.append((channel, at))
+                found.append(raw[6 : 6 + length])
+                counts.append(length // 16)
                 at += HEADER.size + head[1]
-        except (DamageError, ValueError):  # the walk meets damage next
+        except (DamageError, struct.error):
             return None
-        return np.concatenate(found)
+        entries = np.frombuffer(b"".join(found), "<i8").reshape(-1, 2)
+        block.index = at - block.end, hash(frozenset(places))
+        return Index([channel for channel, _ in places], counts, entries)
 
 
 class _Search:
@@ -238,11 +299,11 @@ class _Search:
             for p, stop in zip(ends[gaps].tolist(), stops[gaps].tolist(), strict=True)
         )
 
-    def walk(self, p: int, stop: int) -> int:
+    def walk(self, p: int, stop: int, outside: bool = False) -> int:
         """Walks records one by one; returns where it ends.
 
         That is `stop`, or the first record that is not whole, or that may not stand among
-        messages, or one too many.
+        messages, or one too many. Outside chunks it is also a later one that may be a chunk.
         """
         unpack, add, view = HEADER.unpack_from, self._starts.append, self._data.data
         message, definitions = int(Opcode.MESSAGE), (int(Opcode.SCHEMA), int(Opcode.CHANNEL))
@@ -257,6 +318,8 @@ class _Search:
                 if length < BEFORE_DATA:
                     break
                 add(p)
+            elif outside and p and _like_chunk(bytes(view[p : p + _CHUNK_START])):
+                break
             elif opcode in definitions:
                 self._definitions.append(p)
             elif opcode <= Opcode.DATA_END:
@@ -274,6 +337,11 @@ class _Search:
         data: Any = self._data
         channel = data[start + 9].astype(np.int64) | (data[start + 10].astype(np.int64) << 8)
         return Records(self._data, start, channel, self._definitions.tolist())
+
+
+def _like_chunk(start: bytes) -> bool:
+    """Whether a record may be a chunk, whatever its opcode says."""
+    return bool(_CHUNK.match(b"\x06" + start[1:]))
 
 
 def _u64(data: Bytes, offsets: Offsets) -> Offsets:

@@ -74,6 +74,10 @@ class McapSource:
                 values["lost_messages"] = walk.lost
             names, count = {"damage": first.what}, len(walk.damage)
             yield Finding("mcap-damaged", "error", count=count, values=values, names=names)
+        for first in walk.misindexed[:1]:
+            values, names = {"byte": first.at}, {"damage": first.what}
+            count = len(walk.misindexed)
+            yield Finding("mcap-wrong-index", "error", count=count, values=values, names=names)
         if walk.stray:
             ids = sorted(set(walk.counts) - set(walk.channels))
             some = ", ".join(map(str, ids[:5])) + (", ..." if len(ids) > 5 else "")

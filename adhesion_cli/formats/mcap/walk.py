@@ -6,7 +6,7 @@ Every CRC and every inflated size is compared. Indexes only speed up what walkin
 import re
 import struct
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,14 @@ from ...core.model import RECOVERED, Times
 from ..source import ReadOptions
 from .blocks import Block, BlockReader, Offsets, Records
 from .definitions import Definitions, FirstMessages
+from .indexes import OF_SUMMARY, Indexes, Place
 from .records import HEADER, MAGIC, PIECE, DamageError, LogFile
 
 _IN_DATA: dict[int, str] = {  # records of the data section, and who reads them
     Opcode.CHUNK: "_chunk",
     Opcode.ATTACHMENT: "_attachment",
     Opcode.METADATA: "_metadata",
+    Opcode.MESSAGE_INDEX: "_message_index",
     Opcode.DATA_END: "_end_of_data",
 }
 _DEFINITIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
@@ -60,12 +62,17 @@ class Walk:
         self._sought = 0  # how far chunks after damage were looked for
         self._kinds: Counter[int] = Counter()  # records by opcode
         self._statistics: tuple[int, Statistics] | None = None  # with their offset
+        self._indexes = Indexes(self._indexed)
         with self._opened() as self._file:
             self._reader = BlockReader(self._file, options)
             self._check_magic()
             self._walk()
             if self._statistics and not self.damage:
                 self._compare(*self._statistics)
+        #: Where the indexes are wrong; the data are complete then. Of damaged data not known.
+        self.misindexed = [] if self.damage else self._indexes.wrong
+        if self.misindexed and options.strict:
+            raise self._error(self.misindexed[0])
         self.compressions = self._reader.compressions
         self.heads = self._first.of  # by channel: log time of the first, first messages
         self.schemas, self.channels = self._definitions.schemas, self._definitions.channels
@@ -223,6 +230,8 @@ class Walk:
             if at == len(MAGIC) and opcode != Opcode.HEADER:
                 self._note(DamageError(at, "first record is no header"))
             try:
+                if not self._data_end and opcode not in (Opcode.CHUNK, Opcode.ATTACHMENT):
+                    self._refuse_chunk(opcode, at, length)
                 if opcode in (*_DEFINITIONS, Opcode.MESSAGE) and not self._data_end:
                     after = self._run(at, after)
                 else:
@@ -250,6 +259,11 @@ class Walk:
 
     def _record(self, opcode: int, at: int, length: int) -> None:
         self._kinds[opcode] += 1
+        if self._data_end and opcode != Opcode.FOOTER:
+            after = at + HEADER.size + length
+            self._indexes.record(opcode, at, after, lambda: self._file.content(at, length))
+        elif opcode in OF_SUMMARY and not self.damage:
+            self._note(DamageError(at, f"a record of kind {opcode} and {length} bytes in the data"))
         # A wrong byte can make an end of data of another record.
         if opcode in _IN_DATA and (self.damage or not self._data_end):
             getattr(self, _IN_DATA[opcode])(at, length)
@@ -269,6 +283,7 @@ class Walk:
         said = Footer.read(self._file.content(at, 20))
         if not self._data_end:
             self._note(DamageError(at, "no end of the data section before the footer"))
+        self._indexes.end(at, self._data_end or said.summary_start, said)
         start, crc = self._data_end or said.summary_start, said.summary_crc
         if crc and self._file.crc(start, at + HEADER.size + 16) != crc:
             self._note(DamageError(start, "summary has another CRC than it says"))
@@ -279,6 +294,12 @@ class Walk:
         elif more:
             what = f"{more} bytes after the end, not read: cut two joined files apart there"
             self._note(DamageError(after + len(MAGIC), what))
+
+    def _indexed(self, opcode: int) -> Iterable[Place]:
+        """What index records of a kind should list."""
+        if opcode == Opcode.CHUNK_INDEX:
+            return (block for block in self.blocks if block.chunk)
+        return self.attachments if opcode == Opcode.ATTACHMENT_INDEX else self.metadata_records
 
     def _compare(self, at: int, said: Statistics) -> None:
         """Notes where a file differs from its statistics; schemas and channels hide no data."""
@@ -302,6 +323,12 @@ class Walk:
         if crc and self._file.crc(0, at) != crc:
             raise DamageError(at, "data section has another CRC than it says")
         self._all_checked = bool(crc)
+
+    def _message_index(self, at: int, length: int) -> None:
+        said = int.from_bytes(self._file.content(at, min(length, 6)).read(6)[2:], "little")
+        if said % 16 or 6 + said > length:
+            what = f"a message index of {length} bytes that says it has {said} bytes of entries"
+            raise DamageError(at, what)
 
     def _metadata(self, at: int, length: int) -> None:
         content = self._file.content(at, min(length, self._options.max_part))
@@ -332,6 +359,17 @@ class Walk:
     def _chunk(self, at: int, length: int) -> None:
         block = Block(at, at + HEADER.size + length, True)
         self._take(block, self._reader.records(block))
+
+    def _refuse_chunk(self, opcode: int, at: int, length: int) -> None:
+        """Takes up a chunk whose opcode is wrong.
+
+        Raises:
+            DamageError: where the record is such a chunk.
+        """
+        if found := self._reader.disguised(at, length):
+            self._take(*found)
+            size = HEADER.size + length
+            raise DamageError(at, f"a chunk of {size} bytes whose opcode says kind {opcode}")
 
     def _run(self, at: int, after: int) -> int:
         """Takes up the records outside chunks from an offset on; returns where to read on."""
@@ -371,5 +409,6 @@ class Walk:
             for channel in unmet:
                 end = ends[channel]
                 self._first.keep(channel, records, order[end - int(counts[channel]) : end])
+        self._indexes.messages(block, records, log)
         block.rows = len(records.start)
         self.blocks.append(block)

@@ -1,0 +1,128 @@
+"""What the indexes of a file say, compared with what the walk over the file met.
+
+A wrong index costs no message here, as the walk does not need it. Programs that seek need it.
+"""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, ChunkIndex, Footer, MetadataIndex, SummaryOffset
+
+from ...core.model import Times
+from .blocks import Block, Records
+from .records import Content, DamageError
+
+Place = Block | AttachmentIndex | MetadataIndex  # where a record is: offset and length
+
+#: Records that stand behind the data only.
+OF_SUMMARY = (
+    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.STATISTICS,
+    Opcode.SUMMARY_OFFSET,
+)  # fmt: skip
+_NAMES: dict[int, str] = {
+    Opcode.CHUNK_INDEX: "chunk",
+    Opcode.ATTACHMENT_INDEX: "attachment",
+    Opcode.METADATA_INDEX: "metadata record",
+}
+
+
+class Indexes:
+    """Compares the indexes of a file with what they index.
+
+    Args:
+        met: gives what an index of this kind should list; it is asked behind the data.
+
+    Attributes:
+        wrong: where they differ.
+    """
+
+    def __init__(self, met: Callable[[int], Iterable[Place]]) -> None:
+        self.wrong: list[DamageError] = []
+        self._met = met
+        self._left: dict[int, dict[int, Place]] = {}  # by kind and offset: not yet listed
+        self._groups: dict[int, tuple[int, int]] = {}  # of the summary: first byte, byte behind
+
+    def messages(self, block: Block, records: Records, log_time: Times) -> None:
+        """Compares the message indexes behind a chunk with its messages; it may have none."""
+        if not block.index[0]:
+            return
+        index, fits = records.index, False
+        if index and len(index.entries) == len(records.start):
+            # The offsets are those of the messages. Sums weighted by the offset are equal where
+            # each has its channel and time. Sorting would cost three times as much.
+            said, found = 2 * index.entries[:, 1] + 1, 2 * records.start + 1
+            channel = np.repeat(index.channels, index.counts)
+            fits = np.dot(channel, said) == np.dot(records.channel, found) and (
+                np.dot(index.entries[:, 0], said) == np.dot(log_time, found)
+            )
+        if not fits:
+            what = f"message indexes of the chunk at byte {block.at} do not list its messages"
+            self.wrong.append(DamageError(block.end, what))
+
+    def record(self, opcode: int, at: int, end: int, content: Callable[[], Content]) -> None:
+        """Compares a record of the summary with what the walk met.
+
+        Args:
+            opcode: its kind.
+            at: its offset.
+            end: offset behind it.
+            content: reads its fields.
+        """
+        first, last = self._groups.get(opcode, (at, end))
+        self._groups[opcode] = first, max(last, end)
+        try:
+            if opcode in _NAMES:
+                self._listed(opcode, at, content())
+            elif opcode == Opcode.SUMMARY_OFFSET:
+                said = SummaryOffset.read(content())
+                group = self._groups.get(said.group_opcode, (said.group_start, said.group_start))
+                if group != (said.group_start, said.group_start + said.group_length):
+                    what = f"summary offset of records of kind {said.group_opcode} is wrong"
+                    raise DamageError(at, what)
+        except DamageError as damage:
+            damage.__traceback__ = None
+            self.wrong.append(damage)
+
+    def _listed(self, opcode: int, at: int, content: Content) -> None:
+        if opcode not in self._left:
+            self._left[opcode] = {place.offset: place for place in self._met(opcode)}
+        name, index = _NAMES[opcode], None
+        if opcode == Opcode.CHUNK_INDEX:
+            chunk = ChunkIndex.read(content)
+            offset, length = chunk.chunk_start_offset, chunk.chunk_length
+            if places := chunk.message_index_offsets:
+                index = chunk.message_index_length, hash(frozenset(places.items()))
+        else:
+            read = AttachmentIndex if opcode == Opcode.ATTACHMENT_INDEX else MetadataIndex
+            one = read.read(content)
+            offset, length = one.offset, one.length
+        place = self._left[opcode].pop(offset, None)
+        if place is None:
+            raise DamageError(at, f"index lists no {name}, or one again: at byte {offset}")
+        if place.length != length:
+            raise DamageError(at, f"index gives the {name} at byte {offset} {length} bytes")
+        if index and isinstance(place, Block) and place.index != index:
+            what = f"index does not lead to the message indexes of the chunk at byte {offset}"
+            raise DamageError(at, what)
+
+    def end(self, at: int, start: int, said: Footer) -> None:
+        """Compares the footer with the summary, and looks for what no index lists.
+
+        Args:
+            at: offset of the footer.
+            start: where the summary begins.
+            said: the footer.
+        """
+        offsets = self._groups.get(Opcode.SUMMARY_OFFSET, (at, at))[0]
+        if said.summary_start not in (0, start):
+            what = f"summary begins at byte {start}, the footer says {said.summary_start}"
+            self.wrong.append(DamageError(at, what))
+        if said.summary_offset_start not in (0, offsets):
+            what = f"summary offsets begin at byte {offsets}, "
+            what += f"the footer says {said.summary_offset_start}"
+            self.wrong.append(DamageError(at, what))
+        for opcode, left in self._left.items():
+            for offset in list(left)[:1]:
+                what = f"index does not list {len(left)} {_NAMES[opcode]}s, at first this one"
+                self.wrong.append(DamageError(offset, what))
