@@ -9,6 +9,9 @@ Noise. A point measured at s lies at s + N(0, σ_s). It is compared with the mea
 and weighted with its variance, by three nodes of Gauss and Hermite. Successive errors are
 correlated. Sums of errors over stretches of time show how many points are independent.
 
+Points of less than `SHORTEST` do not show that. Their errors count as one over the longest of these
+stretches, and their noise as no less than expected. The priors then widen the draws.
+
 Intervals come from draws: each is the best curve for other errors of the same size and correlation,
 and for other priors (randomised maximum likelihood). If the true μ is c times the computed one, f0,
 kA and kS are c times as large, and A and B are the same. So the vehicle's tolerances are applied to
@@ -44,6 +47,7 @@ from .events import CAUGHT
 
 _MOST = 400  # points of a fit
 SHORTEST = 8.0  # points of less time do not show the spread of errors [s]
+LEAST = 0.5  # points of less time have no fit [s]
 _STRETCHES = 0.25, 0.5, 1.0, 2.0  # over which errors may be correlated [s]
 _INDEPENDENT = 100.0  # points that count at most: the rail varies from place to place
 _BENT = 0.06, 0.2, 0.6  # 1 sigma of a bump's weight, where the rail is not (3)
@@ -63,7 +67,7 @@ DRAWS = 200
 _SPEEDS = 8  # at which the peak is found
 _ENDS = 0.01, 0.98  # quantiles of slip between which the points show the curve
 _SLIPS = 1e-4, 1.0  # range of slip in which the peak is found
-_RMS = 0.02  # expected noise of μ, over the largest μ
+_RMS = 0.02  # expected noise of μ, over the largest μ; the least of short slides
 _NODES = (1.0 / 6.0, -math.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, math.sqrt(3.0))
 _CLEAR = 0.3  # largest noise of slip over slip of a point that is used
 _CENTRE = (2.5, 97.5)
@@ -120,6 +124,8 @@ class Setup(NamedTuple):
     patch: Patch
     bend: Bend
     radius: float  # 1 sigma of wheel radius over train speed, as a share of it
+    noise: float = 0.0  # least 1 sigma of μ
+    alike: float = 1.0  # how many points count as one, at least
 
 
 # Index of each unknown: coded constants, radius and delay in sigma, weights of the terms of g.
@@ -228,17 +234,17 @@ def _times(points: Points) -> Floats:
     return np.minimum(h, 2.0 * np.median(h))  # without the time between slides
 
 
-def enough(points: Points) -> bool:
-    """Whether there is a slide, and slip exceeds its noise for long enough."""
+def clear_time(points: Points) -> float:
+    """For how long slip exceeds its noise [s]; 0 without a slide."""
     if not points.sliding.any():
-        return False
-    return bool(_times(points)[_clear(points)].sum() >= SHORTEST)
+        return 0.0
+    return float(_times(points)[_clear(points)].sum())
 
 
 def fit(
     points: Points, vehicle: Vehicle, radius_error: float, mu_error: float, draws: int = DRAWS
 ) -> RailFit | None:
-    """The rail under the points; None where there are too few, or no curve fits them.
+    """The rail under the points; None where they have less than `LEAST`, or no curve fits them.
 
     Args:
         points: of slides and between them, without NaN.
@@ -247,41 +253,52 @@ def fit(
         mu_error: 1 sigma of μ's scale over μ.
         draws: how many; an interval of few is rougher.
     """
-    if not enough(points):
+    seconds = clear_time(points)
+    if seconds < LEAST:
         return None
     some = np.flatnonzero(_clear(points))
     some = some[:: max(1, -(-len(some) // _MOST))]
     p = Points._make(column[some] for column in points)
     patch = Contact().patch(vehicle.axle_mass.value * G)
-    search = _search(Setup(p, patch, _bend(p), radius_error))
+    of = Setup(p, patch, _bend(p), radius_error)
+    if seconds < SHORTEST:
+        independent = max(seconds / _STRETCHES[-1], 1.0)
+        of = of._replace(noise=_RMS * _level(p), alike=len(p.t) / independent)
+    search = _search(of)
     found = _best(search)
     if found is None:
         return None
     best, sigma = found
     random = np.random.default_rng(0)
     scales = np.exp(mu_error * random.standard_normal(draws))
-    weak = search._replace(weight=1.0 / math.sqrt(_alike(p.t, best.left)))
+    weak = search._replace(weight=1.0 / math.sqrt(max(_alike(p.t, best.left), of.alike)))
     drawn = np.array([weak.draw(sigma, best.x, random) for _ in range(draws)])
     curves = _bent(search, sigma, drawn, best.x, random)
     if curves is None:
         return None
-    for of in (drawn, curves):
-        of[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
-    return _fitted(points, search.of, _rail(best.x), drawn, curves, scales)
+    for x in (drawn, curves):
+        x[:, [_K_A, _F0]] += np.log(scales)[:, None]  # kA, and kS with it, and f0 go with μ
+    return _fitted(points, of, _rail(best.x), drawn, curves, scales)
 
 
 def _best(search: "_Search") -> "tuple[_Found, float] | None":
     """The best curve and the noise of μ; None where the residuals are too large."""
     p = search.of.p
-    level = max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6)
+    level = _level(p)
     rough = search._replace(of=search.of._replace(p=p._replace(noise=np.zeros(len(p.t)))))
     starts = [np.append(_coded(rail), (0.0, 0.0)) for rail in conditions().values()]
     ends = [rough.run(_RMS * level, x) for x in starts]
     sigma = min(f.rms for f in ends) * _RMS * level
     if sigma > _LEFT * level:
         return None
+    sigma = max(sigma, search.of.noise)
     best = max((search.run(sigma, f.x) for f in ends), key=lambda f: f.likely)
     return search.run(sigma, best.x), sigma
+
+
+def _level(p: Points) -> float:
+    """The largest μ, but for outliers."""
+    return max(float(np.quantile(np.abs(p.mu), 0.9)), 1e-6)
 
 
 def _fitted(
@@ -440,8 +457,9 @@ def _bent(
         known, wide = np.append(straight.known, more), np.append(straight.wide, more + weight)
         searches.append(straight._replace(known=known, wide=wide))
     start = np.append(best, more)
-    sigma *= searches[-1].run(sigma, start).rms
-    weight = 1.0 / math.sqrt(_alike(t, searches[-1].run(sigma, start).left))
+    sigma = max(sigma * searches[-1].run(sigma, start).rms, straight.of.noise)
+    alike = _alike(t, searches[-1].run(sigma, start).left)
+    weight = 1.0 / math.sqrt(max(alike, straight.of.alike))
     searches = [of._replace(weight=weight) for of in searches]
     found = [of.run(sigma, start[: len(of.known)]) for of in searches]
     if _stepped(t, found[-1], weight):

@@ -342,12 +342,12 @@ def limited_from(axle: AxleResult, begin: int, end: int) -> int | None:
     record, s = axle.record, axle.slip
     if s is None or record.train_speed is None:
         return None
-    runs = [x.where for x in slides(axle)] + _creeps(record, s)
+    runs = [x.where for x in slides(axle)] + creeps(record, s)
     starts = [int(record.t[x.start]) for x in runs]
     return min((t for t in starts if begin <= t <= end), default=None)
 
 
-def _creeps(record: AxleRecord, s: Floats) -> list[slice]:
+def creeps(record: AxleRecord, s: Floats) -> list[slice]:
     """Where a braked wheel has lasting slip above a rolling wheel's, in the order of time."""
     creeps, found = (_clear(record, s) > CAUGHT) & (record.clamping_force > 0.0), []
     for part in record.segments:
@@ -386,17 +386,8 @@ class Summary(NamedTuple):
 
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
     """Slides, shares, rail, peak and adhesion utilisation of an axle."""
-    name, found = f"axle {axle.record.axle}", slides(axle)
-
-    rail, findings = None, list[Finding]()
-    if not found:
-        findings.append(Finding("no-slide", "info", channel=name))
-    elif axle.record.train_speed_made:
-        findings.append(Finding("rail-needs-train-speed", "info", channel=name))
-    elif _slow(axle.record):
-        findings.append(Finding("rail-needs-train-clock", "info", channel=name))
-    else:
-        rail, findings = _rail(axle, vehicle, found)
+    found = slides(axle)
+    rail, findings = fitted(axle, vehicle, found)
     late = None if axle.record.train_speed_made else axle.record.train_speed_late
     return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
 
@@ -406,22 +397,27 @@ def utilisation(axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]) -> f
 
     As in `summary`, with fewer draws: it takes about half a second.
     """
-    if not found or axle.record.train_speed_made or _slow(axle.record):
-        return None
-    rail, _ = _rail(axle, vehicle, found, _FEW)
+    rail, _ = fitted(axle, vehicle, found, _FEW)
     return rail.utilisation if rail else None
 
 
-def _rail(
+def fitted(
     axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], draws: int | None = None
 ) -> tuple[fit.RailFit | None, list[Finding]]:
-    """The rail under the slides of an axle, and findings about what they do not show."""
-    name, radius = f"axle {axle.record.axle}", calibrated(axle.record, vehicle)[0]
-    points, mu_error = _points(axle, vehicle, found, radius.value)
-    if not fit.enough(points):
+    """The rail under slides of an axle, and findings about what they do not show."""
+    name = f"axle {axle.record.axle}"
+    if not found:
+        return None, [Finding("no-slide", "info", channel=name)]
+    if axle.record.train_speed_made:
+        return None, [Finding("rail-needs-train-speed", "info", channel=name)]
+    if _slow(axle.record):
+        return None, [Finding("rail-needs-train-clock", "info", channel=name)]
+    radius = calibrated(axle.record, vehicle)[0]
+    seen, mu_error = points(axle, vehicle, found, radius.value)
+    if fit.clear_time(seen) < fit.SHORTEST:
         needed = {"needed_s": fit.SHORTEST}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
-    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
+    rail = fit.fit(seen, vehicle, radius.tolerance / radius.value, mu_error, draws or fit.DRAWS)
     if rail is None:
         return None, [Finding("rail-changes", "info", channel=name)]
     findings = []
@@ -446,7 +442,7 @@ def _rmse(axle: AxleResult) -> float | None:
     return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
 
-def _points(
+def points(
     axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
 ) -> tuple[fit.Points, float]:
     """Operating points of slides and of creep close to them; 1 sigma of μ's scale.
@@ -459,7 +455,7 @@ def _points(
     sliding, near = np.zeros((2, len(record)), dtype=np.bool_)
     for x in found:
         sliding[x.where] = True
-    runs = {x.start: x for x in (*_creeps(record, axle.slip), *(x.where for x in found))}
+    runs = {x.start: x for x in (*creeps(record, axle.slip), *(x.where for x in found))}
     for segment in record.segments:
         inside = [runs[i] for i in sorted(runs) if segment.start <= i < segment.stop]
         together = slice(0, 0)

@@ -1,7 +1,7 @@
 """What each controller would have done in a logged stop.
 
-Rail. `rail.fit` gives the rail under each axle that slid, from where its creep first passes 1 %.
-Before that, and under an axle that never slid, the rail counts as dry.
+Rail. `replay_rail` gives the rail under each axle that slid, and where it lies. Elsewhere, and
+under an axle that never slid, the rail counts as dry.
 
 Demand. It is the clamping force of the axles that never slid. If every axle slid, the WSP dumped
 air from each, and the demand counts as the largest force so far. If it was not steady before the
@@ -34,10 +34,11 @@ from ..core.text import printable
 from ..dynamics.longitudinal import SIGMAS, tolerance
 from ..rail import fit, slip
 from ..rail.creep_law import Condition, condition
+from ..rail.events import Slide
 from ..rail.fit import RailFit
-from ..rail.slip import Summary
-from . import closed_loop
+from . import closed_loop, replay_rail
 from .plant import Track
+from .replay_rail import Under
 from .scenario import INF, Antiskid, Brake, Command, Scenario, Train
 from .sweep import Compared, Values, compared, intervals, on_all_cores
 from .wsp_controller import Settings
@@ -49,6 +50,7 @@ _DRAWS = 40  # of the fit that are simulated
 _NOISE = 0.01  # share of the largest demand: least change of it
 _STOOD, _EVEN = 1.0, 0.03  # least time [s] and largest change (share) of a steady demand
 _LEAST = 1.0  # clamping force for which a cylinder is filled up to its spring's force [N]
+_BEFORE = 5.0  # of a stop that a hint names [s]
 _BLEND = 0.1  # from the dry rail to the fitted one [m]
 
 
@@ -94,17 +96,25 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         UserError: where the log does not show the rail, with the reason.
     """
     name = printable(Path(result.log.path).name)
-    summaries, findings = _summaries(result, name)
-    braking = _braking(result, summaries)
+    slides = [slip.slides(axle) for axle in result.axles]
+    if not any(slides):
+        raise UserError(
+            f"{name}: no axle slides, so the adhesion available is not known",
+            "replay a log with slides",
+        )
+    braking = _braking(result, slides)
     if not braking.speed[0] > JUDGED_FROM:
         text = f"{name}: the train does not move when the brake is applied"
         raise UserError(text, "choose a stop with --from and --to")
     begin, end = braking.t[[0, -1]].tolist()
-    firsts = [
-        (slip.limited_from(a, begin, end) or 0) if s.slides else 0
-        for a, s in zip(result.axles, summaries, strict=True)
+    under, findings = _under(result, slides, begin, end)
+    firsts = [x.spans[0][0] if x else 0 for x in under]
+    places = [
+        [(_distance(braking, a), INF if b is None else _distance(braking, b)) for a, b in x.spans]
+        if x
+        else []
+        for x in under
     ]
-    places = [_distance(braking, first) if first else None for first in firsts]
     asked, known, told = _demand(braking, firsts, result.log.start_ns())
     radii = tuple(result.vehicle.radius(a.record.axle) for a in result.axles)
     scenario = Scenario(
@@ -112,7 +122,7 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
         train=Train(float(braking.speed[0]), len(radii)), brake=Brake(_commands(braking, asked)),
         vehicle=replace(result.vehicle, wheel_radius=radii),
     ).with_train_speed(train_speed)  # fmt: skip
-    rails = [s.rail for s in summaries]
+    rails = [x and x.rail for x in under]
     stands = bool(braking.speed[-1] < STANDING)
     return Case(
         (begin - result.log.start_ns()) / 1e9, scenario,
@@ -123,36 +133,52 @@ def case(result: Result, train_speed: Literal["measured", "axles"] | None = None
     )  # fmt: skip
 
 
-def _summaries(result: Result, name: str) -> tuple[list[Summary], list[Finding]]:
-    """Slides and rail of every axle, and the findings of those that slid.
+def _under(
+    result: Result, slides: Sequence[Sequence[Slide]], begin: int, end: int
+) -> tuple[list[Under | None], list[Finding]]:
+    """The rail under every axle that slid in the stop, and findings about it.
 
     Raises:
-        UserError: no axle slid, or an axle slid on an unknown rail.
+        UserError: the slides of an axle show no rail. The hint names what helps.
     """
-    summaries, findings = [], []
-    for axle in result.axles:
-        summary, told = slip.summary(axle, result.vehicle)
-        if summary.slides and (summary.rail is None or summary.rail.peak_mu is None):
-            why = told[0] if told else Finding("peak-unknown", "info")
-            raise UserError(
-                f"{name}: no rail to replay under axle {axle.record.axle}: {why.message}",
-                f"{why.hint} Or choose other slides with --from, --to and --axle.",
-            )
-        summaries.append(summary)
-        findings += told if summary.slides else []
-    if not any(s.slides for s in summaries):
-        raise UserError(
-            f"{name}: no axle slides, so the adhesion available is not known",
-            "replay a log with slides",
-        )
-    return summaries, findings
+    found: list[Under | None] = []
+    findings, refused, start = list[Finding](), list[tuple[int, UserError]](), result.log.start_ns()
+    for axle, own in zip(result.axles, slides, strict=True):
+        number, under = axle.record.axle, None
+        if inside := [x for x in own if begin <= x.start <= end]:
+            try:
+                under, told = replay_rail.under(axle, result.vehicle, inside, begin, end)
+            except UserError as error:
+                refused.append((number, error))
+            else:
+                findings += told
+                if spans := [((a - start) / 1e9, (b - start) / 1e9) for a, b in under.spans if b]:
+                    findings.append(
+                        Finding("replay-rail-ends", "info", f"axle {number}", spans=tuple(spans))
+                    )
+        found.append(under)
+    if not refused:
+        return found, findings
+    number, why = refused[0]
+    hints = [why.hint]
+    if others := [x for own in slides for x in own if not begin <= x.start <= end]:
+        first, last = _brake(result, slides, max(others, key=lambda x: x.duration).start)
+        begins = max((first - start) / 1e9 - _BEFORE, 0.0)
+        hints.append(f"Or replay another stop: --from {begins:.0f} --to {(last - start) / 1e9:.0f}")
+    elif any(found):
+        out = {n for n, _ in refused}
+        rest = (x.record.axle for x in result.axles if x.record.axle not in out)
+        hints.append(f"Or leave the axle out: {' '.join(f'--axle {n}' for n in rest)}")
+    name = printable(Path(result.log.path).name)
+    text = f"{name}: no rail to replay under axle {number}: {why.text}"
+    raise UserError(text, " ".join(hints))
 
 
 def _draws(
     scenario: Scenario,
     braking: _Braking,
     rails: Sequence[RailFit | None],
-    places: Sequence[float | None],
+    places: Sequence[Sequence[tuple[float, float]]],
     demand: tuple[Floats, Bools],
 ) -> list[tuple[Scenario, Track]]:
     """Stops that are as likely as the best fit; `demand` and where it is known, from `_demand`."""
@@ -221,22 +247,19 @@ def _drawn(
             found.append(None)
             continue
         scales = rail.scales[:_DRAWS]
-        own = [_scaled(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)]
+        own = [replay_rail.scaled_by(x, 1.0 / c) for x, c in zip(rail.draws, scales, strict=False)]
         own.sort(key=lambda x: float(fit.curve(x, rail.speed, np.ones(1), vehicle)[0]))
         order = random.permutation(len(own)) if order is None else order
-        found.append([_scaled(own[i], c) for i, c in zip(order.tolist(), scales, strict=True)])
+        found.append(
+            [replay_rail.scaled_by(own[i], c) for i, c in zip(order.tolist(), scales, strict=True)]
+        )
     return found
 
 
-def _scaled(x: Condition, c: float) -> Condition:
-    """The rail whose μ is c times as high; see `rail.fit`."""
-    return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
-
-
-def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
+def _braking(result: Result, slides: Sequence[Sequence[Slide]]) -> _Braking:
     """From the demand of the brake in which the longest slide lies, to standstill or release."""
-    slide = max((x for s in summaries for x in s.slides), key=lambda x: x.duration)
-    start, end = _brake(result, summaries, slide.start)
+    slide = max((x for found in slides for x in found), key=lambda x: x.duration)
+    start, end = _brake(result, slides, slide.start)
     filled = float(physics.cylinder_pressure(physics.force_line(result.vehicle), 0.0))
     start -= round(filled / Antiskid().fill_rate * 1e9)
     start = max(start, *(int(a.record.t[0]) for a in result.axles))
@@ -249,13 +272,13 @@ def _braking(result: Result, summaries: Sequence[Summary]) -> _Braking:
     return _Braking(t[:past], speed[:past], K[:, :past])
 
 
-def _brake(result: Result, summaries: Sequence[Summary], at: int) -> tuple[int, int]:
+def _brake(result: Result, slides: Sequence[Sequence[Slide]], at: int) -> tuple[int, int]:
     """When the brake applied at that time began, and when the next one or the log's end is [ns].
 
     A WSP may dump every cylinder, but while a wheel slides and for a short time. A release lasts,
     and no wheel slides.
     """
-    spans = [(x.start, x.start + round(x.duration * 1e9)) for s in summaries for x in s.slides]
+    spans = [(x.start, x.start + round(x.duration * 1e9)) for found in slides for x in found]
     for a in result.axles:
         spans += [(int(a.record.t[s.start]), int(a.record.t[s.stop - 1])) for s in a.applications]
     spans.sort()
@@ -370,16 +393,19 @@ def _commands(braking: _Braking, asked: Floats) -> tuple[Command, ...]:
     return tuple(commands)
 
 
-def _track(places: Sequence[float | None], rails: Sequence[Condition | None]) -> Track:
-    """Dry up to each axle's place, from there on its rail."""
-    starts = sorted({place for place in places if place is not None})
-    knots = np.unique([0.0, *starts, *(x + _BLEND for x in starts)])
+def _track(
+    places: Sequence[Sequence[tuple[float, float]]], rails: Sequence[Condition | None]
+) -> Track:
+    """Each axle's rail at its places, from and to [m], in order; dry elsewhere."""
+    ends = {x for axle in places for place in axle for x in place if x < INF}
+    knots = np.unique([0.0, *ends, *(x + _BLEND for x in ends)])
     dry = np.array(condition("dry"))
     values = []
-    for place, rail in zip(places, rails, strict=True):
+    for axle, rail in zip(places, rails, strict=True):
         part = np.zeros(len(knots))
-        if place is not None:
-            part = np.clip((knots - place) / _BLEND, 0.0, 1.0)
+        for first, last in axle:
+            part += np.clip((knots - first) / _BLEND, 0.0, 1.0)
+            part -= np.clip((knots - last) / _BLEND, 0.0, 1.0)
         there = np.array(rail or dry)
         there[:2] = np.minimum(there[:2], 1.0)  # kA and kS: at most those of (3) without reduction
         under = dry + part[:, None] * (there - dry)

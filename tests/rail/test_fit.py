@@ -95,6 +95,34 @@ def test_the_intervals_hold(rails: int) -> None:
     assert len(held["f0"]) > 0.8 * rails
 
 
+@pytest.mark.parametrize("rails", [4, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seconds", [0.6, 2.0, 5.0])
+def test_the_draws_of_short_slides_hold(seconds: float, rails: int) -> None:
+    """The largest μ, and μ at small and large slip, of some stretch of a log."""
+    held: list[bool] = []
+    for seed in range(rails):
+        condition, points, radius, scale = drawn(seed)
+        n = round(seconds / 0.02)
+        first = int(np.random.default_rng(seed).integers(0, len(points.t) - n))
+        some = fit.Points._make(x[first : first + n] for x in points)
+        found = fit.fit(some, Vehicle(), radius, scale, 60)
+        if found is None:
+            assert fit.clear_time(some) < fit.LEAST
+            continue
+        slips = np.geomspace(1e-3, 0.5, 60)
+        true, *draws = (
+            fit.curve(x, found.speed, slips, Vehicle()) for x in (condition, *found.draws)
+        )
+        low, high = np.percentile([x.max() for x in draws], (2.5, 97.5))
+        held.append(low <= true.max() <= high)
+        assert high > 1.1 * low  # wider than the noise: the slides are short
+        for i in np.searchsorted(slips, (0.02, 0.3)):
+            low, high = np.percentile([x[i] for x in draws], (2.5, 97.5))
+            held.append(low <= true[i] <= high)
+    assert likely(held)
+    assert len(held) > 2 * rails
+
+
 @pytest.mark.parametrize(("seed", "step", "at"), [(0, 0.8, 0.3), (3, 1.25, 0.7)])
 def test_two_rails_have_no_curve(seed: int, step: float, at: float) -> None:
     """A curve that goes with the speed too would pass between them."""

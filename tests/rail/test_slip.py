@@ -245,9 +245,9 @@ def test_a_rail_that_changes_has_no_curve() -> None:
     creep = 0.05 + 0.04 * np.sin(3.0 * t)
     mu = np.where(np.sin(t) > 0.0, 0.05, 0.3)
     points = fit.Points(t, np.full(len(t), 15.0), creep, mu, *(3 * [0.0 * t]), t >= 0.0)
-    assert fit.enough(points)
+    assert fit.clear_time(points) >= fit.SHORTEST
     assert fit.fit(points, Vehicle(), 0.0, 0.0) is None
-    assert not fit.enough(fit.Points._make(x[: int(7.0 / 0.02)] for x in points))
+    assert fit.clear_time(fit.Points._make(x[: int(7.0 / 0.02)] for x in points)) < fit.SHORTEST
 
 
 def test_a_wheel_that_swings_about_the_peak_tells_it(

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from simulated import recordings, simulation, write
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Parameter, Result
+from adhesion_cli.core.model import AxleResult, Parameter, Result
 from adhesion_cli.rail import creep_law, fit, slip
 from adhesion_cli.wsp import closed_loop, replay, scenario, simulate
 from adhesion_cli.wsp.scenario import Command, Rail, Section, Wsp
@@ -109,15 +110,11 @@ def test_a_train_in_part_is_told(log: Path) -> None:
 
 def test_a_draw_steeper_than_dry_rail_is_one_that_can_be_run() -> None:
     steep = creep_law.Condition(k_a=8.0, k_s=5.0, f0=0.04, A=0.5, B=0.2)
-    track = replay._track([10.0], [steep])
+    track = replay._track([[(10.0, scenario.INF)]], [steep])
     assert track.values[0, -1] == pytest.approx([1.0, 1.0, steep.f0, steep.A, steep.B])
 
 
 def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
-    film = write(tmp_path / "film.csv", recordings("leaf-film"))
-    with pytest.raises(UserError, match="no rail to replay under axle 1") as told:
-        replay.case(analysed(film))
-    assert "--from" in told.value.hint
     blind = write(tmp_path / "blind.csv", recordings(NAME, train=False))
     with pytest.raises(UserError, match="no rail to replay under axle 1") as told:
         replay.case(analysed(blind))
@@ -125,6 +122,60 @@ def test_a_log_whose_rail_cannot_be_told_is_refused(tmp_path: Path) -> None:
     service = write(tmp_path / "service.csv", recordings("service-brake", train=True))
     with pytest.raises(UserError, match="no axle slides"):
         replay.case(analysed(service))
+
+
+def test_a_short_slide_is_replayed_on_every_rail_that_fits_it(tmp_path: Path) -> None:
+    """Slippery from 60 to 141 m: axle 1 slides for 3 s, and the rail is dry again."""
+    s = scenario.load(NAME)
+    patch = [Section(x, name) for x, name in ((0.0, "dry"), (60.0, "low"), (141.0, "dry"))]
+    true = simulate.run(replace(s, rail=replace(s.rail, section=tuple(patch))))
+    log = write(tmp_path / "log.csv", simulate.log(true))
+    result = analyze.analyze(log, settings.load, ["kalman"], train_speed=True)
+    case = replay.case(result)
+    found = {f.code: f for f in case.findings if f.channel == "axle 1"}
+    assert found["replay-slides-short"].severity == "warning"
+    assert found["replay-slides-short"].values["slip_s"] == pytest.approx(3.1, abs=0.2)
+    ((first, last),) = found["replay-rail-ends"].spans
+    assert np.interp(last * 1e9, true.t, true.distance) == pytest.approx(141.0, abs=3.0)
+    before = np.interp(case.start_s * 1e9, true.t, true.distance)
+    low = case.track.values[0, :, 2] < creep_law.condition("dry").f0
+    places = (case.track.knots[low] + before)[[0, -1]]
+    assert places == pytest.approx(
+        np.interp(np.array([first, last]) * 1e9, true.t, true.distance), abs=3.0
+    )
+    slips, vehicle = np.geomspace(1e-3, 0.5, 40), result.vehicle
+    middle = np.flatnonzero(low)[1]
+    rails = [creep_law.Condition(*track.values[0, middle]) for _, track in case.draws]
+    peaks = [fit.curve(rail, 18.0, slips, vehicle).max() for rail in rails]
+    true_peak = fit.curve(creep_law.condition("low"), 18.0, slips, vehicle).max()
+    assert min(peaks) < true_peak < max(peaks)
+
+
+def test_a_refusal_says_what_is_missing_and_what_helps(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Never to leave out the only axle that slid."""
+    result = analysed(log)
+    one = Result(
+        result.log, result.vehicle, (result.axles[0], *result.axles[2:]), result.findings,
+        result.settings,
+    )  # fmt: skip
+    under = replay.replay_rail.under
+
+    def refused(axle: AxleResult, *of: Any) -> Any:
+        with monkeypatch.context() as m:
+            if axle.record.axle == 1:
+                m.setattr(fit, "SHORTEST", 1e3)
+                m.setattr(fit, "LEAST", 1e3)
+            return under(axle, *of)
+
+    monkeypatch.setattr(replay.replay_rail, "under", refused)
+    with pytest.raises(UserError, match=r"under axle 1: .* of slip .* 1000 s are needed") as told:
+        replay.case(one)
+    assert "--axle" not in told.value.hint
+    with pytest.raises(UserError, match="under axle 1") as told:
+        replay.case(result)
+    assert "--axle 2 --axle 3 --axle 4" in told.value.hint
 
 
 def test_where_every_axle_slides_the_demand_is_the_largest_so_far(log: Path) -> None:

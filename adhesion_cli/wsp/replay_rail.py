@@ -1,0 +1,149 @@
+"""The rail under an axle in one stop of a log: a fit to its slides, and where that rail lies.
+
+Short slides have a fit here that `slip` does not report: its draws are all rails that go with the
+slides, and differ widely. A slide on a short piece of slippery rail ends on better rail. The fit
+uses the points before that.
+
+The fitted rail begins where the axle first creeps. It ends where the axle transmits more than the
+largest μ of the fitted rail, and begins again with the next slide. Elsewhere the rail counts as
+dry.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core import physics
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..core.model import AxleResult, Bools, Vehicle
+from ..core.signals import true_runs
+from ..rail import fit, slip
+from ..rail.creep_law import Condition
+from ..rail.events import Slide
+
+_BETTER = 1.3  # least μ after the largest slip, over that before, if the rail is a better one
+_LASTS = 0.5  # least time in which an axle transmits more than the fitted rail [s]
+_SPEEDS, _SLIPS, _DRAWS = 6, 40, 40  # at which the largest μ is computed, and of how many draws
+
+
+class Under(NamedTuple):
+    """The rail under an axle that slid."""
+
+    rail: fit.RailFit
+    spans: list[tuple[int, int | None]]  # where it lies [ns]; None: up to the end of the stop
+
+
+def under(
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], begin: int, end: int
+) -> tuple[Under, list[Finding]]:
+    """The rail under the slides of one stop, and findings about it.
+
+    Args:
+        axle: with its slip.
+        vehicle: of the log.
+        found: slides of the axle in the stop, in the order of time; at least one.
+        begin: of the stop [ns].
+        end: of the stop [ns].
+
+    Raises:
+        UserError: the slides show no rail, with the reason.
+    """
+    rail, findings = slip.fitted(axle, vehicle, found)
+    better: int | None = None
+    if rail is None:
+        if findings[0].code not in ("slides-too-short", "rail-changes"):
+            raise UserError(findings[0].message, findings[0].hint or "")
+        rail, better, findings = _short(axle, vehicle, found)
+    more = _more(axle, vehicle, rail)
+    if better is not None:
+        more |= (axle.record.t >= better) & (
+            axle.record.t < axle.record.t[found[-1].where.stop - 1]
+        )
+    return Under(rail, _spans(axle, more, begin, end)), findings
+
+
+def _short(
+    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]
+) -> tuple[fit.RailFit, int | None, list[Finding]]:
+    """A fit to the slides up to where the rail gets better, and when that is [ns].
+
+    Raises:
+        UserError: too little slip, or no curve fits.
+    """
+    record, radius = axle.record, slip.calibrated(axle.record, vehicle)[0]
+    points, mu_error = slip.points(axle, vehicle, found, radius.value)
+    past = _gets_better(points)
+    better = None if past == len(points.t) else int(record.t[0] + round(points.t[past] * 1e9))
+    points = fit.Points._make(x[:past] for x in points)
+    seconds = fit.clear_time(points)
+    if seconds < fit.LEAST:
+        text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
+        hint = "Log train and wheel speed at a higher rate or with less noise."
+        raise UserError(f"{text}; {fit.LEAST:g} s are needed", hint)
+    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
+    if rail is None:
+        text = "its slides lie on different rails: no single adhesion curve fits them"
+        raise UserError(text, "Log a stop on one kind of rail.")
+    if seconds >= fit.SHORTEST:
+        return rail, better, []
+    values = {"slip_s": seconds, "needed_s": fit.SHORTEST}
+    name = f"axle {record.axle}"
+    return rail, better, [Finding("replay-slides-short", "warning", channel=name, values=values)]
+
+
+def _gets_better(p: fit.Points) -> int:
+    """Index of the first point on better rail, after the largest slip; n without such points."""
+    n = len(p.t)
+    if n < 3:
+        return n
+    after = int(np.argmax(p.slip)) + 1
+    least = np.minimum.accumulate(p.mu[::-1])[::-1]
+    found = (k for k in range(after, n) if least[k] > _BETTER * float(np.quantile(p.mu[:k], 0.9)))
+    return next(found, n)
+
+
+def _more(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
+    """Where the axle transmits more than the largest μ of the fitted rail, shape (n,)."""
+    v = axle.record.train_speed
+    assert v is not None
+    slips = np.geomspace(1e-3, 1.0, _SLIPS)
+    speeds = np.linspace(1.0, max(float(np.nanmax(v)), 2.0), _SPEEDS)
+    scaled = zip(rail.draws[:_DRAWS], rail.scales, strict=False)
+    computed = [scaled_by(x, 1.0 / c) for x, c in scaled]  # the log's μ has the same error
+    largest = [
+        np.quantile([fit.curve(x, u, slips, vehicle).max() for x in computed], 0.975)
+        for u in speeds.tolist()
+    ]
+    mu = physics.coefficient(axle.reference.force, vehicle)
+    more: Bools = mu > np.interp(v, speeds, largest)
+    return more
+
+
+def scaled_by(x: Condition, c: float) -> Condition:
+    """The rail whose μ is c times as high; see `rail.fit`."""
+    return x._replace(k_a=c * x.k_a, k_s=c * x.k_s, f0=c * x.f0)
+
+
+def _spans(axle: AxleResult, more: Bools, begin: int, end: int) -> list[tuple[int, int | None]]:
+    """Where the fitted rail lies [ns], in the order of time; `more` is from `_more`.
+
+    A rail that proves better is so from the last creep at less μ: the wheel rolls since then.
+    """
+    record, spans = axle.record, list[tuple[int, int | None]]()
+    t, creeping = record.t, np.zeros(len(record), dtype=np.bool_)
+    assert axle.slip is not None
+    for x in (*slip.creeps(record, axle.slip), *(x.where for x in slip.slides(axle))):
+        creeping[x] = True
+    runs = [(int(t[a]), int(t[b - 1])) for a, b in true_runs(more) if t[a] < end]
+    at = begin
+    while (first := slip.limited_from(axle, at, end)) is not None:
+        lasting = [max(a, first) for a, b in runs if b - max(a, first) >= _LASTS * 1e9]
+        if not lasting:
+            return [*spans, (first, None)]
+        low = np.flatnonzero(creeping & ~more & (t >= first) & (t < lasting[0]))
+        at = int(t[low[-1] + 1]) if len(low) else next(b for _, b in runs if b > lasting[0])
+        if len(low):
+            spans.append((first, at))
+    return spans
