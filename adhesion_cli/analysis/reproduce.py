@@ -316,7 +316,7 @@ def _varying(
 def _analysed(path: Path, scenario: Scenario, settings: Settings) -> Result:
     """What `analyze` makes of the scenario's log; the log is named, not kept."""
     writer(path)(path, simulate.as_log(simulate.run(scenario)))
-    result = analyze(path, lambda base=None: settings)
+    result = analyze(path, lambda base=None: settings, list(PUBLISHED))
     return replace(result, log=replace(result.log, path=path.name))
 
 

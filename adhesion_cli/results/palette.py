@@ -7,6 +7,7 @@ BLACK, GREY = "#222222", "#999999"
 
 _METHODS = {
     "gradient": ORANGE,
+    "imm": "#d0419b",
     "kalman": BLUE,
     "leso": RED,
     "neso": "#9a63d0",

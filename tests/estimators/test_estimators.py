@@ -25,6 +25,8 @@ W = wheelset(Vehicle(), 1)
 REGISTRY = estimator.registry()
 STEADY = W.rolling * W.phi * 21e3  # 5378 N
 
+PAPERS = "gradient", "kalman", "leso", "neso", "td"
+
 every = pytest.mark.parametrize("name", REGISTRY)
 
 
@@ -357,7 +359,7 @@ def printed(name, h, K, y):
     return F
 
 
-@every
+@pytest.mark.parametrize("name", PAPERS)
 def test_euler_is_the_printed_recursion(name):
     t = np.arange(2000) * 1e-3
     K, y, _ = slide(t)

@@ -1,0 +1,121 @@
+"""The noise of a sensor, learned from its readings as they come.
+
+Its variance is the mean square of y₁ − (y₀ + y₂)/2, over that of white noise of variance 1. A
+smooth signal hardly changes it. Its rounding step is the least change after equal readings, of the
+reading or of its inverse: a timer from pulse to pulse counts whole ticks. A counter loses no pulse.
+So sums over four of its readings vary no more than one does. Those of white noise vary four times
+as much.
+"""
+
+import math
+from typing import NamedTuple
+
+_AT_LEAST = 50.0  # readings that the memory holds, if its time is shorter
+_BLOCK = 4.0  # readings of a sum
+_STILL = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
+_SURE = 20.0  # readings before a counter is recognised
+_FEW = 8.0  # readings that show a variance
+_OUTLIER = 10.0  # a square counts at most so many times the variance
+_LOWEST = 1e-9  # product of readings below which their inverse shows nothing
+_FLOOR = 1e-12  # least variance over the guess
+
+
+class Noise(NamedTuple):
+    """What is known of the noise, and the readings that come into it."""
+
+    variance: float
+    guess: float  # the variance until enough readings have come
+    n: float  # readings that the variance is a mean of
+    step: float  # least change of a reading, inf: none seen
+    tick: float  # least change of its inverse, inf: none seen
+    y: float  # last reading
+    same: float  # time for which it has been the same [s]
+    z: float  # last reading less its known changes
+    dz: float  # last change of z
+    h: float  # in this interval; 0: no reading before
+    readings: float  # their number
+    total: float  # of z in the block
+    before: float  # total of the last block
+    first: float  # and of the one before it
+    blocks: float  # variance of such a total
+
+
+def guessed(sigma: float, y: float) -> Noise:
+    """Before the first change: a guess of the noise, and a reading."""
+    v = sigma * sigma
+    return Noise(
+        v, v, 0.0, math.inf, math.inf, y, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        _BLOCK * _BLOCK * v,
+    )  # fmt: skip
+
+
+def paused(x: Noise, y: float, same: float) -> Noise:
+    """After a reading that has no noise: nothing is learned across it."""
+    return Noise(
+        x.variance, x.guess, x.n, x.step, x.tick, y, same, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, x.blocks
+    )
+
+
+def certain(x: Noise) -> float:
+    """The variance, and not less than the guess as long as only few readings are known."""
+    return x.variance if x.n >= _FEW else max(x.variance, x.guess)
+
+
+def rounding(x: Noise) -> float:
+    """Rounding step of the last reading."""
+    if x.step == math.inf:
+        return 0.0
+    return max(x.step, min(x.tick * x.y * x.y, abs(x.y)))
+
+
+def counting(x: Noise) -> bool:
+    """Whether the readings are those of a pulse counter."""
+    return x.readings >= _SURE and x.blocks < 2.0 * x.variance
+
+
+def learned(x: Noise, y: float, h: float, gained: float, memory: float) -> Noise:
+    """The noise after one more reading.
+
+    Args:
+        x: what was known before.
+        y: the reading.
+        h: interval since the last one [s].
+        gained: known change since then.
+        memory: time over which the variance is a mean [s].
+    """
+    step, tick, change, same = x.step, x.tick, abs(y - x.y), x.same + h
+    if y != x.y:
+        same = 0.0
+    elif y == 0.0 and same > _STILL:
+        return paused(x, y, same)
+    if x.same > 0.0 and same == 0.0:
+        step = min(step, change)
+        tick = min(tick, change / max(abs(y * x.y), _LOWEST))
+    dz = y - x.y - gained
+    z, readings = x.z + dz, x.readings + 1.0
+    now = Noise(
+        x.variance, x.guess, x.n, step, tick, y, same, z, dz, h, readings, x.total + z, x.before,
+        x.first, x.blocks,
+    )  # fmt: skip
+    return _averaged(now, x, memory) if x.h > 0.0 else now
+
+
+def _averaged(x: Noise, was: Noise, memory: float) -> Noise:
+    """With one more square in the variance, and one more total if the block is full."""
+    step = rounding(x)
+    part = was.h / (was.h + x.h)
+    off = (1.0 - part) * was.dz - part * x.dz
+    square = off * off / (1.0 + part * part + (1.0 - part) * (1.0 - part))
+    n = min(x.n + 1.0, _AT_LEAST + memory / x.h)
+    most = _OUTLIER * certain(x) + step * step
+    variance = max(x.variance + (min(square, most) - x.variance) / n, _FLOOR * x.guess)
+    total, before, first, blocks = x.total, x.before, x.first, x.blocks
+    if x.readings % _BLOCK == 0.0:
+        if x.readings >= 3.0 * _BLOCK:
+            square = (before - 0.5 * (first + total)) ** 2 / 1.5
+            blocks += (min(square, _BLOCK * most) - blocks) / (n / _BLOCK + 1.0)
+        total, before, first = 0.0, total, before
+    return Noise(
+        variance, x.guess, n, x.step, x.tick, x.y, x.same, x.z, x.dz, x.h, x.readings, total,
+        before, first, blocks,
+    )  # fmt: skip

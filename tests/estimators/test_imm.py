@@ -1,0 +1,111 @@
+"""The estimator imm: its start, its uncertainty, and the noise that it learns."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from test_estimators import REGISTRY, W, rolling_brake, simulated
+
+from adhesion_cli.core import methods
+from adhesion_cli.core.model import Z95
+from adhesion_cli.estimators import _noise
+from adhesion_cli.evaluation import metrics
+
+IMM = REGISTRY["imm"]
+P = methods.validated(IMM, {})
+H = 0.01  # [s]
+PULSE = 2.0 * math.pi / 100.0  # of a counter [rad]
+
+
+def states(t, K, y):
+    """The state after each sample."""
+    s = IMM.init(P, W, K[0], y[0])
+    found = [s]
+    for h, k, speed in zip(np.diff(t).tolist(), K[1:].tolist(), y[1:].tolist(), strict=True):
+        s = IMM.step(P, W, s, h, k, speed)
+        found.append(s)
+    return found
+
+
+def learned(readings):
+    """What is known of the noise of these readings, one every `H`."""
+    noise = _noise.guessed(0.02, readings[0])
+    for y in readings[1:]:
+        noise = _noise.learned(noise, y, H, -2.7 * H, P.memory)
+    return noise
+
+
+@cache
+def ramp():
+    """30 s of a wheel that slows evenly [rad/s]."""
+    return 90.0 - 2.7 * H * np.arange(3000)
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 0.01, 0.3])
+def test_learns_the_variance_of_white_noise(sigma):
+    noise = learned((ramp() + np.random.default_rng(1).normal(0.0, sigma, 3000)).tolist())
+    assert math.sqrt(noise.variance) == pytest.approx(sigma, rel=0.1)
+    assert _noise.rounding(noise) == 0.0
+    assert not _noise.counting(noise)
+
+
+def test_learns_the_step_of_a_display():
+    noise = learned((np.round(ramp() / 0.32) * 0.32).tolist())
+    assert _noise.rounding(noise) == pytest.approx(0.32)
+    assert not _noise.counting(noise)
+
+
+def test_learns_the_tick_of_a_timer():
+    """Its step is larger at higher speed."""
+    y = ramp()
+    read = PULSE / (np.round(PULSE / y / 5e-6) * 5e-6)
+    for n in (1000, 2000):
+        step = _noise.rounding(learned(read[:n].tolist()))
+        assert step == pytest.approx(y[n - 1] ** 2 * 5e-6 / PULSE, rel=0.05)
+
+
+def test_recognises_a_counter():
+    total = np.floor(np.cumsum(ramp()) * H / PULSE)
+    noise = learned((np.diff(total) * PULSE / H).tolist())
+    assert _noise.counting(noise)
+    assert _noise.rounding(noise) == pytest.approx(PULSE / H)
+
+
+def test_a_wheel_that_stands_shows_no_noise():
+    """Its zeros do not make the filter sure of what comes after."""
+    noise = learned(ramp().tolist() + [0.0] * 500)
+    moves = learned(ramp().tolist() + [0.0] * 20_000)
+    assert moves.variance == noise.variance
+
+
+def test_starts_in_mid_brake():
+    """At the force of a rolling wheel, with an uncertainty that holds it."""
+    t = np.arange(0.0, 10.0, H)
+    K, y, F = rolling_brake(t)
+    K, y, F = K[600:], y[600:], F[600:]
+    found = states(t[600:], K, y + np.random.default_rng(2).normal(0.0, 0.01, len(y)))
+    assert np.abs([s.F for s in found] - F).max() < 0.05 * F[0]
+    sliding = y + np.where(t[600:] > 6.0, 0.5 * W.a * F[0] * (t[600:] - 6.0), 0.0)  # half as hard
+    last = states(t[600:], K, sliding)[-1]
+    assert abs(last.F - 1.5 * F[0]) < 2.0 * last.sigma + 1.0
+
+
+@pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "four-axles"])
+def test_its_band_holds_the_true_force(name):
+    """Not the vehicle's tolerances: the simulated vehicle is the stated one."""
+    for record in simulated(name, seed=4):
+        found = states(record.t * 1e-9, record.clamping_force, record.wheel_speed)
+        used = np.r_[metrics.applications(record)]
+        error = np.array([s.F for s in found])[used] - record.truth[used]
+        sigma = np.array([s.sigma for s in found])[used]
+        assert np.mean(np.abs(error) < Z95 * sigma) > 0.90
+        assert np.median(sigma) < 100.0
+
+
+def test_the_parameters_of_the_regimes_are_probabilities():
+    t = np.arange(0.0, 10.0, H)
+    K, y, _ = rolling_brake(t)
+    for s in states(t, K, y)[::50]:
+        assert s.rolling.p + s.sliding.p + s.changing.p == pytest.approx(1.0, abs=1e-9)
+        assert s.rolling.p > 0.8
