@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _HINT = "nothing was left half-written"
+_ARENAS = -8  # M_ARENA_MAX of the C library's mallopt
 _SOON = 0.05  # after which an interrupt that got lost is raised again [s]
 
 
@@ -37,6 +39,7 @@ def main() -> NoReturn:
     """
     # What is imported stays: looking through it for garbage again and again is a tenth of a run.
     gc.set_threshold(100_000)
+    _fit_limit()
     try:
         signal.signal(signal.SIGTERM, _terminated)
         sys.unraisablehook = _not_lost
@@ -48,6 +51,26 @@ def main() -> NoReturn:
     except (Exception, KeyboardInterrupt, _Terminated) as error:
         code = _told(error)
     sys.exit(code)
+
+
+def _fit_limit() -> None:
+    """Where address space is limited (`ulimit -v`), libraries reserve less of it.
+
+    pyarrow's own allocator reserves 1 GB, OpenBLAS and the C library some 100 MB for each thread.
+    """
+    if sys.platform == "win32":
+        return
+    import resource
+
+    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
+        return
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if sys.platform == "linux":
+        import ctypes
+
+        with suppress(AttributeError, OSError):  # another C library has no arenas
+            ctypes.CDLL(None).mallopt(_ARENAS, 1)
 
 
 def _told(error: BaseException) -> int:

@@ -123,6 +123,27 @@ def test_reading_csv(tmp_path: Path, megabytes: int, suffix: str) -> None:
     assert grown(READ_CSV, path, rows) < 64 * MIB
 
 
+@pytest.mark.parametrize("command", ["--help", "inspect", "analyze"])
+def test_an_address_space_of_2_gb_is_enough(tmp_path: Path, command: str) -> None:
+    """As with `ulimit -v 2000000`, of a compiled program. Each library would reserve most of it."""
+    limited = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (2_048_000_000,) * 2);"
+        "sys.argv[0] = 'adhesion'; from adhesion_cli.__main__ import main; main()"
+    )
+    log = str(TESTS.parent / "sample_logs" / "service-brake.csv")
+    of = {"--help": [], "inspect": [log], "analyze": [log, "-o", str(tmp_path)]}[command]
+    if of:  # compiles, which takes more
+        whole = [sys.executable, "-m", "adhesion_cli", command, *of, "--force"]
+        subprocess.run(whole[:-1] if command == "inspect" else whole, check=True, cwd=TESTS.parent)
+        of = of if command == "inspect" else [*of, "--force"]
+    done = subprocess.run(
+        [sys.executable, "-c", limited, command, *of],
+        capture_output=True, text=True, check=False, cwd=TESTS.parent,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert command != "analyze" or (tmp_path / "service-brake.adhesion.rrd").exists()
+
+
 RECOVER = """
 import zstandard
 from adhesion_cli.formats.mcap.reader import McapSource

@@ -2,6 +2,11 @@
 
 from difflib import get_close_matches
 
+# What libraries say where memory, or address space for their code, is missing.
+_OUT_OF_MEMORY = (
+    "Allocation error", "failed to map segment", "Cannot allocate memory", "Failed to spawn",
+)  # fmt: skip
+
 
 class UserError(Exception):
     """An error that only the user can correct.
@@ -36,10 +41,11 @@ def as_told(error: BaseException) -> UserError:
     """An error as the user sees it: a `UserError` as it is, else the text of system or program."""
     if isinstance(error, UserError):
         return error
+    if isinstance(error, MemoryError) or any(x in str(error) for x in _OUT_OF_MEMORY):
+        hint = "free memory, or raise the limit with `ulimit -v unlimited`, and run again"
+        return UserError("out of memory", hint)
     if isinstance(error, OSError):
         text = ": ".join(str(p) for p in (error.filename, error.strerror or error) if p)
-    elif isinstance(error, MemoryError):
-        text = "out of memory"
     else:
         text = f"internal error: {type(error).__name__}: {error}".splitlines()[0]
         return UserError(text, "run again with --debug and report what it shows")
