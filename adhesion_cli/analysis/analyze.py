@@ -143,12 +143,14 @@ def _axle(
     w = physics.wheelset(vehicle, record.axle)
     ref = force.compute(record, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
-    estimates = {
-        e.name: compiled.batch(
+    found = {
+        e.name: compiled.with_sigma(
             e, settings.params(e), w, record.t, record.clamping_force, record.wheel_speed, starts
         )
         for e in estimators
     }
+    estimates = {name: force for name, (force, _) in found.items()}
+    sigmas = {name: sigma for name, (_, sigma) in found.items() if sigma is not None}
     applications = metrics.applications(record)
     findings = list(of_axle(record, vehicle, ref, applications, start_ns))
     lost = [s for s in applications if _drowned(ref, s)]
@@ -156,8 +158,8 @@ def _axle(
         ref, refused = _refused(record, ref, lost, start_ns)
         findings.append(refused)
     known = tuple(s for s in applications if s not in lost)
-    scores = metrics.scores(record, ref, estimates, known)
-    result = AxleResult(record, ref, estimates, scores, applications)
+    scores = metrics.scores(record, ref, estimates, known, sigmas)
+    result = AxleResult(record, ref, estimates, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
         return result, findings
     result, told = slip.observed(

@@ -104,10 +104,29 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
             "ripple [N]": _newtons(s.ripple_n),
         })  # fmt: skip
     where = f"{printable(log)}, " if log else ""
-    return "\n".join(
+    tables = [
         f"{where}against {target}:\n{records(_known(of), left=2)}"
         for target, of in by_target.items()
-    )
+    ]
+    return "\n".join([*tables, *_bands([s for _, s in rows])])
+
+
+def _bands(scores: Sequence[Score]) -> list[str]:
+    """A line for each estimator that knows its uncertainty."""
+    by_algo: dict[str, list[tuple[float, float]]] = {}
+    for s in scores:
+        if s.band_n is not None and s.within is not None:
+            by_algo.setdefault(s.algo, []).append((s.band_n, 100.0 * s.within))
+    lines = []
+    for algo, found in by_algo.items():
+        width, share = (_range([x[i] for x in found]) for i in (0, 1))
+        lines.append(f"{algo}: own 95 % band ± {width} N, holds {share} % of the samples")
+    return lines
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = f"{min(values):.0f}", f"{max(values):.0f}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _known(rows: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:

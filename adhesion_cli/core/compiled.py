@@ -64,18 +64,21 @@ def call({arguments}):
 
 # Slices, because an index that counts from 0 needs no check for a negative one.
 _BATCH = """
-def call(params, constants, t_all, K_all, y_all, starts, F_all):
+def call(params, constants, t_all, K_all, y_all, starts, F_all, sigma_all):
     p = Params({params})
     w = Wheelset({constants})
     for j in range(len(starts)):
         segment = slice(starts[j], starts[j + 1] if j + 1 < len(starts) else len(t_all))
         t, K, y, F = t_all[segment], K_all[segment], y_all[segment], F_all[segment]
+        sigma = sigma_all[segment]
         s = init(p, w, K[0], y[0])
         F[0] = s.F
+        {first}
         before = t[0]
         for i in range(1, len(t)):
             s = step(p, w, s, (t[i] - before) * 1e-9, K[i], y[i])
             F[i] = s.F
+            {then}
             before = t[i]
 """
 
@@ -90,6 +93,22 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
     starts: NDArray[np.int64],
 ) -> Floats:
     """F̂ [N] over one axle, shape (n,): the numbers that `estimator.online` gives on each segment.
+
+    As `with_sigma` in all else.
+    """
+    return with_sigma(est, p, w, t_ns, K, y, starts)[0]
+
+
+def with_sigma(  # noqa: PLR0913 (the arrays of a record, without its class)
+    est: Estimator,
+    p: Any,
+    w: Wheelset,
+    t_ns: Times,
+    K: Floats,
+    y: Floats,
+    starts: NDArray[np.int64],
+) -> tuple[Floats, Floats | None]:
+    """F̂ and its standard uncertainty [N] over one axle, shape (n,); None without one.
 
     Args:
         est: the estimator.
@@ -109,9 +128,9 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
         h = np.diff(t)
         h[starts[1:] - 1] = 0  # between segments
         check_step(est, p, float(h.max(initial=0)) * 1e-9)
-    F = np.empty(len(t))
-    _loop(est)(np.array(p, float), np.array(w, float), t, K, y, starts, F)
-    return F
+    F, sigma = np.empty(len(t)), np.empty(len(t) if est.has_sigma else 0)
+    _loop(est)(np.array(p, float), np.array(w, float), t, K, y, starts, F, sigma)
+    return F, sigma if est.has_sigma else None
 
 
 def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callable[..., Any]:
@@ -165,6 +184,8 @@ def _loop(est: Estimator) -> Callable[..., Any]:
     text = _BATCH.format(
         params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
+        first="sigma[0] = s.sigma" if est.has_sigma else "",
+        then="sigma[i] = s.sigma" if est.has_sigma else "",
     )
     reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
     return _compiled(f"batch_{est.name}", text, tuple(reached.items()))

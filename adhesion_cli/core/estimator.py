@@ -1,7 +1,8 @@
 """What an online estimator is, and which ones there are.
 
 An estimator is a method in `estimators/`; `methods` says what its file holds. Its `State` ends with
-`F`, the estimate [N]. Its `ABOUT` is the `About` of this module. It has
+`F`, the estimate [N]. It may have `sigma`, the standard uncertainty of F by the noise [N]. Its
+`ABOUT` is the `About` of this module. It has
 
 - `init(p, w, K, y) -> State`, the state at the first sample of a segment;
 - `step(p, w, s, h, K, y) -> State`, the state one sample later. `w` is `model.Wheelset`. `h` is the
@@ -54,6 +55,11 @@ class Estimator(Method):
 
     claims: Mapping[str, Claim]
     longest_step: Callable[[Any], float]
+
+    @property
+    def has_sigma(self) -> bool:
+        """Whether it knows its uncertainty."""
+        return "sigma" in self.State._fields
 
 
 KIND = Kind("estimators", "an estimator", About, ("F",), "the estimate [N]", "core.estimator")

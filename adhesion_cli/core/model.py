@@ -316,6 +316,8 @@ class Score:
     response_s: float | None = None
     ripple_n: float | None = None
     relative: float | None = None
+    band_n: float | None = None  # median half-width of the estimator's own 95 % band
+    within: float | None = None  # share of the samples at which it holds the target
 
 
 class Event(NamedTuple):
@@ -342,6 +344,7 @@ class AxleResult:
     slope_confidence: Floats | None = None  # 0 not observable, 1 certain
     region: Regions | None = None  # index into `slope.REGIONS`
     events: tuple[Event, ...] = ()  # slides and changes of region
+    sigmas: Mapping[str, Floats] = field(default_factory=dict)  # of estimators that have one [N]
 
     def error(self, algo: str, rows: slice | NDArray[np.int64] = slice(None)) -> Floats:
         """Estimate minus truth or reference, whichever it is scored against [N], of these rows."""

@@ -5,14 +5,14 @@ It judges accuracy, but response and lag only as far as it is itself quick enoug
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from ..core.model import AxleRecord, Floats, Reference, Score
+from ..core.model import Z95, AxleRecord, Floats, Reference, Score
 from ..core.signals import moving, true_runs, white_noise
 
 _SLIGHT, _LEAST = 200.0, 60.0  # clamping force that is braking, and that still belongs to it [N]
@@ -275,6 +275,7 @@ def scores(
     reference: Reference,
     estimates: Mapping[str, Floats],
     applications: Iterable[slice],
+    sigmas: Mapping[str, Floats] | None = None,
 ) -> tuple[Score, ...]:
     """Every estimate of one axle against the truth where the record has it, else the reference.
 
@@ -283,6 +284,7 @@ def scores(
         reference: its reference.
         estimates: F̂ [N] by algorithm, shape (n,).
         applications: the brake applications to use, less what `started` finds in them.
+        sigmas: standard uncertainty [N] of the estimates that have one, shape (n,).
     """
     applications = tuple(applications)
     past = {s.start: s.stop for s in started(record, applications)}
@@ -296,8 +298,21 @@ def scores(
     found = []
     for algo, estimate in estimates.items():
         c = compared(record, estimate, target, applications)
-        found.append(Score(algo, against, **(measured(c) if c else {})))
+        sigma = (sigmas or {}).get(algo)
+        band = _banded(estimate - target, sigma, applications) if c and sigma is not None else {}
+        found.append(Score(algo, against, **(measured(c) if c else {}), **band))
     return ranked(found)
+
+
+def _banded(error: Floats, sigma: Floats, applications: Iterable[slice]) -> dict[str, float]:
+    """Half-width of the estimate's own 95 % band, and how often it holds the target."""
+    used = np.r_[tuple(applications)]
+    used = used[np.isfinite(error[used])]
+    half = Z95 * sigma[used]
+    return {
+        "band_n": float(np.median(half)),
+        "within": float(np.mean(np.abs(error[used]) <= half)),
+    }
 
 
 def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
@@ -308,6 +323,11 @@ def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
         replace(s, relative=s.rmse_n / best if best and s.rmse_n is not None else None)
         for s in order
     )
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [x for x in values if x is not None]
+    return float(np.mean(known)) if known else None
 
 
 def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
@@ -324,6 +344,9 @@ def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
             own = [s for s in every if (s.algo, s.against) == (algo, against)]
             rmse, bias, worst = np.array([(s.rmse_n, s.bias_n, s.max_error_n) for s in own]).T
             rms, largest = float(np.sqrt(np.mean(rmse**2))), float(worst[np.argmax(np.abs(worst))])
-            pooled.append(Score(algo, against, rms, float(np.mean(bias)), largest))
+            band, within = (_mean([getattr(s, name) for s in own]) for name in ("band_n", "within"))
+            pooled.append(Score(
+                algo, against, rms, float(np.mean(bias)), largest, band_n=band, within=within
+            ))  # fmt: skip
         found += ranked(pooled)
     return tuple(found)

@@ -47,7 +47,7 @@ _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 _UNITS = {  # of the doubles of a message, in the order of its schema
     "AxleInput": ("Pa", "N", "rad/s", "m/s"),
     "Reference": ("N", "N", "N", "N", "-"),
-    "Estimate": ("N", "-", "N"),
+    "Estimate": ("N", "-", "N", "N"),
     "Truth": ("N", "-"),
     "Slip": ("-", "-", "-", "-"),
 }
@@ -254,7 +254,8 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
     )  # fmt: skip
     for algo, force in sorted(axle.estimates.items()):
         error = partial(axle.error, algo)
-        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, force, mu(force), error)
+        sigma = axle.sigmas.get(algo)
+        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, force, mu(force), error, sigma)
     if record.truth is not None or record.true_slip is not None:
         yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
     if axle.slip is not None:
@@ -271,7 +272,7 @@ def _stop_streams(stop: Stop, i: int, vehicle: Vehicle) -> Iterator[_Stream]:
         stop.measured_pressure[:, i], stop.measured_clamping_force[:, i],
         stop.measured_wheel_speed[:, i], stop.measured_train_speed,
     )  # fmt: skip
-    yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true)
+    yield _stream(f"{topic}/estimate/{stop.algo}", "Estimate", t, F, mu, F - true, None)
     yield _stream(f"{topic}/truth", "Truth", t, true, stop.slip[:, i])
     columns = (stop.measured_slip[:, i], mu, stop.slope[:, i], stop.confidence[:, i])
     yield _slip(topic, t, columns, stop.region[:, i])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from test_estimators import REGISTRY, W, rolling_brake, simulated
 
-from adhesion_cli.core import methods
+from adhesion_cli.core import compiled, methods
 from adhesion_cli.core.model import Z95
 from adhesion_cli.estimators import _noise
 from adhesion_cli.evaluation import metrics
@@ -18,11 +18,13 @@ H = 0.01  # [s]
 PULSE = 2.0 * math.pi / 100.0  # of a counter [rad]
 
 
-def states(t, K, y):
-    """The state after each sample."""
-    s = IMM.init(P, W, K[0], y[0])
+def states(t, K, y, unit=1.0):
+    """The state after each sample; times in `unit` [s]."""
+    s = IMM.init(P, W, float(K[0]), float(y[0]))
     found = [s]
-    for h, k, speed in zip(np.diff(t).tolist(), K[1:].tolist(), y[1:].tolist(), strict=True):
+    for h, k, speed in zip(
+        (np.diff(t) * unit).tolist(), K[1:].tolist(), y[1:].tolist(), strict=True
+    ):
         s = IMM.step(P, W, s, h, k, speed)
         found.append(s)
     return found
@@ -89,6 +91,19 @@ def test_starts_in_mid_brake():
     sliding = y + np.where(t[600:] > 6.0, 0.5 * W.a * F[0] * (t[600:] - 6.0), 0.0)  # half as hard
     last = states(t[600:], K, sliding)[-1]
     assert abs(last.F - 1.5 * F[0]) < 2.0 * last.sigma + 1.0
+
+
+def test_compiled_it_has_the_same_uncertainty():
+    t = np.cumsum(np.random.default_rng(5).uniform(0.001, 0.1, 300))
+    K, y, _ = rolling_brake(t)
+    y = np.round(y / 0.1) * 0.1
+    ns = np.round(t * 1e9).astype(np.int64)
+    F, sigma = compiled.with_sigma(IMM, P, W, ns, K, y, np.array([0]))
+    found = states(ns, K, y, 1e-9)
+    assert [s.F for s in found] == F.tolist()
+    assert [s.sigma for s in found] == sigma.tolist()
+    td = REGISTRY["td"]
+    assert compiled.with_sigma(td, td.Params(), W, ns, K, y, np.array([0]))[1] is None
 
 
 @pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "four-axles"])

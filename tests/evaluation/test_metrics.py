@@ -275,6 +275,23 @@ def reference(F: Floats) -> Reference:
     return Reference("smoother", "", F, np.ones_like(F), np.ones_like(F))
 
 
+def test_an_estimate_with_an_uncertainty_is_scored_on_its_band() -> None:
+    t = times(50.0)
+    r = record(t, force(t) / 0.27)
+    estimates = {"sure": force(t) + 100.0, "none": force(t)}
+    applications = metrics.applications(r)
+    used = np.r_[applications]
+    sigma = np.full(len(t), 50.0)  # too small for an error of 100 N, but at every second sample
+    sigma[used[::2]] = 52.0
+    found = metrics.scores(r, reference(force(t)), estimates, applications, {"sure": sigma})
+    none, sure = found
+    assert none.band_n is none.within is None
+    assert sure.within == pytest.approx(0.5, abs=0.01)
+    assert 1.95 * 50.0 < sure.band_n < 1.97 * 52.0
+    (pooled, _) = sorted(metrics.overall([found, found]), key=lambda s: s.algo, reverse=True)
+    assert (pooled.band_n, pooled.within) == (sure.band_n, sure.within)
+
+
 def test_scores_prefer_truth_and_rank_by_rmse() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
@@ -283,7 +300,7 @@ def test_scores_prefer_truth_and_rank_by_rmse() -> None:
     assert [s.algo for s in found] == ["near", "far", "none"]
     assert [s.relative for s in found] == [1.0, pytest.approx(3.0), None]
     assert {s.against for s in found} == {"reference"}
-    assert found[2] == Score("none", "reference", *[None] * 8)
+    assert found[2] == Score("none", "reference", *[None] * 10)
     known = AxleRecord(
         1,
         r.t,
@@ -306,7 +323,7 @@ def test_samples_without_target_are_left_out() -> None:
 
 
 def test_every_metric_is_a_column_of_the_score() -> None:
-    given = {"algo", "against", "relative"}
+    given = {"algo", "against", "relative", "band_n", "within"}
     t = np.arange(0.0, 20.0, 0.02)
     every = metrics.measured(compared(t, force(t), force(t)))
     assert set(Score.__dataclass_fields__) - given == set(every)

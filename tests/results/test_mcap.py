@@ -110,6 +110,18 @@ def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:
     assert np.isnan(column(found["/axle/1/input"], "train_speed")).all()  # not 0 m/s
 
 
+def test_an_estimate_has_its_sigma_where_the_method_has_one(tmp_path: Path) -> None:
+    analysed = result(1, 50)
+    (axle,) = analysed.axles
+    sigma = np.arange(50.0)
+    path = tmp_path / "a.mcap"
+    known = replace(axle, sigmas={"neso": sigma})
+    mcap.write_result(path, replace(analysed, axles=(known,)), "{}")
+    found = decoded(path)
+    np.testing.assert_array_equal(column(found["/axle/1/estimate/neso"], "sigma"), sigma)
+    assert np.isnan(column(found["/axle/1/estimate/td"], "sigma")).all()  # not 0 N
+
+
 def test_a_brake_is_released_when_its_pressure_is_gone(tmp_path: Path) -> None:
     analysed = result(1, 3000)
     (axle,) = analysed.axles
@@ -385,7 +397,7 @@ def test_contract_of_the_interface() -> None:
     fields = {
         "AxleInput": "brake_cylinder_pressure clamping_force wheel_speed train_speed",
         "Reference": "force sigma lower upper coefficient",
-        "Estimate": "force coefficient error",
+        "Estimate": "force coefficient error sigma",
         "Truth": "force slip",
         "Slip": "slip coefficient slope slope_confidence region",
         "Event": "code severity axle message",

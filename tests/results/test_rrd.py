@@ -19,7 +19,7 @@ from adhesion_cli.core.model import Floats, Result, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
-from adhesion_cli.results import rrd
+from adhesion_cli.results import palette, rrd
 from adhesion_cli.results.rrd import parts, results
 
 PATCH = Contact().patch(Vehicle().axle_mass.value * G)
@@ -108,6 +108,15 @@ def test_names_and_colours_do_not_depend_on_the_selection(small: Path, tmp_path:
     for entity in ("force/estimates", "error"):
         colours = static(tmp_path / "a.rrd", f"/axle/1/{entity}", "colors")
         assert colours == [whole["neso"], whole["td"]]
+
+
+def test_an_estimator_with_an_uncertainty_has_a_band(tmp_path: Path) -> None:
+    analysed = result(1, 50)
+    (axle,) = analysed.axles
+    known = replace(axle, sigmas={"neso": np.full(50, 3.0)})
+    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(known,)))
+    colours = static(tmp_path / "a.rrd", "/axle/1/force/own", "colors")
+    assert colours == [palette.rgba(palette.of_method("neso"))]
 
 
 def test_events_and_summary(small: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core import physics, signals
 from ...core.finding import catalogue
-from ...core.model import AxleResult, Bools, Floats, Result, Score, Times
+from ...core.model import Z95, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit
@@ -149,6 +149,15 @@ class _Page:
         errors = [
             (a, c, np.where(inside, axle.error(a, index), np.nan)) for a, c in colours.items()
         ]
+        bands = [a for a in colours if a in axle.sigmas]
+        if bands:
+            half = [Z95 * computed(axle.sigmas[a]) for a in bands]
+            yield parts.Plot(
+                "force/own", tuple(f"{a}: own 95 % band" for a in bands),
+                tuple(colours[a] for a in bands),
+                np.stack([computed(axle.estimates[a]) for a in bands], axis=1),
+                np.stack(half, axis=1), (0.0,) * len(bands),
+            )  # fmt: skip
         if colours:
             yield parts.lines("force/estimates", estimates)
             yield parts.lines("error", errors)
@@ -364,7 +373,7 @@ def _about(result: Result, large: bool) -> str:
 _SCORES = {  # field of a score and its digits, by the head of its column
     "RMSE [N]": ("rmse_n", 1), "bias [N]": ("bias_n", 1), "max error [N]": ("max_error_n", 0),
     "lag [s]": ("lag_s", 2), "gain": ("gain", 3), "response [s]": ("response_s", 2),
-    "relative": ("relative", 2),
+    "relative": ("relative", 2), "own 95 % band [N]": ("band_n", 0), "holds": ("within", 2),
 }  # fmt: skip
 
 
