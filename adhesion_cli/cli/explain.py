@@ -106,7 +106,7 @@ def _named(code: str) -> "list[Words]":
 
 
 def _plain(text: str) -> str:
-    return re.sub(r"\{\w+[^{}]*\}", "…", text).replace("{{", "{").replace("}}", "}")
+    return re.sub(r"\{\w+(:[^{}]*)?\}", "…", text).replace("{{", "{").replace("}}", "}")
 
 
 def _text(words: "Words") -> str:

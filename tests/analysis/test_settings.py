@@ -1,10 +1,14 @@
+import re
 from pathlib import Path
+from string import Formatter
 
 import pytest
 
 from adhesion_cli.analysis import settings
+from adhesion_cli.cli.explain import entry
 from adhesion_cli.core import estimator
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Vehicle
 
 
@@ -199,3 +203,17 @@ def test_lists_that_nest_over_many_lines_are_refused() -> None:
     Path("c.toml").write_text("#\n" * 1_000_000)
     with pytest.raises(UserError, match="larger than 1 MiB"):
         settings.load(Path("c.toml"))
+
+
+def test_every_setting_in_a_remedy_can_be_pasted() -> None:
+    """In TOML quotes, or between backticks; fields in braces stand for a number."""
+    found = []
+    for code, words in catalogue().items():
+        for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+)`)", words.remedy):
+            number = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
+            settings.load(assignments=[(quoted or bare).format(**number)], folder=False)
+            found.append(code)
+            shown = entry(words)
+            assert not quoted or "{…}" not in shown
+        assert words.remedy.count("--set") == found.count(code), code
+    assert len(found) >= 15
