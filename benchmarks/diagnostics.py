@@ -244,8 +244,24 @@ def _rounded(x: np.ndarray, step: float) -> np.ndarray:
     return np.round(np.round(x / step) * step, 9) if step else np.round(x, 6)
 
 
+class Ride(NamedTuple):
+    """A simulated brake test before its sensors; columns of one value per `STEP`."""
+
+    stated: Vehicle
+    train: np.ndarray  # (n,) [m/s]
+    wheel: np.ndarray  # (axles, n) [rad/s]
+    pressure: np.ndarray  # (axles, n) [bar]
+    slip: np.ndarray  # (axles, n)
+    slides: bool
+
+
 def simulated(rng: np.random.Generator, axles: int = 0, train: bool | None = None) -> Test:
     """A sound brake test."""
+    return _sensed(rng, ridden(rng, axles), train)
+
+
+def ridden(rng: np.random.Generator, axles: int = 0) -> Ride:
+    """A brake test as it truly was."""
     stated = _stated(rng)
     axles = axles or int(rng.choice([1, 1, 2, 4, 4, 3]))
     car, full = _car(rng, stated, axles), _full(stated)
@@ -263,15 +279,12 @@ def simulated(rng: np.random.Generator, axles: int = 0, train: bool | None = Non
         )  # fmt: skip
         if (np.abs(slip) > 0.08).any() == slides:
             break
-    return _sensed(rng, stated, (v, w, p), slides, train)
+    return Ride(stated, v, w, p, slip, slides)
 
 
-def _sensed(
-    rng: np.random.Generator, stated: Vehicle, truth: tuple[np.ndarray, ...], slides: bool,
-    with_train: bool | None,
-) -> Test:  # fmt: skip
-    """The log of a run: rates, noise, steps and pulse timers of its sensors."""
-    v, w, p = truth
+def _sensed(rng: np.random.Generator, ride: Ride, with_train: bool | None) -> Test:
+    """The log of a ride: rates, noise, steps and pulse timers of its sensors."""
+    stated, v, w, p, _, slides = ride
     axles, span = len(w), len(v) * STEP
     rate = rng.uniform(1.0, 2.0) if rng.random() < 0.07 else np.exp(rng.uniform(*np.log([5, 200])))
     t = np.arange(0.0, span - STEP, 1.0 / rate)
@@ -531,8 +544,8 @@ class Verdict(NamedTuple):
     found: bool
 
 
-def reported(test: Test, folder: Path) -> list[Finding]:
-    """What reading, records and checks report of a test."""
+def log_of(test: Test, folder: Path) -> Path:
+    """The test as a log in this folder."""
     path = folder / "log.csv"
     columns: dict[str, Any] = {"time [s]": np.round(test.t, 6)}
     for i in range(len(test.wheel)):
@@ -541,6 +554,12 @@ def reported(test: Test, folder: Path) -> list[Finding]:
     if test.train is not None:
         columns["train_speed [km/h]"] = pa.array(test.train, from_pandas=True)
     csv.write_csv(pa.table(columns), path)
+    return path
+
+
+def reported(test: Test, folder: Path) -> list[Finding]:
+    """What reading, records and checks report of a test."""
+    path = log_of(test, folder)
     try:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
         _, findings = plausible.records(log, test.vehicle)
@@ -618,13 +637,11 @@ def table(found: list[Verdict]) -> str:
     return "\n".join(lines)
 
 
-def _written(text: str) -> None:
-    page = PAGE.read_text(encoding="utf-8") if PAGE.exists() else "\n".join(["# Validation", *MARK])
-    if MARK[0] not in page:
-        page = "\n".join([page.rstrip(), "", "## Diagnostics", "", *MARK, ""])
-    head, _, rest = page.partition(MARK[0])
-    _, _, tail = rest.partition(MARK[1])
-    PAGE.write_text(f"{head}{MARK[0]}\n{text}\n{MARK[1]}{tail}", encoding="utf-8")
+def write_between(mark: tuple[str, str], text: str) -> None:
+    """Puts a text between two marks of the page on validation."""
+    head, _, rest = PAGE.read_text(encoding="utf-8").partition(mark[0])
+    _, _, tail = rest.partition(mark[1])
+    PAGE.write_text(f"{head}{mark[0]}\n{text}\n{mark[1]}{tail}", encoding="utf-8")
 
 
 def main() -> None:
@@ -646,7 +663,7 @@ def main() -> None:
     with contextlib.suppress(BrokenPipeError):
         print(text)
     if options.write:
-        _written(text)
+        write_between(MARK, text)
 
 
 if __name__ == "__main__":

@@ -53,16 +53,18 @@ def merged(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: floa
     wa, wb, wc = wa / p, wb / p, wc / p
     x, r = wa * a.x + wb * b.x + wc * c.x, wa * a.r + wb * b.r + wc * c.r
     n = wa * a.n + wb * b.n + wc * c.n
-    xx = xr = rr = xn = rn = nn = 0.0
-    for g, share in ((a, wa), (b, wb), (c, wc)):
-        dx, dr, dn = g.x - x, g.r - r, g.n - n
-        xx += share * (g.xx + dx * dx)
-        xr += share * (g.xr + dx * dr)
-        rr += share * (g.rr + dr * dr)
-        xn += share * (g.xn + dx * dn)
-        rn += share * (g.rn + dr * dn)
-        nn += share * (g.nn + dn * dn)
-    return Gaussian(x, r, n, xx, xr, rr, xn, rn, nn, p)
+    xa, ra, na = a.x - x, a.r - r, a.n - n
+    xb, rb, nb = b.x - x, b.r - r, b.n - n
+    xc, rc, nc = c.x - x, c.r - r, c.n - n
+    return Gaussian(
+        x, r, n,
+        wa * (a.xx + xa * xa) + wb * (b.xx + xb * xb) + wc * (c.xx + xc * xc),
+        wa * (a.xr + xa * ra) + wb * (b.xr + xb * rb) + wc * (c.xr + xc * rc),
+        wa * (a.rr + ra * ra) + wb * (b.rr + rb * rb) + wc * (c.rr + rc * rc),
+        wa * (a.xn + xa * na) + wb * (b.xn + xb * nb) + wc * (c.xn + xc * nc),
+        wa * (a.rn + ra * na) + wb * (b.rn + rb * nb) + wc * (c.rn + rc * nc),
+        wa * (a.nn + na * na) + wb * (b.nn + nb * nb) + wc * (c.nn + nc * nc), p,
+    )  # fmt: skip
 
 
 def moved(g: Gaussian, h: float, gained: float, lost: float, rise: float, q: float) -> Gaussian:

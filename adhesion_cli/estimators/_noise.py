@@ -13,8 +13,10 @@ from typing import NamedTuple
 _AT_LEAST = 50.0  # readings that the memory holds, if its time is shorter
 _BLOCK = 4.0  # readings of a sum
 _STILL = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
-_SURE = 20.0  # readings before a counter is recognised
+_AGAIN = 0.01  # a rounded reading counts once in this time [s]
+_SURE = 20.0  # readings that show a counter
 _FEW = 8.0  # readings that show a variance
+_SILENT = 1e-2  # variance over the guess, as long as all readings were the same
 _OUTLIER = 10.0  # a square counts at most so many times the variance
 _LOWEST = 1e-9  # product of readings below which their inverse shows nothing
 _FLOOR = 1e-12  # least variance over the guess
@@ -29,6 +31,7 @@ class Noise(NamedTuple):
     step: float  # least change of a reading, inf: none seen
     tick: float  # least change of its inverse, inf: none seen
     y: float  # last reading
+    age: float  # time since the first reading [s]
     same: float  # time for which it has been the same [s]
     z: float  # last reading less its known changes
     dz: float  # last change of z
@@ -44,7 +47,7 @@ def guessed(sigma: float, y: float) -> Noise:
     """Before the first change: a guess of the noise, and a reading."""
     v = sigma * sigma
     return Noise(
-        v, v, 0.0, math.inf, math.inf, y, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        v, v, 0.0, math.inf, math.inf, y, 0.0, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         _BLOCK * _BLOCK * v,
     )  # fmt: skip
 
@@ -52,13 +55,17 @@ def guessed(sigma: float, y: float) -> Noise:
 def paused(x: Noise, y: float, same: float) -> Noise:
     """After a reading that has no noise: nothing is learned across it."""
     return Noise(
-        x.variance, x.guess, x.n, x.step, x.tick, y, same, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, x.blocks
-    )
+        x.variance, x.guess, x.n, x.step, x.tick, y, x.age, same, y, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, x.blocks,
+    )  # fmt: skip
 
 
 def certain(x: Noise) -> float:
-    """The variance, and not less than the guess as long as only few readings are known."""
-    return x.variance if x.n >= _FEW else max(x.variance, x.guess)
+    """The variance, and not less than the guess as long as it or a rounding step is not known."""
+    if x.n < _FEW:
+        return max(x.variance, x.guess)
+    repeats = x.same > 0.0 and x.step == math.inf
+    return max(x.variance, _SILENT * x.guess) if repeats else x.variance
 
 
 def rounding(x: Noise) -> float:
@@ -66,6 +73,23 @@ def rounding(x: Noise) -> float:
     if x.step == math.inf:
         return 0.0
     return max(x.step, min(x.tick * x.y * x.y, abs(x.y)))
+
+
+def tells(x: Noise) -> bool:
+    """Whether the last reading is to be used.
+
+    Errors of rounding are not independent. A bound that is used at every sample of a fast log would
+    count too often. A step below the guess of the noise does not matter.
+    """
+    square = rounding(x) ** 2
+    if square < 12.0 * x.variance or square < _SILENT * x.guess:
+        return True
+    return math.floor(x.age / _AGAIN) > math.floor((x.age - x.h) / _AGAIN)
+
+
+def discovered(x: Noise, was: Noise) -> float:
+    """The rounding step, at the reading that is the first to show it: all before were rounded."""
+    return rounding(x) if was.step == math.inf else 0.0
 
 
 def counting(x: Noise) -> bool:
@@ -94,8 +118,8 @@ def learned(x: Noise, y: float, h: float, gained: float, memory: float) -> Noise
     dz = y - x.y - gained
     z, readings = x.z + dz, x.readings + 1.0
     now = Noise(
-        x.variance, x.guess, x.n, step, tick, y, same, z, dz, h, readings, x.total + z, x.before,
-        x.first, x.blocks,
+        x.variance, x.guess, x.n, step, tick, y, x.age + h, same, z, dz, h, readings,
+        x.total + z, x.before, x.first, x.blocks,
     )  # fmt: skip
     return _averaged(now, x, memory) if x.h > 0.0 else now
 
@@ -116,6 +140,6 @@ def _averaged(x: Noise, was: Noise, memory: float) -> Noise:
             blocks += (min(square, _BLOCK * most) - blocks) / (n / _BLOCK + 1.0)
         total, before, first = 0.0, total, before
     return Noise(
-        variance, x.guess, n, x.step, x.tick, x.y, x.same, x.z, x.dz, x.h, x.readings, total,
-        before, first, blocks,
+        variance, x.guess, n, x.step, x.tick, x.y, x.age, x.same, x.z, x.dz, x.h, x.readings,
+        total, before, first, blocks,
     )  # fmt: skip

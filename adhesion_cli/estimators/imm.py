@@ -24,7 +24,7 @@ from ..core.estimator import About, Claim
 from ..core.model import Quantity, Wheelset
 from ..core.physics import G, rolling_deceleration
 from ._mixture import Gaussian, Reading, corrected, known, merged, moved, weighed
-from ._noise import Noise, certain, counting, guessed, learned, paused, rounding
+from ._noise import Noise, certain, counting, discovered, guessed, learned, paused, rounding, tells
 
 # Rates of change between regimes [1/s].
 ROLLS_CHANGES = 0.005
@@ -37,6 +37,7 @@ FORCE_NOISE = 1e-5  # and of the clamping force's, over m g/φ
 MOST_NOISE = 1e-3  # no pressure sensor has more: on a slow log the brake itself bends
 FASTEST = 0.1  # 1 sigma of a first rate of K, over m g/φ [1/s]
 BENT = 0.15  #
+NOTHING = 1e30  # variance of a reading that says nothing [rad²/s²]
 JUMP = 5.0  # standard deviations from which K has stepped
 UNSURE = 0.05  # 1 sigma of the first F over F, if the wheel rolls
 ANY = 0.5  # and if it slides
@@ -109,27 +110,34 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     gained = -h * rolling_deceleration(w) * mean
     noise = learned(s.noise, y, h, gained, p.memory)
     counts = counting(noise)
-    of = Reading(y, certain(noise), 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
+    r = certain(noise) if counts or tells(noise) else NOTHING
+    of = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
 
     braked, a = -h * w.a * w.phi * mean, w.a * h
     lost = BENT * a * w.phi * (clamping.K - before)
+    fresh = discovered(noise, s.noise)
     load = max(w.phi * clamping.K, abs(s.F)) + p.least * weight
     x, z, c = _switched(s, h)
-    x = moved(x, a, braked, (1.0 - w.rolling) * lost, rise, (p.rolling * weight) ** 2 * h)  # (1)
-    z = moved(z, a, braked, lost, 0.0, (p.sliding * load) ** 2 * h)
-    c = moved(c, a, braked, lost, 0.0, (p.changing * load) ** 2 * h)
+    x = moved(
+        x, a, braked, (1.0 - w.rolling) * lost + fresh, rise, (p.rolling * weight) ** 2 * h
+    )  # (1)
+    z = moved(z, a, braked, lost + fresh, 0.0, (p.sliding * load) ** 2 * h)
+    c = moved(c, a, braked, lost + fresh, 0.0, (p.changing * load) ** 2 * h)
     rolling, d_r = corrected(x, of)
     sliding, d_s = corrected(z, of)
     changing, d_c = corrected(c, of)
     least = min(d_r, d_s, d_c)
     p_r, p_s = rolling.p * math.exp(least - d_r), sliding.p * math.exp(least - d_s)
     p_c = changing.p * math.exp(least - d_c)
-    all_ = merged(rolling, sliding, changing, p_r, p_s, p_c)
-    sigma = math.sqrt(all_.rr + (w.rolling * w.phi) ** 2 * clamping.variance)
-    return State(
-        weighed(rolling, p_r / all_.p), weighed(sliding, p_s / all_.p),
-        weighed(changing, p_c / all_.p), noise, clamping, sigma, all_.r,
-    )  # fmt: skip
+    total = p_r + p_s + p_c
+    rolling, sliding = weighed(rolling, p_r / total), weighed(sliding, p_s / total)
+    changing = weighed(changing, p_c / total)
+    F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
+    variance = rolling.p * (rolling.rr + (rolling.r - F) ** 2)
+    variance += sliding.p * (sliding.rr + (sliding.r - F) ** 2)
+    variance += changing.p * (changing.rr + (changing.r - F) ** 2)
+    sigma = math.sqrt(variance + (w.rolling * w.phi) ** 2 * clamping.variance)
+    return State(rolling, sliding, changing, noise, clamping, sigma, F)
 
 
 def _switched(s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian]:
@@ -169,9 +177,11 @@ def _clamped(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clampi
     of = Reading(K, min(certain(noise) + rounding(noise) ** 2 / 12.0, most * most), 0.0, 0.0)
     leaves, stops = _leaves(HELD_MOVES, h), _leaves(MOVES_HELD, h)
     a, b = s.held, s.moving
-    still = merged(a, b, b, a.p * (1.0 - leaves), b.p * stops, 0.0)
-    walked = still.xx + (p.held * scale) ** 2 * h
-    held, d_h = corrected(known(still.x, walked, 0.0, 0.0, still.p), of)
+    stays, back = a.p * (1.0 - leaves), b.p * stops
+    x = (stays * a.x + back * b.x) / (stays + back)
+    xx = (stays * (a.xx + (a.x - x) ** 2) + back * (b.xx + (b.x - x) ** 2)) / (stays + back)
+    still = known(x, xx + (p.held * scale) ** 2 * h, 0.0, 0.0, stays + back)
+    held, d_h = corrected(still, of)
     goes = merged(a, b, b, a.p * leaves, b.p * (1.0 - stops), 0.0)
     goes = moved(goes, h, 0.0, 0.0, 0.0, (p.moving * scale) ** 2 * h)
     if abs(K - goes.x) > JUMP * math.sqrt(goes.xx + of.variance):
@@ -180,10 +190,10 @@ def _clamped(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clampi
 
     least = min(d_h, d_m)
     p_h, p_m = held.p * math.exp(least - d_h), moving.p * math.exp(least - d_m)
-    all_ = merged(held, moving, moving, p_h, p_m, 0.0)
-    return Clamping(
-        weighed(held, p_h / all_.p), weighed(moving, p_m / all_.p), noise, max(all_.x, 0.0), all_.xx
-    )
+    held, moving = weighed(held, p_h / (p_h + p_m)), weighed(moving, p_m / (p_h + p_m))
+    x = held.p * held.x + moving.p * moving.x
+    variance = held.p * (held.xx + (held.x - x) ** 2) + moving.p * (moving.xx + (moving.x - x) ** 2)
+    return Clamping(held, moving, noise, max(x, 0.0), variance)
 
 
 ABOUT = About(
@@ -191,5 +201,5 @@ ABOUT = About(
     source="Blom H., Bar-Shalom Y.: The interacting multiple model algorithm for systems with "
     "Markovian switching coefficients, IEEE Transactions on Automatic Control 33 (1988) 780-783, "
     "doi 10.1109/9.1299",
-    claims={"service-brake": Claim(4.7, 0.001), "low-adhesion": Claim(34.0, 0.017)},
+    claims={"service-brake": Claim(4.8, 0.001), "low-adhesion": Claim(34.0, 0.017)},
 )

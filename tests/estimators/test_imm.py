@@ -74,6 +74,31 @@ def test_recognises_a_counter():
     assert _noise.rounding(noise) == pytest.approx(PULSE / H)
 
 
+def test_a_first_step_of_the_reading_is_no_slide():
+    """A timer with coarse ticks: all readings were the same so far."""
+    t = np.arange(0.0, 12.0, H)
+    K, y, F = rolling_brake(t)
+    found = states(t, K, np.round(y / 0.46) * 0.46)
+    first = int(np.argmax(np.round(y / 0.46) != np.round(y[0] / 0.46)))
+    assert first > 100
+    assert all(s.rolling.p > 0.8 for s in found[first : first + 50])
+    assert np.abs([s.F for s in found] - F)[first : first + 50].max() < 0.02 * F[-1]
+
+
+def test_rounding_at_10_khz_is_no_certainty():
+    """A bound that holds for thousands of samples is one piece of information, not thousands."""
+    t = np.arange(0.0, 6.0, 1e-4)
+    K, y, F = rolling_brake(t)
+    read = np.round(y / 0.3) * 0.3
+    force, sigma = compiled.with_sigma(
+        IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
+    )
+    braked = t > 3.0
+    error = (force - F)[braked]
+    assert np.sqrt(np.mean(error**2)) < 0.08 * F[-1]
+    assert np.mean(np.abs(error) < Z95 * sigma[braked]) > 0.9
+
+
 def test_a_wheel_that_stands_shows_no_noise():
     """Its zeros do not make the filter sure of what comes after."""
     noise = learned(ramp().tolist() + [0.0] * 500)
