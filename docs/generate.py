@@ -189,12 +189,11 @@ def _anchor(section: str) -> str:
 
 
 def _of_vehicle() -> Iterator[tuple[str, str, Quantity]]:
-    for f in dataclasses.fields(Vehicle):
-        default = getattr(Vehicle(), f.name)
+    for name, q in quantities(Vehicle).items():
+        default = getattr(Vehicle(), name)
         p: Parameter = default if isinstance(default, Parameter) else default[0]
-        q = quantities(Vehicle)[f.name]
         also = f" or `{q.symbol}`" if q.symbol else ""
-        yield f"`{f.name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
+        yield f"`{name}`{also}", f"{p.value:g} ± {p.tolerance:g}", q
 
 
 def _annotated(of: type[Any]) -> Iterator[tuple[str, str, Quantity]]:

@@ -128,7 +128,8 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
     papers, named = Vehicle(), []
     for name, q in quantities(Vehicle).items():
         mine, theirs = (np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers))
-        if (by_pressure or name in wheel) and mine == theirs:
+        assumed = not name.startswith("friction_") and (by_pressure or name in wheel)
+        if assumed and mine == theirs:
             named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
     if not named:
         return []
@@ -140,12 +141,12 @@ def _axle(
     record: AxleRecord, settings: Settings, estimators: Sequence[Estimator], start_ns: int
 ) -> tuple[AxleResult, list[Finding]]:
     vehicle = settings.vehicle
-    w = physics.wheelset(vehicle, record.axle)
-    ref = force.compute(record, vehicle, settings.analysis.reference)
+    w, faded = physics.wheelset(vehicle, record.axle), physics.faded(record, vehicle)
+    ref = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
     found = {
         e.name: compiled.with_sigma(
-            e, settings.params(e), w, record.t, record.clamping_force, record.wheel_speed, starts
+            e, settings.params(e), w, record.t, faded.clamping_force, record.wheel_speed, starts
         )
         for e in estimators
     }

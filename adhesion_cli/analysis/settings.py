@@ -15,6 +15,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args
 
+import numpy as np
+
 from ..channels.meaning import Mapping
 from ..core import controller, estimator, methods, toml
 from ..core.errors import UserError, unknown
@@ -32,6 +34,7 @@ GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
 }  # fmt: skip
+_ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _ORIGIN = ("channels", "csv", "mcap", "selection", "antiskid")  # what a result was made from
 MEANINGS = {
     "pressure": "pressure",
@@ -113,9 +116,22 @@ def load(
     for text in assignments:
         _merge(layers[-1], _assignment(text))
     tree: dict[str, Any] = {}
-    for layer in layers:
-        _merge(tree, _one_spelling(layer))
+    for layer in map(_one_spelling, layers):
+        _forget(tree, layer)
+        _merge(tree, layer)
     return _typed(tree, read)
+
+
+def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:
+    """Removes the correlations of the vehicle parameters that the next layer states anew."""
+    new, vehicle = layer.get("vehicle", {}), tree.get("vehicle", {})
+    known = vehicle.pop("correlation", {}) if new else {}
+    kept = {
+        a: left
+        for a, of in known.items()
+        if a not in new and (left := {b: x for b, x in of.items() if b not in new})
+    }
+    vehicle |= {"correlation": kept} if kept else {}
 
 
 def _of_today(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -150,8 +166,12 @@ def tree(
     vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
     radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
     plain = {name: p._asdict() for name, p in vehicle.items()}
+    together: dict[str, Any] = {}
+    for a, b, share in settings.vehicle.correlation:
+        together.setdefault(a, {})[b] = share
+    related = {"correlation": together} if together else {}
     return {
-        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **plain},
+        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **plain, **related},
         "analysis": dataclasses.asdict(settings.analysis),
         "slope": settings.slope._asdict(),
         "bands": settings.bands._asdict(),
@@ -312,14 +332,17 @@ def _vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
     names = {name: name for name in quantities(Vehicle)}
     symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
-    return {**names, **symbols, "wheel_diameter": "wheel_radius"}
+    same = {"wheel_diameter": "wheel_radius", "correlation": "correlation"}
+    return {**names, **symbols, **same}
 
 
 def _vehicle(stated: dict[str, Any]) -> Vehicle:
     values: dict[str, Any] = {}
     for name, value in stated.items():
         known = getattr(Vehicle(), name)
-        if name == "wheel_radius":
+        if name == "correlation":
+            values[name] = _correlation(value)
+        elif name == "wheel_radius":
             many = value if isinstance(value, list) else [value]
             if not many:
                 hint = "one value, or one per axle"
@@ -328,6 +351,29 @@ def _vehicle(stated: dict[str, Any]) -> Vehicle:
         else:
             values[name] = _parameter(name, value, known)
     return Vehicle(**values)
+
+
+def _correlation(stated: Any) -> tuple[tuple[str, str, float], ...]:
+    """The correlation coefficients that the vehicle states, which some errors must have.
+
+    Raises:
+        UserError: for an unknown parameter, and for coefficients that no errors have.
+    """
+    section, names = "vehicle.correlation", list(quantities(Vehicle))
+    found = []
+    for a, of in _table_of(section, stated).items():
+        for b, share in _table_of(f"{section}.{a}", of).items():
+            for name in (a, b):
+                if name not in names:
+                    raise unknown("vehicle parameter", name, names)
+            found.append((a, b, _number(f"{section}.{a}.{b}", share)))
+    matrix = np.eye(len(names))
+    for a, b, share in found:
+        matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = share
+    if found and (np.linalg.eigvalsh(matrix)[0] < _ROUNDING or (np.diag(matrix) != 1.0).any()):
+        hint = "state each pair of two parameters once, from −1 to 1, as `calibrate` writes them"
+        raise UserError(f"{section}: no errors have these correlations", hint, code=2)
+    return tuple(found)
 
 
 def _parameter(key: str, stated: Any, default: Parameter) -> Parameter:

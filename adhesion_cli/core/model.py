@@ -254,6 +254,28 @@ class Vehicle:
         Parameter,
         Quantity("N", "return spring force of the brake cylinder", 0.0, 50000.0, "F_spring"),
     ] = Parameter(1450.0, 145.0)
+    friction_fade: Annotated[
+        Parameter,
+        Quantity("s/m", "share by which φ changes per m/s, from `calibrate`", -0.03, 0.03),
+    ] = Parameter(0.0, 0.0)
+    friction_speed: Annotated[
+        Parameter, Quantity("m/s", "speed at which φ is `friction`", 0.0, 200.0)
+    ] = Parameter(0.0, 0.0)
+    correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
+
+    def covariance(self, one: Mapping[str, Any], other: Mapping[str, Any]) -> Any:
+        """Covariance of two quantities by the tolerances. Source: JCGM 100, 5.2.2.
+
+        Args:
+            one: by a parameter's name, the tolerance times the sensitivity; numbers or arrays.
+            other: the same of the other quantity; `one` again gives the variance.
+        """
+        total = sum((one[name] * other[name] for name in one.keys() & other.keys()), start=0.0)
+        for a, b, share in self.correlation:
+            for i, j in ((a, b), (b, a)):
+                if i in one and j in other:
+                    total = total + share * one[i] * other[j]
+        return total
 
     def radius(self, axle: int) -> Parameter:
         """Wheel radius of an axle, numbered from 1; one value serves every axle.
@@ -284,6 +306,7 @@ class Reference:
     runout: float = 0.0  # largest run-out that was removed, share of the wheel speed
     pulses: float = math.inf  # pulses while a slide may change, if they are few
     averaged: float = 0.0  # probability that the speed is the mean over its interval
+    mass: Floats | None = None  # covariance of the force with ln m, by the tolerances [N]
 
     @property
     def half(self) -> Floats:

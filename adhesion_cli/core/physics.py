@@ -6,11 +6,12 @@ arrays and compiled loops.
 """
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .model import Floats, Vehicle, Wheelset
+from .model import AxleRecord, Floats, Vehicle, Wheelset
 
 G = 9.80665  # standard gravity [m/s²]
 HARDER = 1.2  # brakes may decelerate by this factor more than their parameters say
@@ -50,6 +51,21 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     """
     force: Floats = clamping(force_line(vehicle), pressure)
     return force
+
+
+def faded(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
+    """The record with φ(v) / φ as a factor of K: both act as φK only. Source: (1).
+
+    v is ωR, the speed of the pad on its disc. No pad loses more than nine tenths of its friction.
+    """
+    if not (fade := vehicle.friction_fade.value):
+        return record
+    faster = record.wheel_speed * vehicle.radius(record.axle).value - vehicle.friction_speed.value
+    share = np.maximum(1.0 + fade * faster, 0.1)
+    return replace(
+        record, clamping_force=share * record.clamping_force,
+        clamping_force_smooth=share * record.clamping_force_smooth,
+    )  # fmt: skip
 
 
 class ForceLine(NamedTuple):

@@ -93,11 +93,11 @@ def _application(
     first, last = (float(known[i]) if len(known) else None for i in (0, -1))
     force = _measured(axle, parts)
     weight = vehicle.axle_mass.value * physics.G
-    share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
     own = tuple(x for x in slides if where.start <= x.where.start < where.stop)
     return Application(
-        where, start, end, first, last, force, force and _over(force, weight, share),
-        own, slip.utilisation(axle, vehicle, own),
+        where, start, end, first, last, force,
+        force and _over(force, weight, _mass(axle, where, vehicle)), own,
+        slip.utilisation(axle, vehicle, own),
     )  # fmt: skip
 
 
@@ -134,10 +134,21 @@ def _mean(t: Times, x: Floats, known: Sequence[NDArray[np.int64]]) -> float:
     return area / sum(1e-9 * float(t[at[-1]] - t[at[0]]) for at in known)
 
 
-def _over(force: Measured, weight: float, share: float) -> Measured:
-    """A force over the weight of the axle, whose relative standard uncertainty is `share`."""
-    mean, peak = force.mean / weight, force.max / weight
+def _mass(axle: AxleResult, where: slice, vehicle: Vehicle) -> tuple[float, float]:
+    """Relative variance of the mass, and the force's mean covariance with ln m [N]."""
+    share, of = vehicle.axle_mass.tolerance / vehicle.axle_mass.value, axle.reference.mass
+    together = 0.0 if of is None else float(np.nanmean(of[where]))
+    return share**2, together
+
+
+def _over(force: Measured, weight: float, mass: tuple[float, float]) -> Measured:
+    """A force over the weight of the axle, with the variance of the mass from `_mass`."""
+
+    def half(x: float, u95: float) -> float:
+        added = mass[0] * x**2 - 2.0 * mass[1] * x
+        return math.sqrt(max(u95**2 + Z95**2 * added, 0.0)) / weight
+
     return Measured(
-        mean, math.hypot(force.mean_u95 / weight, Z95 * share * mean),
-        peak, math.hypot(force.max_u95 / weight, Z95 * share * peak),
+        force.mean / weight, half(force.mean, force.mean_u95),
+        force.max / weight, half(force.max, force.max_u95),
     )  # fmt: skip

@@ -468,9 +468,11 @@ def points(
             together = slice(0, 0)
     at = np.flatnonzero(near & np.isfinite(ref.force) & np.isfinite(axle.slip))
     mu = physics.coefficient(ref.force[at], vehicle)
-    scale = ref.tolerance[at] / np.maximum(ref.force[at], 1.0)
-    mass = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
-    error = math.hypot(float(np.median(scale)) if len(at) else 0.0, mass)
+    force, mass = np.maximum(ref.force[at], 1.0), vehicle.axle_mass
+    together = 0.0 if ref.mass is None else ref.mass[at] / force  # errors of force and mass
+    scale = (ref.tolerance[at] / force) ** 2 - 2.0 * together
+    variance = (float(np.median(scale)) if len(at) else 0.0) + (mass.tolerance / mass.value) ** 2
+    error = math.sqrt(max(variance, 0.0))
     t = (record.t[at] - record.t[0]) * 1e-9
     v, clock = record.train_speed[at], _speed_error(record, _DELAY)[at]
     noise = speed_noise(record, radius)[at] / v  # of (2)

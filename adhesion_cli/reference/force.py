@@ -7,7 +7,7 @@ then be anything up to φK.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     error of K.
 
     Args:
-        record: one axle's record.
+        record: one axle's record, `faded`.
         vehicle: its values give F, its tolerances the band.
         method: a name from `METHODS`.
 
@@ -83,51 +83,71 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     runs = [record.cut(s) for s in slices]
     ripples = [run_out.found(_seconds(r), r.wheel_speed) for r in runs]
     late = record.pressure_late.value
-    force, sigma, tolerance = (np.full(len(record), np.nan) for _ in range(3))
+    force, sigma, tolerance, mass = (np.full(len(record), np.nan) for _ in range(4))
     found = METHODS[method].parts(runs, [part for part, _ in ripples], w)
     for s, parts in zip(slices, found, strict=True):
         force[s] = w.phi * parts.clamping_force + parts.acceleration / w.a  # (1)
         sigma[s] = parts.sigma
-        tolerance[s] = _tolerance(record, vehicle, parts)
+        tolerance[s], mass[s] = _tolerance(record.cut(s), vehicle, parts)
         if late:
             t = (record.t[s] - record.t[s.start]) * 1e-9
             off = np.interp(t + late, t, parts.clamping_force) - parts.clamping_force
             sigma[s] = np.hypot(sigma[s], w.phi * off)
     unknown_torque = driven(record, vehicle.radius(record.axle).value)
-    for column in (force, sigma, tolerance):
+    for column in (force, sigma, tolerance, mass):
         column[unknown_torque] = np.nan
     largest = max((share for _, share in ripples), default=0.0)
     averaged = found[0].averaged if found else 0.0
     pulses = _pulses(max(runs, key=len)) if runs else math.inf
     source, open_ = METHODS[method].source, record.saturated
-    return Reference(method, source, force, sigma, tolerance, open_, largest, pulses, averaged)
+    return Reference(
+        method, source, force, sigma, tolerance, open_, largest, pulses, averaged, mass
+    )
 
 
-def _tolerance(record: AxleRecord, vehicle: Vehicle, parts: Parts) -> Floats:
-    """1 sigma of F = φK + I ω̇/R from the vehicle's tolerances, first order [N].
+def _tolerance(run: AxleRecord, vehicle: Vehicle, parts: Parts) -> tuple[Floats, Floats]:
+    """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
+    speed = run.wheel_speed * vehicle.radius(run.axle).value
+    moved = moves(run, vehicle, parts.clamping_force, parts.acceleration, speed)
+    mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
+    variance = vehicle.covariance(moved, moved)
+    return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + vehicle.covariance(moved, mass)
+
+
+def moves(
+    record: AxleRecord, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+) -> dict[str, Floats]:
+    """By how much each parameter's tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 
     Every parameter varies on its own, at measured ω and p, or K if the log has K. A speed logged in
     m/s or km/h is ωR, and the reader has divided it by R: an error of R counts twice there.
+
+    Args:
+        record: what its sensors measure.
+        vehicle: with tolerances.
+        K: clamping force, with the friction's change over speed (n,) [N].
+        dw: ω̇ (n,) [rad/s²].
+        speed: ωR (n,) [m/s].
     """
-    K, dw = parts.clamping_force, parts.acceleration
     R, inertia, phi = vehicle.radius(record.axle), vehicle.wheelset_inertia, vehicle.friction
-    terms: list[Any] = [
-        K * phi.tolerance,
-        dw / R.value * inertia.tolerance,
-        (2.0 if record.of_rim else 1.0) * dw * inertia.value / R.value**2 * R.tolerance,
-    ]
+    fade, at = vehicle.friction_fade, speed - vehicle.friction_speed.value
+    terms = {
+        "friction": K * phi.tolerance,
+        "friction_fade": phi.value * K * at / (1.0 + fade.value * at) * fade.tolerance,
+        "wheelset_inertia": dw / R.value * inertia.tolerance,
+        "wheel_radius": (-2.0 if record.of_rim else -1.0)
+        * dw * inertia.value / R.value**2 * R.tolerance,
+    }  # fmt: skip
     if record.pressure is not None:
-        chain = [vehicle.discs, vehicle.efficiency, vehicle.lever_ratio, vehicle.radius_ratio]
-        ratio = math.prod(x.value for x in chain)  # K over the piston's force          (15)
+        names = ("discs", "efficiency", "lever_ratio", "radius_ratio")
+        chain = {name: getattr(vehicle, name) for name in names}
+        ratio = math.prod(x.value for x in chain.values())  # K over the piston's force    (15)
         piston = K + np.where(K > 0.0, ratio * vehicle.spring_force.value, 0.0)
         d = vehicle.cylinder_diameter
-        terms += [phi.value * K * x.tolerance / x.value for x in chain]
-        terms += [
-            phi.value * piston * 2.0 * d.tolerance / d.value,
-            phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0),
-        ]
-    total: Floats = np.sqrt(np.sum(np.square(terms), axis=0))
-    return total
+        terms |= {name: phi.value * K * x.tolerance / x.value for name, x in chain.items()}
+        terms["cylinder_diameter"] = phi.value * piston * 2.0 * d.tolerance / d.value
+        terms["spring_force"] = -phi.value * ratio * vehicle.spring_force.tolerance * (K > 0.0)
+    return terms
 
 
 # Smoother: rolling, sliding, changing

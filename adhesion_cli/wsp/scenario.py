@@ -329,6 +329,8 @@ def _of_train(s: Scenario) -> _Checks:
     ):  # fmt: skip
         hint = f"{n} values, or {'one' if least else 'none'}"
         yield len(values) not in (least, n), f"{key} is not one per axle", hint
+    brake = s.vehicle.friction_fade.value != 0.0 or s.vehicle.correlation != ()
+    yield brake, "[vehicle] a simulated brake has one friction", "leave out what `calibrate` adds"
     yield s.rig and n != 1, "[rig] tests one axle", "leave [train] axles at 1"
     end = 0.0
     for c in s.brake.command:

@@ -1,7 +1,7 @@
 """The reference against known truth: simulated brakes, real sensors' faults, exact solutions."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from adhesion_cli.channels.to_si import period_tick
 from adhesion_cli.core import physics, signals
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Z95, AxleRecord, Bools, Floats, Parameter, Reference, Vehicle
+from adhesion_cli.core.model import (
+    Z95,
+    AxleRecord,
+    Bools,
+    Floats,
+    Parameter,
+    Reference,
+    Vehicle,
+    quantities,
+)
 from adhesion_cli.reference import force, smoother
 from adhesion_cli.wsp import scenario, simulate
 
@@ -515,9 +524,9 @@ def test_unknown_method() -> None:
 def exact(**tolerance: float) -> Vehicle:
     """The vehicle with these tolerances and no others."""
     values = {
-        f.name: Parameter(getattr(VEHICLE, f.name).value, tolerance.get(f.name, 0.0))
-        for f in fields(Vehicle)
-        if f.name != "wheel_radius"
+        name: Parameter(getattr(VEHICLE, name).value, tolerance.get(name, 0.0))
+        for name in quantities(Vehicle)
+        if name != "wheel_radius"
     }
     R = Parameter(VEHICLE.wheel_radius[0].value, tolerance.get("wheel_radius", 0.0))
     return Vehicle(wheel_radius=(R,), **values)
