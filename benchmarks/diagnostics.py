@@ -122,7 +122,7 @@ def _run(
     return v, w, p, slip
 
 
-def _stated(rng: np.random.Generator) -> Vehicle:
+def stated_vehicle(rng: np.random.Generator) -> Vehicle:
     """A vehicle as its operator states it, with the default tolerances."""
     usual = Vehicle()
 
@@ -147,7 +147,7 @@ def _stated(rng: np.random.Generator) -> Vehicle:
     )
 
 
-def _car(rng: np.random.Generator, v: Vehicle, axles: int) -> Car:
+def true_car(rng: np.random.Generator, v: Vehicle, axles: int) -> Car:
     """The true vehicle: each constant off by its stated tolerance."""
 
     def true(p: Parameter) -> float:
@@ -257,14 +257,19 @@ class Ride(NamedTuple):
 
 def simulated(rng: np.random.Generator, axles: int = 0, train: bool | None = None) -> Test:
     """A sound brake test."""
-    return _sensed(rng, ridden(rng, axles), train)
+    return sensed(rng, ridden(rng, axles), train)
 
 
 def ridden(rng: np.random.Generator, axles: int = 0) -> Ride:
     """A brake test as it truly was."""
-    stated = _stated(rng)
+    stated = stated_vehicle(rng)
     axles = axles or int(rng.choice([1, 1, 2, 4, 4, 3]))
-    car, full = _car(rng, stated, axles), _full(stated)
+    return ride_of(rng, stated, true_car(rng, stated, axles))
+
+
+def ride_of(rng: np.random.Generator, stated: Vehicle, car: Car) -> Ride:
+    """A brake test of a vehicle."""
+    axles, full = len(car.radius), _full(stated)
     slides = bool(rng.random() < 0.5)
     for _ in range(20):
         v0 = rng.uniform(12.0, 45.0)
@@ -282,7 +287,7 @@ def ridden(rng: np.random.Generator, axles: int = 0) -> Ride:
     return Ride(stated, v, w, p, slip, slides)
 
 
-def _sensed(rng: np.random.Generator, ride: Ride, with_train: bool | None) -> Test:
+def sensed(rng: np.random.Generator, ride: Ride, with_train: bool | None) -> Test:
     """The log of a ride: rates, noise, steps and pulse timers of its sensors."""
     stated, v, w, p, _, slides = ride
     axles, span = len(w), len(v) * STEP

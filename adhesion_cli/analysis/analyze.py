@@ -74,11 +74,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     """
     estimators = chosen(algos)
     tell(f"reading {path.name}")
-    settings = load()
-    source = open_source(path, settings.read)
-    if carried := _carried(path, source):
-        settings = load(base=settings_module.nested(carried))
-    checked(settings)
+    settings, source = opened(path, load)
     vehicle = settings.vehicle
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
@@ -106,6 +102,19 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
+
+
+def opened(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Source]:
+    """A log and its settings, see `analyze`.
+
+    Raises:
+        UserError: where it cannot be read, and for wrong settings.
+    """
+    settings = load()
+    source = open_source(path, settings.read)
+    if carried := _carried(path, source):
+        settings = load(base=settings_module.nested(carried))
+    return checked(settings), source
 
 
 def _carried(path: Path, source: Source) -> Mapping[str, str]:

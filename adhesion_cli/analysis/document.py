@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..wsp.replay import Answer, Case
     from ..wsp.scenario import Limit, Scenario
     from ..wsp.sweep import Row
+    from .calibrate import Calibration
 
 
 def tagged(kind: str, **body: Any) -> dict[str, Any]:
@@ -173,6 +174,25 @@ def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
         "fit": fit,
         "fit_curve": "polach" if rail else None,
     }
+
+
+def calibrate_document(found: "Calibration", outputs: dict[str, str]) -> dict[str, Any]:
+    """The document of `calibrate`.
+
+    Args:
+        found: the calibration.
+        outputs: the files written, by format.
+    """
+    return tagged(
+        "calibrate", logs=len(found.logs), applications=len(found.applications), outputs=outputs,
+        parameters={name: row._asdict() for name, row in found.rows.items()},
+        correlation={"names": [*found.rows], "matrix": found.correlation.tolist()},
+        force_before_n=found.force[0], force_after_n=found.force[1],
+        band_before_n=found.band[0], band_after_n=found.band[1],
+        braked=[a._asdict() for a in found.applications],
+        used=[{"path": u.log.path, "sha256": u.log.sha256} for u in found.logs],
+        findings=findings_document(found.findings),
+    )  # fmt: skip
 
 
 def antiskid_document(

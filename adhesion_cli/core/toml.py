@@ -1,9 +1,10 @@
 """TOML from the user, bounded in size, and TOML that a message shows."""
 
 import json
+import re
 import shlex
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,20 @@ def table(parts: Mapping[str, str | int]) -> str:
     """A table in one line, without what is empty."""
     texts = (f"{k} = {quoted(v) if isinstance(v, str) else v}" for k, v in parts.items() if v)
     return f"{{{', '.join(texts)}}}"
+
+
+def key(name: str) -> str:
+    """A key, in quotes where it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
+
+
+def value(of: Any) -> str:
+    """A value in one line; a number with nine digits."""
+    if isinstance(of, Mapping):
+        return "{" + ", ".join(f"{key(k)} = {value(v)}" for k, v in of.items()) + "}"
+    if isinstance(of, Sequence) and not isinstance(of, str):
+        return "[" + ", ".join(map(value, of)) + "]"
+    return repr(float(f"{of:.9g}")) if isinstance(of, float) else json.dumps(of, ensure_ascii=False)
 
 
 def option(line: str) -> str:

@@ -49,7 +49,6 @@ UNITS = {
 SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE = range(len(UNITS))
 _SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
-_ROLLS = Parameter(math.log(1e5), 1e-3)  # a train speed has no creep
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 _RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
@@ -99,6 +98,7 @@ class Design(NamedTuple):
     size: Floats  # how many each has, (p,)
     run: NDArray[np.int64]  # which uninterrupted run each piece is of, (p,)
     time: Floats  # from the piece's middle, (m,) [s]
+    measured: Floats  # speed (m,) [m/s]
     v: Floats  # speed without α and γ (m,) [m/s]
     speed: Floats  # that itself, smooth (m,) [m/s]
     c: float  # deceleration by the highest K [m/s²]
@@ -106,6 +106,8 @@ class Design(NamedTuple):
     floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
     seen: bool  # whether a train speed would show that all wheels slide
     interval: float  # the longer one of speed and pressure [s]
+    mean: float  # ū, at which c holds [m/s]
+    creeps: bool  # whether the speed is that of wheels
 
 
 class Posterior(NamedTuple):
@@ -139,22 +141,27 @@ def tolerance(v: Vehicle) -> float:
     return math.hypot(*shares, 2.0 * v.cylinder_diameter.tolerance / v.cylinder_diameter.value)
 
 
-def stated(design: Design, vehicle: Vehicle, creeps: bool = True) -> dict[int, Parameter]:
+def stated(design: Design, vehicle: Vehicle) -> dict[int, Parameter]:
     """The prior of every shared parameter by what is stated of the vehicle.
 
     Args:
         design: of one log, for its highest K and its intervals.
         vehicle: with tolerances.
-        creeps: whether the speed is a wheel's.
     """
+    fade, at = vehicle.friction_fade, friction_share(vehicle, design.mean)
     return {
         SCALE: Parameter(0.0, math.log1p(tolerance(vehicle))),
         OFFSET: Parameter(0.0, math.hypot(_spring(design, vehicle).tolerance, _ZERO)),
         DELAY: Parameter(0.0, math.hypot(_SMALL, 0.25 * design.interval)),
-        STIFFNESS: CREEP if creeps else _ROLLS,
-        FADE: _FADE,
+        STIFFNESS: CREEP,
+        FADE: Parameter(fade.value / at, fade.tolerance or _FADE.tolerance),
         RESISTANCE: _RESISTANCE,
     }
+
+
+def friction_share(vehicle: Vehicle, speed: float) -> float:
+    """φ at a speed [m/s], over `friction`."""
+    return max(1.0 + vehicle.friction_fade.value * (speed - vehicle.friction_speed.value), 0.1)
 
 
 def _spring(design: Design, vehicle: Vehicle) -> Parameter:
@@ -193,15 +200,37 @@ def design(
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
     interval = max(between(a) for a in axles)
     rounding = max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles)
-    c = float(braked(top, wheelset(vehicle, axles[0].record.axle)))
+    mean = float(v[at].mean())
+    c = float(braked(top, wheelset(vehicle, axles[0].record.axle))) * friction_share(vehicle, mean)
     floor = math.hypot(_FLOOR, rounding, c * _unseen(t, np.maximum(K, 0.0), interval))
     whole = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
     d = Design(
-        t, K, whole - float(v[at].mean()), top, at, first, size.astype(np.float64), np.array(run),
-        since, v[at], v[at], c, noise, floor, fine.train is not None, interval,
+        t, K, whole - mean, top, at, first, size.astype(np.float64), np.array(run), since, v[at],
+        v[at], v[at], c, noise, floor, fine.train is not None, interval, mean,
+        not (train and fine.train is not None),
     )  # fmt: skip
     flat = _flat(d, d.v)
     return d._replace(v=flat, speed=d.speed - _sloped(d, flat))
+
+
+def of_log(axles: Sequence[Axle], coarse: Grid, vehicle: Vehicle) -> Design | None:
+    """The pieces of a log, by its train speed, else by its wheels; None where none roll."""
+    if (fine := grid(axles, vehicle, _FINE)) is None:
+        return None
+    train = design(axles, vehicle, coarse, fine, True) if fine.train is not None else None
+    return train or design(axles, vehicle, coarse, fine)
+
+
+def joined(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:
+    """The designs of several logs with one highest K and one mean speed, for one fit."""
+    top = max(d.top for d in designs)
+    mean = float(np.average([d.mean for d in designs], weights=[len(d.at) for d in designs]))
+    found = []
+    for d in designs:
+        c = d.c * top / d.top * friction_share(vehicle, mean) / friction_share(vehicle, d.mean)
+        K, faster = d.K * d.top / top, d.faster + d.mean - mean
+        found.append(d._replace(K=K, faster=faster, top=top, c=c, mean=mean))
+    return found
 
 
 def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tuple[Floats, float]:
@@ -299,11 +328,16 @@ def _area(d: Design, k: Floats) -> Floats:
     return area
 
 
-def _lost(d: Design, x: Floats) -> Floats:
-    """What the brake takes from the rim speed, but for the factor s; (m,) [m/s]."""
+def lost(d: Design, x: Floats) -> Floats:
+    """What the brake takes from the speed, but for the factor s; (m,) [m/s]."""
     k = _applied(d, x)
-    crept = d.speed * k[d.at] / (G * math.exp(x[STIFFNESS]))
-    return _flat(d, d.c * (_area(d, k)[d.at] + crept))
+    crept = d.creeps * d.speed * k[d.at] / (G * math.exp(x[STIFFNESS]))
+    taken: Floats = d.c * (_area(d, k)[d.at] + crept)
+    return taken
+
+
+def _lost(d: Design, x: Floats) -> Floats:
+    return _flat(d, lost(d, x))
 
 
 def left(d: Design, x: Floats, gradients: Floats) -> Floats:
@@ -323,10 +357,16 @@ def _columns(d: Design, x: Floats) -> Floats:
         high[i] += step
         low[i] -= step
         J[i] = s * (_lost(d, high) - _lost(d, low)) / (2.0 * step)
-    crept = d.c * d.speed * _applied(d, x)[d.at] / (G * math.exp(x[STIFFNESS]))
+    crept = d.creeps * d.c * d.speed * _applied(d, x)[d.at] / (G * math.exp(x[STIFFNESS]))
     J[STIFFNESS] = -s * _flat(d, crept)
     J[RESISTANCE] = d.time
     return J
+
+
+def gradients(designs: Sequence[Design], x: Floats) -> list[Floats]:
+    """The gradients of each design, of a posterior's mean [m/s²]."""
+    edges = np.cumsum([_SHARED, *(len(d.size) for d in designs)])
+    return [x[i:j] for i, j in pairwise(edges)]
 
 
 class _Problem(NamedTuple):
@@ -339,8 +379,7 @@ class _Problem(NamedTuple):
 
     def parts(self, x: Floats) -> list[Floats]:
         """The gradients of each design."""
-        edges = np.cumsum([_SHARED, *(len(d.size) for d in self.designs)])
-        return [x[i:j] for i, j in pairwise(edges)]
+        return gradients(self.designs, x)
 
 
 def _problem(
@@ -426,6 +465,15 @@ def fit(
     return Posterior(p.mean[:_SHARED], sigmas, best, covariance, cost)
 
 
+def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterior:
+    """The posterior of designs that are `joined`, each with as many samples as are independent."""
+    start = np.array([prior[i].value for i in range(_SHARED)])
+    first = fit(designs, [d.size for d in designs], prior, [start]).mean
+    each = zip(designs, gradients(designs, first), strict=True)
+    telling = [independent(d, left(d, first, slopes)) for d, slopes in each]
+    return fit(designs, telling, prior, [first])
+
+
 def _completed(p: _Problem, x: Floats) -> Floats:
     """A point with gradients: those of least squares, drawn towards their prior."""
     if len(x) == len(p.mean):
@@ -504,19 +552,19 @@ def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> E
     rims = design(axles, vehicle, coarse, fine)
     if rims is None:
         return AS_STATED
-    e = _explained(rims, vehicle, True)
+    e = _explained(rims, vehicle)
     # A wheel on its way into a slide slows harder than it should; the train does not.
     if e.line and fine.train is not None:
         train = design(axles, vehicle, coarse, fine, True)
-        if train is None or _explained(train, vehicle, False).line is None:
+        if train is None or _explained(train, vehicle).line is None:
             e = e._replace(line=None, late=AS_STATED.late if e.either else e.late, either=False)
     return e
 
 
-def _explained(d: Design, vehicle: Vehicle, creeps: bool) -> Explanation:
+def _explained(d: Design, vehicle: Vehicle) -> Explanation:
     """What explains this speed, of wheels that creep or of the train, which only has to agree."""
-    clearly = CLEARLY if creeps else CLEARLY / 2.0
-    known = stated(d, vehicle, creeps)
+    clearly = CLEARLY if d.creeps else CLEARLY / 2.0
+    known = stated(d, vehicle)
     offset = Parameter(0.0, max(_SPRING, _spring(d, vehicle).value))
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}

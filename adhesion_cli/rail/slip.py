@@ -469,8 +469,8 @@ def points(
     at = np.flatnonzero(near & np.isfinite(ref.force) & np.isfinite(axle.slip))
     mu = physics.coefficient(ref.force[at], vehicle)
     force, mass = np.maximum(ref.force[at], 1.0), vehicle.axle_mass
-    together = 0.0 if ref.mass is None else ref.mass[at] / force  # errors of force and mass
-    scale = (ref.tolerance[at] / force) ** 2 - 2.0 * together
+    common = 0.0 if ref.mass is None else ref.mass[at] / force  # error of force and mass
+    scale = (ref.tolerance[at] / force) ** 2 - 2.0 * common
     variance = (float(np.median(scale)) if len(at) else 0.0) + (mass.tolerance / mass.value) ** 2
     error = math.sqrt(max(variance, 0.0))
     t = (record.t[at] - record.t[0]) * 1e-9

@@ -1,0 +1,88 @@
+"""`adhesion calibrate`: the vehicle from its own logs."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from . import results
+from .options import Logs, Shared, check, draw, inputs, loader, option, pictures, shared
+
+if TYPE_CHECKING:
+    from ..analysis.calibrate import Calibration
+
+
+@shared("config", "set_", "json", "force", "strict", "figure")
+def command(
+    logs: Logs,
+    shared: Shared,
+    out: Annotated[Path | None, option("-o --out", "FILE.toml", "Write what -c takes.")] = None,
+) -> int:
+    """Find the vehicle's force from the deceleration of its logs.
+
+    All logs are of one vehicle. The brake applications in which all wheels roll determine the
+    friction and its change over speed, the spring force and the delay of the pressure. The mass
+    limits the result: state it with its tolerance.
+
+    --figure draws the measured and the predicted deceleration of each brake application.
+
+    Example: adhesion calibrate day1.csv day2.csv -c my-train.toml -o calibrated.toml
+    """
+    from ..analysis import calibrate
+    from ..analysis.document import calibrate_document, dumps
+    from ..core.errors import UserError
+    from ..results import atomic_files
+    from . import terminal
+
+    files = [*([out] if out else []), *pictures(shared)]
+    if out and out.suffix.lower() != ".toml":
+        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
+    check(shared, [out] if out else [], *logs)
+    found = calibrate.calibrate(logs, loader(shared), terminal.progress(shared.quiet))
+    if files:
+        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:
+            if out:
+                places[0].write_text(calibrate.as_toml(found), encoding="utf-8")
+            if shared.figure:
+                title = f"Calibration by {len(found.applications)} brake applications"
+                draw(shared, places[-1], title, calibrate.panels(found.applications))
+    if shared.json:
+        print(dumps(calibrate_document(found, results.named(files))))
+    else:
+        print(report(found))
+        terminal.show(found.findings, shared.quiet)
+        if files:
+            print(terminal.wrote(*files))
+    return 3 if terminal.lossy(found.findings) else 0
+
+
+def report(found: "Calibration") -> str:
+    """The table prior → posterior, and the band before and after."""
+    from .terminal import folded, records
+
+    table = [
+        {
+            "parameter": name.replace("_", " "), "stated by": r.source, "unit": r.unit,
+            "stated": _with(r.prior, r.prior_u), "calibrated": _with(r.posterior, r.posterior_u),
+        }
+        for name, r in found.rows.items()
+    ]  # fmt: skip
+    rows = found.rows
+    before, after = (100.0 * u / x for u, x in zip(found.band, found.force, strict=True))
+    ratio, mass = rows["force_over_mass"], rows["axle_mass"]
+    limit = (
+        f"The logs show the force over the mass within "
+        f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "
+        f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
+    )
+    return "\n".join([
+        f"{len(found.applications)} brake applications of {len(found.logs)} logs; "
+        "± is 1 sigma:",
+        "", records(table, left=3), "",
+        f"95 % band of the force at the mean brake: ±{before:.1f} % as stated, "
+        f"±{after:.1f} % calibrated",
+        folded(limit),
+    ])  # fmt: skip
+
+
+def _with(value: float, u: float) -> str:
+    """A value with its standard uncertainty."""
+    return f"{value:.4g} ± {u:.0f}" if u >= 100.0 else f"{value:.4g} ± {u:.2g}"

@@ -1,0 +1,145 @@
+"""A calibrated vehicle: what its logs show, what they cannot, and what is refused."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from vehicle_logs import STATED, log, true
+
+from adhesion_cli.analysis import analyze, calibrate, settings
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Z95, Parameter, Vehicle
+from adhesion_cli.core.physics import wheelset
+
+
+def load(vehicle: Vehicle = STATED) -> Callable[..., settings.Settings]:
+    return lambda **_: settings.Settings(vehicle=vehicle)
+
+
+def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.Calibration:
+    return calibrate.calibrate(paths, load(vehicle), lambda _: None)
+
+
+def bands(of: calibrate.Calibration) -> list[float]:
+    """Standard uncertainty of the force as stated and calibrated, relative."""
+    return [u / Z95 / F for u, F in zip(of.band, of.force, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three logs of a vehicle with 20 % less friction than stated, which falls with speed."""
+    of = true(
+        friction=0.8, friction_fade=Parameter(-0.004, 0.0), friction_speed=Parameter(20.0, 0.0)
+    )
+    folder = tmp_path_factory.mktemp("logs")
+    return [log(folder / f"{i}.csv", of, seed=i) for i in range(3)]
+
+
+@pytest.fixture(scope="module")
+def calibrated(logs: list[Path]) -> calibrate.Calibration:
+    return found(*logs)
+
+
+def test_the_logs_show_force_over_mass(calibrated: calibrate.Calibration) -> None:
+    row = calibrated.rows["force_over_mass"]
+    at = calibrated.settings.vehicle.friction_speed.value
+    assert row.posterior == pytest.approx(0.8 * (1.0 - 0.004 * (at - 20.0)), rel=0.03)
+    assert row.posterior_u == pytest.approx(0.02 * math.sqrt(4.0 / 3.0) * row.posterior, rel=0.1)
+    fade = calibrated.rows["friction_fade"]
+    assert fade.posterior == pytest.approx(-0.004, abs=3.0 * fade.posterior_u)
+    assert fade.posterior_u < 0.5 * fade.prior_u
+
+
+def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.Calibration) -> None:
+    """The share of the mass's variance is by linear regression: 5 % against 10.4 %."""
+    chain, mass = math.hypot(0.1, 0.03, 0.002), 0.05
+    rows, w = calibrated.rows, wheelset(STATED, 1).rolling
+    limit = chain * w * mass / math.hypot(chain, w * mass)
+    share = rows["friction"].posterior_u / rows["friction"].posterior
+    assert limit <= share < 1.2 * limit
+    before, after = bands(calibrated)
+    assert 0.04 < after < 0.5 * before
+    names = [*rows]
+    i, j = names.index("friction"), names.index("axle_mass")
+    assert calibrated.correlation[i, j] > 0.8
+
+
+def test_a_weighed_train_gives_a_narrower_band(
+    logs: list[Path], calibrated: calibrate.Calibration
+) -> None:
+    weighed = replace(STATED, axle_mass=Parameter(4797.0, 47.97))
+    one = found(*logs, vehicle=weighed)
+    assert bands(one)[1] < 0.7 * bands(calibrated)[1]
+    assert one.rows["axle_mass"].posterior == pytest.approx(4797.0, rel=0.01)
+
+
+def test_analyze_takes_the_toml_and_has_that_band(
+    logs: list[Path], calibrated: calibrate.Calibration, tmp_path: Path
+) -> None:
+    path = tmp_path / "train.toml"
+    path.write_text(calibrate.as_toml(calibrated))
+    again = settings.load(path, folder=False)
+    for name, row in calibrated.rows.items():
+        if hasattr(again.vehicle, name):
+            p = getattr(again.vehicle, name)
+            assert p == pytest.approx((row.posterior, row.posterior_u), rel=1e-6)
+    assert again.vehicle.correlation == calibrated.settings.vehicle.correlation
+    (axle,) = analyze.analyze(logs[0], lambda **_: again, ["td"]).axles
+    rolls = np.abs(axle.reference.force / calibrated.force[1] - 1.0) < 0.1
+    band = Z95 * axle.reference.tolerance[rolls] / axle.reference.force[rolls]
+    assert np.median(band) == pytest.approx(Z95 * bands(calibrated)[1], rel=0.05)
+    assert axle.reference.mass is not None
+    shared = axle.reference.mass[rolls] / axle.reference.force[rolls]
+    mass = calibrated.rows["axle_mass"]
+    assert np.median(shared) > 0.8 * (mass.posterior_u / mass.posterior) ** 2
+
+
+def test_a_calibrated_vehicle_calibrates_to_itself(
+    logs: list[Path], calibrated: calibrate.Calibration
+) -> None:
+    again = found(*logs, vehicle=calibrated.settings.vehicle)
+    row = again.rows["force_over_mass"]
+    assert row.posterior == pytest.approx(1.0, abs=0.01)
+    assert row.prior_u < 0.04
+    assert bands(again)[1] < 1.05 * bands(calibrated)[1]
+
+
+def test_each_application_has_its_decelerations(calibrated: calibrate.Calibration) -> None:
+    assert len(calibrated.applications) == 9
+    for a in calibrated.applications:
+        left = a.calibrated_mps2 - a.gradient_mps2 - a.measured_mps2
+        assert abs(left) < 0.02
+        assert a.stated_mps2 > a.calibrated_mps2
+
+
+def test_logs_that_contradict_each_other_are_refused(logs: list[Path], tmp_path: Path) -> None:
+    other = log(tmp_path / "other.csv", true(friction=1.1), seed=7)
+    with pytest.raises(UserError, match="other") as caught:
+        found(*logs, other)
+    assert caught.value.hint
+
+
+def test_one_application_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="one brake application"):
+        found(log(tmp_path / "one.csv", true(), applications=1))
+
+
+def test_logs_without_brakes_are_refused_or_named(logs: list[Path], tmp_path: Path) -> None:
+    coasts = log(tmp_path / "coasts.csv", replace(true(), spring_force=Parameter(5e4, 0.0)))
+    with pytest.raises(UserError, match="all wheels roll"):
+        found(coasts, vehicle=replace(STATED, spring_force=Parameter(5e4, 0.0)))
+    short = tmp_path / "short.csv"
+    short.write_text("\n".join(coasts.read_text().splitlines()[:120]) + "\n")
+    codes = [f.names for f in found(*logs, short).findings if f.code == "calibration-log-unused"]
+    assert codes == [{"log": "short.csv"}]
+
+
+@pytest.mark.parametrize("name", ["friction", "axle_mass"])
+def test_a_tolerance_of_zero_is_refused(name: str, logs: list[Path]) -> None:
+    exact = replace(STATED, **{name: Parameter(getattr(STATED, name).value, 0.0)})
+    with pytest.raises(UserError, match=name) as caught:
+        found(logs[0], vehicle=exact)
+    assert caught.value.code == 2

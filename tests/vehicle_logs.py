@@ -1,0 +1,41 @@
+"""Logs of a train that rolls, with another friction and mass than stated."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from adhesion_cli.core.model import Parameter, Vehicle
+from adhesion_cli.core.physics import braked, clamping_force, wheelset
+
+STATED = replace(Vehicle(), lever_ratio=Parameter(2.4, 0.0))
+
+
+def true(friction: float = 1.0, mass: float = 1.0, **more: Parameter) -> Vehicle:
+    """The stated vehicle with its friction and its mass off by these factors."""
+    phi, m = STATED.friction.value, STATED.axle_mass.value
+    return replace(
+        STATED, friction=Parameter(friction * phi, 0.0), axle_mass=Parameter(mass * m, 0.0), **more
+    )
+
+
+def log(path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3) -> Path:
+    """A train that rolls, braked several times on gradients that change; no train speed."""
+    rng, h = np.random.default_rng(seed), 0.05
+    t = np.arange(0.0, 10.0 + 26.0 * applications, h)
+    p, slope = np.zeros(len(t)), np.zeros(len(t))
+    for i in range(applications):
+        begin = 8.0 + 26.0 * i
+        up = np.minimum((t - begin) / 1.5, (begin + 12.0 - t) / 1.5)
+        p = np.maximum(p, np.clip(up, 0.0, 1.0) * rng.uniform(1.5e5, 3.5e5))
+        slope[t > begin - 7.0] = rng.normal(0.0, 0.02)
+    v, speed = np.empty(len(t)), 42.0
+    w, K = wheelset(vehicle, 1), clamping_force(p, vehicle)
+    for i in range(len(t)):
+        v[i] = speed
+        fade = vehicle.friction_fade.value * (speed - vehicle.friction_speed.value)
+        speed -= h * (float(braked(K[i], w)) * (1.0 + fade) + 0.012 + slope[i])
+    rim = v + rng.normal(0.0, 0.004, len(t))
+    rows = [f"{a:.2f},{b / 1e5:.4f},{3.6 * c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
+    path.write_text("time [s],bc pressure [bar],wheel speed [km/h]\n" + "\n".join(rows) + "\n")
+    return path
