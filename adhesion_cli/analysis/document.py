@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..core.stop import Stop
     from ..rail.applications import Application
     from ..rail.slip import Summary
+    from ..reference.budget import Budget
     from ..wsp import wsp_controller
     from ..wsp.plant import Track
     from ..wsp.replay import Answer, Case
@@ -102,7 +103,15 @@ def _application(x: "Application", start_ns: int) -> dict[str, Any]:
         "at_least": any(s.at_least for s in slides),
         "utilisation": used and used.value,
         "utilisation_ci": used and [used.low, used.high],
+        "budget": x.budget and [row._asdict() for row in x.budget.rows],
+        "coverage": x.budget and _coverage(x.budget),
     }
+
+
+def _coverage(b: "Budget") -> dict[str, float | None]:
+    """Combined standard uncertainty and coverage factor of the mean force."""
+    freedom = b.freedom if math.isfinite(b.freedom) else None
+    return {"u_n": b.u, "k": b.k, "degrees_of_freedom": freedom}
 
 
 def _sum(values: Sequence[float | None]) -> float | None:

@@ -14,6 +14,9 @@ def command(
     logs: Logs,
     shared: Shared,
     scores: Annotated[bool, option("--scores", None, "Score the estimators axle by axle.")] = False,
+    budget: Annotated[
+        bool, option("--budget", None, "Show what each quantity adds to the uncertainty.")
+    ] = False,
 ) -> int:
     """Compute adhesion force and coefficient of each log.
 
@@ -40,18 +43,22 @@ def command(
         print(dumps(document(list(every))))
     else:
         for (result, _), one in zip(done, entries, strict=True):
-            _show(result, one, scores, shared.quiet)
+            _show(result, one, scores, budget, shared.quiet)
         results.show_failed(failed)
     code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
     return 3 if failed else code
 
 
-def _show(result: "Result", entry: dict[str, Any], by_axle: bool, quiet: bool) -> None:
+def _show(
+    result: "Result", entry: dict[str, Any], by_axle: bool, budget: bool, quiet: bool
+) -> None:
     """One log: brake applications, findings, scores, files."""
     from ..evaluation.metrics import overall
     from . import applications, terminal
 
     print(f"{terminal.of_log(entry)}\n\n{applications.tables(entry['axles'])}\n", flush=True)
+    if budget:
+        print(applications.budgets(entry["axles"]))
     terminal.show(result.findings, quiet)
     rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]
     if by_axle:

@@ -14,6 +14,11 @@ _OF_SLIDES = (
     "Slides of each brake application: number, time and distance together, largest slip, energy "
     "of friction between wheel and rail, and share of the available adhesion that was used."
 )
+_OF_BUDGETS = (
+    "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
+    "tolerances of the vehicle as stated, or their defaults. u: standard uncertainty, in the unit "
+    "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
+)
 _AT_LEAST = "≥: the true value is at least this."
 
 
@@ -28,6 +33,40 @@ def tables(axles: Sequence[dict[str, Any]]) -> str:
         note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
         return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
     return "\n".join([*parts, "No slides."])
+
+
+def budgets(axles: Sequence[dict[str, Any]]) -> str:
+    """The uncertainty budget of each brake application's mean force; keys as in the JSON."""
+    parts = []
+    for axle in axles:
+        for one in axle["applications"]:
+            if one["budget"]:
+                parts += [f"Axle {axle['axle']}, brake application at {one['start_s']:.1f} s:"]
+                parts += [terminal.records([_budget_row(row) for row in one["budget"]], left=3)]
+                parts += [_combined(one), ""]
+    return "\n".join([*parts, terminal.folded(_OF_BUDGETS), ""]) if parts else ""
+
+
+def _budget_row(row: dict[str, Any]) -> dict[str, str]:
+    unit = "" if row["unit"] == "-" else f" {row['unit']}"
+    return {
+        "quantity": row["quantity"], "type": row["type"],
+        "value": "-" if row["value"] is None else f"{row['value']:.5g}{unit}",
+        "u": f"{row['u']:.3g}", "∂F/∂q": f"{row['sensitivity']:.3g}",
+        "u(F) [N]": number(row["contribution_n"], 1), "share [%]": number(100.0 * row["share"], 1),
+    }  # fmt: skip
+
+
+def _combined(one: dict[str, Any]) -> str:
+    """The last line of a budget: combined and expanded uncertainty."""
+    of, force = one["coverage"], one["force_n"]
+    freedom = of["degrees_of_freedom"]
+    many = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
+    return terminal.folded(
+        f"F = {force['mean']:.0f} ± {force['mean_u95']:.0f} N (95 %); combined standard "
+        f"uncertainty {of['u_n']:.1f} N, coverage factor {of['k']:.2f}, effective degrees of "
+        f"freedom: {many}."
+    )
 
 
 def _row(axle: str, one: dict[str, Any]) -> dict[str, str]:

@@ -114,5 +114,7 @@ def coverage_factor(freedom: float) -> float:
     Wallace's formula (1959): within 0.1 % from 10 degrees on and 1.2 % from 3 on, larger below.
     scipy.special has the exact one, and importing that takes a tenth of a short run.
     """
+    if freedom > 1e6:
+        return Z95
     z = Z95 * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
     return math.sqrt(freedom * math.expm1(z * z / freedom))

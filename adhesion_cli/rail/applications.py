@@ -1,13 +1,12 @@
 """What a brake application used of the rail: force, adhesion coefficient, slides.
 
-Uncertainties are those of JCGM 100 (GUM). The noise of neighbouring samples is correlated over a
-time that is not known, and the vehicle's tolerances are one error of all samples. So both count in
-full in the mean: its uncertainty does not shrink with the number of samples.
+Uncertainties are those of JCGM 100 (GUM), see `reference.budget`.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,9 @@ from numpy.typing import NDArray
 
 from ..core import physics
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
+from ..core.signals import coverage_factor
+from ..reference import budget
+from ..reference.budget import Budget
 from . import slip
 from .events import Slide
 from .fit import Interval
@@ -43,6 +45,7 @@ class Application:
         coefficient: adhesion coefficient F/(m g).
         slides: that begin in it, in the order of time.
         utilisation: mean μ in its slides over the highest that the rail could give.
+        budget: of the mean force.
     """
 
     where: slice
@@ -54,6 +57,7 @@ class Application:
     coefficient: Measured | None
     slides: tuple[Slide, ...]
     utilisation: Interval | None
+    budget: Budget | None
 
 
 def of_axle(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
@@ -91,21 +95,24 @@ def _application(
         speed = record.train_speed[where]
     known = speed[np.isfinite(speed)]
     first, last = (float(known[i]) if len(known) else None for i in (0, -1))
-    force = _measured(axle, parts)
+    force, own_budget = _measured(axle, vehicle, parts) or (None, None)
     weight = vehicle.axle_mass.value * physics.G
     own = tuple(x for x in slides if where.start <= x.where.start < where.stop)
     return Application(
         where, start, end, first, last, force,
         force and _over(force, weight, _mass(axle, where, vehicle)), own,
-        slip.utilisation(axle, vehicle, own),
+        slip.utilisation(axle, vehicle, own), own_budget,
     )  # fmt: skip
 
 
-def _measured(axle: AxleResult, parts: Sequence[slice]) -> Measured | None:
+def _measured(
+    axle: AxleResult, vehicle: Vehicle, parts: Sequence[slice]
+) -> tuple[Measured, Budget] | None:
     """The force of an application [N]; None where the reference has no value.
 
     Args:
         axle: with its reference.
+        vehicle: with its tolerances.
         parts: of the application in which the wheel turns.
 
     The highest force is that with the highest lower limit of its noise: no outlier of the noise.
@@ -118,14 +125,12 @@ def _measured(axle: AxleResult, parts: Sequence[slice]) -> Measured | None:
     if not known:
         return None
     every = np.concatenate(known)
-    highest = int(every[np.argmax(ref.force[every] - Z95 * ref.sigma[every])])
-    mean, noise, tolerance = (
-        _mean(axle.record.t, x, known) for x in (ref.force, ref.sigma, ref.tolerance)
-    )
-    peak = math.hypot(float(ref.sigma[highest]), float(ref.tolerance[highest]))
-    return Measured(
-        mean, Z95 * math.hypot(noise, tolerance), float(ref.force[highest]), Z95 * peak
-    )  # fmt: skip
+    top = int(every[np.argmax(ref.force[every] - Z95 * ref.sigma[every])])
+    mean = partial(_mean, axle.record.t, known=known)
+    of = budget.of_mean(axle.record, vehicle, ref, mean, len(every))
+    noise, u = float(ref.sigma[top]), math.hypot(ref.sigma[top], ref.tolerance[top])
+    k = coverage_factor(budget.freedom(noise, u, len(every)))
+    return Measured(mean(ref.force), of.k * of.u, float(ref.force[top]), k * u), of
 
 
 def _mean(t: Times, x: Floats, known: Sequence[NDArray[np.int64]]) -> float:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from adhesion_cli.cli.applications import tables
+from adhesion_cli.cli.applications import budgets, tables
 
 MEASURED = {"mean": 0.123, "mean_u95": 0.021, "max": 0.234, "max_u95": 0.045}
 
@@ -44,3 +44,17 @@ def test_what_the_log_does_not_show_is_a_dash() -> None:
     lines = tables([{"axle": 1, "applications": [unknown]}]).splitlines()
     assert lines[2].split()[3:] == ["-–10.0", "-", "-", "-", "-"]
     assert tables([{"axle": 1, "applications": []}]) == "No brake application."
+
+
+def test_a_budget_is_a_table_of_80_columns_with_its_sum() -> None:
+    row = {
+        "quantity": "cylinder_diameter", "value": 0.12951, "unit": "m", "type": "B", "u": 1.234e-4,
+        "sensitivity": -123456.0, "contribution_n": 12345.6, "share": 1.0,
+    }  # fmt: skip
+    coverage = {"u_n": 12345.6, "k": 1.96, "degrees_of_freedom": None}
+    shown = budgets([{"axle": 1, "applications": [one(budget=[row], coverage=coverage)]}])
+    lines = shown.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[3].split()[-1] == "100.0"
+    assert "freedom: many" in " ".join(lines)
+    assert not budgets([{"axle": 1, "applications": [one(budget=None)]}])

@@ -1,0 +1,97 @@
+"""Uncertainty budget of the mean adhesion force, F = φK + I ω̇/R, by JCGM 100 (GUM).
+
+First order: each quantity contributes its standard uncertainty times ∂F/∂q. The vehicle's
+tolerances are stated (type B) and one error of all samples, so their sensitivities are means over
+the samples. The noise (type A) is correlated over a time that is not known: it counts in full and
+does not shrink with the number of samples.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from ..core.model import AxleRecord, Floats, Reference, Vehicle, quantities
+from ..core.physics import faded, wheelset
+from ..core.signals import coverage_factor
+from .force import moves
+
+NOISE = "noise"  # name of the row for noise and smoothing
+
+
+class Row(NamedTuple):
+    """What one quantity contributes; names as in the JSON.
+
+    Attributes:
+        quantity: a parameter of the vehicle, or `NOISE`.
+        value: None for the noise.
+        unit: of value and u.
+        type: A by the samples, B as stated.
+        u: standard uncertainty.
+        sensitivity: ∂F/∂q, mean over the samples [N per unit].
+        contribution_n: standard uncertainty of F by it [N].
+        share: of the variance of F, with half of what each correlation adds or takes.
+    """
+
+    quantity: str
+    value: float | None
+    unit: str
+    type: Literal["A", "B"]
+    u: float
+    sensitivity: float
+    contribution_n: float
+    share: float
+
+
+class Budget(NamedTuple):
+    """The rows, the largest first, and what they give together."""
+
+    rows: tuple[Row, ...]
+    u: float  # combined standard uncertainty [N]
+    freedom: float  # effective degrees of freedom by Welch and Satterthwaite; inf without noise
+
+    @property
+    def k(self) -> float:
+        """Coverage factor of 95 %."""
+        return coverage_factor(self.freedom)
+
+
+def of_mean(
+    record: AxleRecord, vehicle: Vehicle, reference: Reference, mean: Callable[[Floats], float],
+    samples: int,
+) -> Budget:  # fmt: skip
+    """The budget of the mean force of a brake application.
+
+    Args:
+        record: one axle's record.
+        vehicle: with its tolerances.
+        reference: the force; NaN where it is not known.
+        mean: over the application's samples with a force, of a column of shape (n,).
+        samples: how many these are.
+    """
+    w = wheelset(vehicle, record.axle)
+    record = faded(record, vehicle)
+    K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
+    columns = moves(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
+    moved = {name: mean(column) for name, column in columns.items()}
+    noise = mean(reference.sigma)
+    variance = max(vehicle.covariance(moved, moved), 0.0) + noise**2
+    rows = [Row(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
+    for name, by in moved.items():
+        q = vehicle.radius(record.axle) if name == "wheel_radius" else getattr(vehicle, name)
+        if q.tolerance > 0.0:
+            share = _share(vehicle.covariance({name: by}, moved), variance)
+            unit = quantities(Vehicle)[name].unit
+            sensitivity = by / q.tolerance
+            rows.append(Row(name, q.value, unit, "B", q.tolerance, sensitivity, abs(by), share))
+    rows.sort(key=lambda row: -row.share)
+    u = math.sqrt(variance)
+    return Budget(tuple(rows), u, freedom(noise, u, samples))
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0
+
+
+def freedom(noise: float, u: float, samples: int) -> float:
+    """Effective degrees of freedom of u, where only the noise is found from samples."""
+    return max(samples - 1, 1) * (u / noise) ** 4 if noise > 0.0 else math.inf

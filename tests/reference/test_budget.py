@@ -1,0 +1,90 @@
+"""The uncertainty budget against Monte Carlo draws of the vehicle (JCGM 101)."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.core import physics
+from adhesion_cli.core.model import Z95, Floats, Parameter, Result, Vehicle, quantities
+from adhesion_cli.rail.applications import of_axle
+from adhesion_cli.reference import budget
+
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
+
+
+@pytest.fixture(scope="module", params=["low-adhesion.csv", "service-brake.csv"])
+def result(request: pytest.FixtureRequest) -> Result:
+    return analyze(SAMPLES / request.param, settings.load, ["td"])
+
+
+def drawn(vehicle: Vehicle, rng: np.random.Generator) -> Vehicle:
+    def one(p: Parameter) -> Parameter:
+        return Parameter(float(rng.normal(*p)), 0.0)
+
+    of = {n: one(getattr(vehicle, n)) for n in quantities(Vehicle) if n != "wheel_radius"}
+    return replace(vehicle, wheel_radius=tuple(map(one, vehicle.wheel_radius)), **of)
+
+
+@pytest.mark.parametrize("of_rim", [False, True])
+def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -> None:
+    axle, vehicle = result.axles[0], result.vehicle
+    record = replace(axle.record, of_rim=of_rim)
+    ref = replace(axle.reference, sigma=np.zeros(len(record)))
+    at = np.flatnonzero(np.isfinite(ref.force[axle.applications[0]]))[::20]
+    at += axle.applications[0].start
+
+    def mean(x: Floats) -> float:
+        return float(x[at].mean())
+
+    found = budget.of_mean(record, vehicle, ref, mean, len(at))
+    assert np.isinf(found.freedom)
+    assert found.k == Z95
+    assert record.pressure is not None
+    w = physics.wheelset(vehicle, 1)
+    acceleration = w.a * (ref.force[at] - w.phi * record.clamping_force_smooth[at])
+    rng = np.random.default_rng(1)
+    means = []
+    for _ in range(2000):
+        other = drawn(vehicle, rng)
+        K = physics.clamping_force(record.pressure[at], other)
+        R = other.radius(1).value
+        dw = acceleration * (vehicle.radius(1).value / R if of_rim else 1.0)
+        F = other.friction.value * K + other.wheelset_inertia.value * dw / R
+        means.append(F.mean())
+    assert found.u == pytest.approx(np.std(means), rel=0.07)
+
+
+def test_a_budget_adds_up_and_gives_the_expanded_uncertainty(result: Result) -> None:
+    (one,) = of_axle(result.axles[0], result.vehicle)
+    assert one.budget
+    assert one.force
+    rows = one.budget.rows
+    assert sum(row.share for row in rows) == pytest.approx(1.0)
+    assert [row.share for row in rows] == sorted((row.share for row in rows), reverse=True)
+    for row in rows:
+        assert row.contribution_n == pytest.approx(abs(row.u * row.sensitivity))
+    assert np.hypot.reduce([row.contribution_n for row in rows]) == pytest.approx(one.budget.u)
+    assert one.force.mean_u95 == one.budget.k * one.budget.u
+    assert [row.quantity for row in rows if row.type == "A"] == ["noise"]
+
+
+def test_correlated_tolerances_add_up_to_the_whole(result: Result) -> None:
+    pair = ("friction", "spring_force", 0.8)
+    vehicle = replace(result.vehicle, correlation=(pair,))
+    alone, together = (of_axle(result.axles[0], v)[0].budget for v in (result.vehicle, vehicle))
+    assert alone
+    assert together
+    by = {row.quantity: row.u * row.sensitivity for row in together.rows}
+    extra = 2.0 * 0.8 * by["friction"] * by["spring_force"]
+    assert together.u**2 == pytest.approx(alone.u**2 + extra)
+    assert sum(row.share for row in together.rows) == pytest.approx(1.0)
+
+
+def test_few_samples_of_noise_alone_have_students_factor() -> None:
+    assert budget.freedom(10.0, 10.0, 6) == 5.0
+    assert budget.freedom(10.0, 20.0, 6) == 80.0
+    assert budget.Budget((), 1.0, 5.0).k == pytest.approx(2.571, rel=0.003)
