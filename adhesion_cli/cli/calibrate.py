@@ -24,7 +24,7 @@ def command(
 
     --figure draws the measured and the predicted deceleration of each brake application.
 
-    Example: adhesion calibrate day1.csv day2.csv -c my-train.toml -o calibrated.toml
+    Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
     from ..analysis import calibrate
     from ..analysis.document import calibrate_document, dumps

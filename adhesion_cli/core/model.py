@@ -270,7 +270,8 @@ class Vehicle:
             one: by a parameter's name, the tolerance times the sensitivity; numbers or arrays.
             other: the same of the other quantity; `one` again gives the variance.
         """
-        total = sum((one[name] * other[name] for name in one.keys() & other.keys()), start=0.0)
+        # In the order of the names: sums of floats in another order have other last bits.
+        total = sum((one[name] * other[name] for name in one if name in other), start=0.0)
         for a, b, share in self.correlation:
             for i, j in ((a, b), (b, a)):
                 if i in one and j in other:

@@ -236,6 +236,7 @@ BAD = {
     "analyze": ("analyze missing.csv", 1, "missing.csv"),
     "compare": ("compare missing.csv", 1, "missing.csv"),
     "slip": ("slip missing.csv", 1, "missing.csv"),
+    "calibrate": ("calibrate missing.csv", 1, "missing.csv"),
     "antiskid": ("antiskid nowhere", 2, "nowhere"),
     "simulate": ("simulate nowhere -o a.csv", 2, "nowhere"),
     "reproduce": ("reproduce -o missing.csv/a", 1, "missing.csv/a"),

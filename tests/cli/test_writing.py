@@ -24,6 +24,7 @@ COMMANDS = {
     "analyze": ("a.csv -a td -o {out}", ["a.adhesion.mcap", "a.adhesion.rrd", "a.adhesion.sha256"]),
     "compare": ("a.csv -a td -o {out}", ["a.compare.mcap", "a.compare.rrd", "a.compare.sha256"]),
     "slip": ("a.csv -o {out}", ["a.slip.mcap", "a.slip.rrd", "a.slip.sha256"]),
+    "calibrate": ("s.csv l.csv -o {out}/b.toml --figure {out}/b.svg", ["b.svg", "b.toml"]),
     "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
     "recover": ("a.mcap -o {out}/b.mcap", ["b.mcap"]),
     "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
@@ -36,6 +37,7 @@ COMMANDS = {
     ),
     "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg", "sha256")]),
 }
+SAMPLES = Path(__file__).parents[2] / "sample_logs"
 LONG = ("antiskid", "reproduce")
 ALL = sorted(COMMANDS)
 EACH = [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in ALL]
@@ -75,6 +77,8 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("logs")
     whole = rows()
     (folder / "a.csv").write_text(whole)
+    for name in ("service-brake.csv", "low-adhesion.csv"):
+        shutil.copy(SAMPLES / name, folder / f"{name[0]}.csv")
     (folder / "bad.csv").write_text(whole + "no number,0,0\n" * 1000)
     assert ended(started(folder, ["convert", "a.csv", "a.mcap"]))[0] == 0
     return folder
