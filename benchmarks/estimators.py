@@ -62,7 +62,7 @@ def rows() -> Iterator[Row]:
             p = methods.validated(est, {})
 
             def run_compiled(est=est, p=p):
-                return compiled.batch(est, p, w, t, K, y, starts)
+                return compiled.batch(est, p, w, t, K, y, starts)[0]
 
             if name in NO_C:
                 (ns,) = quickest(run_compiled)

@@ -138,7 +138,7 @@ def compared(
         smoother.smooth = known
     w, starts = wheelset(vehicle, r.axle), np.array([s.start for s in r.segments])
     F = {
-        name: compiled.with_sigma(
+        name: compiled.batch(
             e, e.Params(), w, r.t, r.clamping_force, r.wheel_speed, starts
         )
         for name, e in estimator.registry().items()

@@ -263,7 +263,7 @@ def _estimate(
     # Not `validated`: some readings need values out of range.
     F = compiled.batch(
         est, est.Params(**parameters), w, speed.t, brake.value, speed.value, np.zeros(1, np.int64)
-    )
+    )[0]
     true = np.interp(speed.t, simulation.t, simulation.signal("truth", 1))
     return speed.t.astype(np.float64) * 1e-9, F, true
 

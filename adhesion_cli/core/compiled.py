@@ -91,22 +91,6 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
     K: Floats,
     y: Floats,
     starts: NDArray[np.int64],
-) -> Floats:
-    """F̂ [N] over one axle, shape (n,): the numbers that `estimator.online` gives on each segment.
-
-    As `with_sigma` in all else.
-    """
-    return with_sigma(est, p, w, t_ns, K, y, starts)[0]
-
-
-def with_sigma(  # noqa: PLR0913 (the arrays of a record, without its class)
-    est: Estimator,
-    p: Any,
-    w: Wheelset,
-    t_ns: Times,
-    K: Floats,
-    y: Floats,
-    starts: NDArray[np.int64],
 ) -> tuple[Floats, Floats | None]:
     """F̂ and its standard uncertainty [N] over one axle, shape (n,); None without one.
 

@@ -111,7 +111,7 @@ def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:
         t: Floats = np.arange(windows * n + 1) * np.float64(STEP)
         y = _SPEED - w.a * A / (2.0 * math.pi * f) * np.cos(2.0 * math.pi * f * t)  # (1)
         K = np.full_like(t, _CLAMPING_FORCE)
-        F = compiled.batch(est, p, w, np.round(t * 1e9).astype(np.int64), K, y, np.zeros(1, int))
+        F = compiled.batch(est, p, w, np.round(t * 1e9).astype(np.int64), K, y, np.zeros(1, int))[0]
         two = slice(-2 * n, -n), slice(-n, None)
         before, last = (harmonic(t[s], F[s], f) for s in two)
         if abs(last - before) < _SETTLED * A or t[-1] > _LONGEST:

@@ -19,6 +19,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import AxleResult, Bools, Vehicle
 from ..core.signals import true_runs
+from ..core.stop import JUDGED_FROM
 from ..rail import fit, slip
 from ..rail.creep_law import Condition
 from ..rail.events import Slide
@@ -105,7 +106,10 @@ def _gets_better(p: fit.Points) -> int:
 
 
 def _more(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
-    """Where the axle transmits more than the largest μ of the fitted rail, shape (n,)."""
+    """Where the axle transmits more than the largest μ of the fitted rail, shape (n,).
+
+    Not below `JUDGED_FROM`: no slip was fitted there, and the force is that of a train that stops.
+    """
     v = axle.record.train_speed
     assert v is not None
     slips = np.geomspace(1e-3, 1.0, _SLIPS)
@@ -117,7 +121,7 @@ def _more(axle: AxleResult, vehicle: Vehicle, rail: fit.RailFit) -> Bools:
         for u in speeds.tolist()
     ]
     mu = physics.coefficient(axle.reference.force, vehicle)
-    more: Bools = mu > np.interp(v, speeds, largest)
+    more: Bools = (mu > np.interp(v, speeds, largest)) & (v >= JUDGED_FROM)
     return more
 
 

@@ -34,7 +34,7 @@ est = estimator.registry()[sys.argv[1]]
 w = wheelset(Vehicle(), 1)
 t = np.arange(200) * 1_000_000
 K, y = np.full(200, 21e3), 40.0 - 2e-9 * t
-F = compiled.batch(est, est.Params(), w, t, K, y, np.array([0]))
+F = compiled.batch(est, est.Params(), w, t, K, y, np.array([0]))[0]
 online = estimator.online(est, est.Params(), w, zip(t.tolist(), K.tolist(), y.tolist()))
 print(json.dumps([F.tolist(), list(online)]))
 """
@@ -243,7 +243,7 @@ def test_no_samples_no_answer():
     est = estimator.registry()["leso"]
     none, no_times = np.zeros(0), np.zeros(0, np.int64)
     w = wheelset(Vehicle(), 1)
-    assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times).shape == (0,)
+    assert compiled.batch(est, est.Params(), w, no_times, none, none, no_times)[0].shape == (0,)
 
 
 @pytest.mark.parametrize("damage", ["empty index", "half an index", "half of the code", "no text"])

@@ -37,7 +37,7 @@ def ns(t):
 def run(name, t, K, y, starts=(0,), **overrides):
     est = REGISTRY[name]
     p = methods.validated(est, overrides)
-    return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))
+    return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))[0]
 
 
 def online(name, t, K, y, **overrides):
@@ -405,7 +405,7 @@ def measured(name, seeds=(1, 2, 3)):
                 F = compiled.batch(
                     est, est.Params(), W, record.t, record.clamping_force, record.wheel_speed,
                     np.array([0]),
-                )  # fmt: skip
+                )[0]  # fmt: skip
                 c = metrics.compared(record, F, record.truth, metrics.applications(record))
                 found[algo].append((metrics.measured(c)["rmse_n"], metrics.measured(c)["lag_s"]))
     return {algo: np.mean(pairs, axis=0) for algo, pairs in found.items()}
@@ -444,7 +444,7 @@ def test_finite_for_any_finite_input(name, samples, data):
     t, K, y = (np.array(column) for column in zip(*samples, strict=True))
     p = methods.validated(est, overrides)
     for parameters in (est.Params(), p):
-        F = compiled.batch(est, parameters, W, np.cumsum(t), abs(K), y, np.array([0]))
+        F = compiled.batch(est, parameters, W, np.cumsum(t), abs(K), y, np.array([0]))[0]
         assert np.isfinite(F).all()
 
 
@@ -529,7 +529,7 @@ def test_a_sixth_estimator_is_one_file(tmp_path):
     t = jittery(300, seed=7)
     K, y, _ = slide(t)
     p = methods.validated(est, {"gain": 0.5})
-    F = compiled.batch(est, p, W, ns(t), K, y, np.array([0, 100]))
+    F = compiled.batch(est, p, W, ns(t), K, y, np.array([0, 100]))[0]
     expected = 0.5 * (W.phi * K[1:] + np.diff(y) / (np.diff(ns(t)) * 1e-9) / W.a)
     expected[99] = 0.0
     np.testing.assert_allclose(F, np.concatenate([[0.0], expected]), rtol=1e-12)

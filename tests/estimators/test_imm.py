@@ -90,7 +90,7 @@ def test_rounding_at_10_khz_is_no_certainty():
     t = np.arange(0.0, 6.0, 1e-4)
     K, y, F = rolling_brake(t)
     read = np.round(y / 0.3) * 0.3
-    force, sigma = compiled.with_sigma(
+    force, sigma = compiled.batch(
         IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
     )
     braked = t > 3.0
@@ -123,12 +123,12 @@ def test_compiled_it_has_the_same_uncertainty():
     K, y, _ = rolling_brake(t)
     y = np.round(y / 0.1) * 0.1
     ns = np.round(t * 1e9).astype(np.int64)
-    F, sigma = compiled.with_sigma(IMM, P, W, ns, K, y, np.array([0]))
+    F, sigma = compiled.batch(IMM, P, W, ns, K, y, np.array([0]))
     found = states(ns, K, y, 1e-9)
     assert [s.F for s in found] == F.tolist()
     assert [s.sigma for s in found] == sigma.tolist()
     td = REGISTRY["td"]
-    assert compiled.with_sigma(td, td.Params(), W, ns, K, y, np.array([0]))[1] is None
+    assert compiled.batch(td, td.Params(), W, ns, K, y, np.array([0]))[1] is None
 
 
 @pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "four-axles"])

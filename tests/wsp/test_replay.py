@@ -16,7 +16,7 @@ from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import AxleResult, Parameter, Result
 from adhesion_cli.rail import creep_law, fit, slip
-from adhesion_cli.wsp import closed_loop, replay, scenario, simulate
+from adhesion_cli.wsp import closed_loop, replay, replay_rail, scenario, simulate
 from adhesion_cli.wsp.scenario import Command, Rail, Section, Wsp
 
 NAME = "low-adhesion"
@@ -92,6 +92,26 @@ def test_the_interval_holds_the_stop_on_the_true_rail(
         assert found["utilisation"] == pytest.approx(true.utilisation, abs=0.03)
         assert found["extension"] == pytest.approx(true.extension, abs=0.02)
         assert found["max_slip"] == pytest.approx(true.max_slip, abs=0.04)
+
+
+def test_the_rail_does_not_end_while_the_train_stops(log: Path) -> None:
+    """The force of the last metre is that of a train that comes to rest, not of a better rail."""
+    result = analysed(log)
+    (first, *rest), begin = result.axles, int(result.axles[0].record.t[0])
+    assert first.record.train_speed is not None
+    last = first.record.train_speed < 1.0
+    assert last.sum() * 0.01 > 0.5
+    force = np.where(last, 2.0 * np.nanmax(first.reference.force), first.reference.force)
+    more = replace(first, reference=replace(first.reference, force=force))
+    of = first, more
+    spans = [
+        replay_rail.under(a, result.vehicle, slip.slides(a), begin, int(a.record.t[-1]))[0].spans
+        for a in of
+    ]
+    assert spans[0] == spans[1]
+    assert [f.code for f in replay.case(replace(result, axles=(more, *rest))).findings] == [
+        "rail-parameters-unknown"
+    ] * 2
 
 
 def test_a_train_in_part_is_told(log: Path) -> None:
