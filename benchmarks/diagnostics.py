@@ -30,7 +30,7 @@ from pyarrow import csv
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Finding, Parameter, Vehicle
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -567,7 +567,7 @@ def reported(test: Test, folder: Path) -> list[Finding]:
     path = log_of(test, folder)
     try:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
-        _, findings = plausible.records(log, test.vehicle)
+        _, findings = diagnosis.records(log, test.vehicle)
     except UserError as error:
         return [
             Finding("not-analysable", "error", names={"reason": error.text, "hint": error.hint})

@@ -24,7 +24,7 @@ from adhesion_cli.core import compiled, estimator
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, AxleRecord, Floats, Vehicle
 from adhesion_cli.core.physics import wheelset
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -113,7 +113,7 @@ def judged(case: tuple[Group, str, int]) -> list[Judged]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             log = read(open_source(log_of(test, Path(folder)), ReadOptions()), (), test.vehicle)
-            records, _ = plausible.records(log, test.vehicle)
+            records, _ = diagnosis.records(log, test.vehicle)
         except UserError:
             return []
     found = []

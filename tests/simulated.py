@@ -12,7 +12,7 @@ from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.units import UNITS
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.wsp import simulate
 from adhesion_cli.wsp.scenario import Sensor
@@ -93,7 +93,7 @@ def told(log: Recordings, folder: Path, stated: settings.Settings) -> list[Findi
     one = read(
         open_source(write(folder / "log.csv", log), stated.read), stated.mappings, stated.vehicle
     )
-    return plausible.records(one, stated.vehicle)[1]
+    return diagnosis.records(one, stated.vehicle)[1]
 
 
 def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:

@@ -40,7 +40,7 @@ import importlib, json, os, signal, sys, time
 from pathlib import Path
 from adhesion_cli.__main__ import main
 for name in (
-    "cli.app", "cli.inspect", "cli.terminal", "analysis.inspection", "analysis.document",
+    "cli.app", "cli.inspect", "cli.terminal", "analysis.inspection", "analysis.json_documents",
     "analysis.settings", "formats.mcap.reader", "formats.mcap.ros2", "formats.mcap.protobuf",
     "formats.mcap.json_messages", "formats.csv.reader", "records.axle_records",
     "results.atomic_files",

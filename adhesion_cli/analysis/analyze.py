@@ -13,7 +13,7 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, AxleResult, Reference, Result, Vehicle, quantities
 from ..core.time_axis import spans_of
-from ..diagnostics import plausible
+from ..diagnostics import diagnosis
 from ..evaluation import metrics
 from ..formats.open import open_source
 from ..formats.source import Source
@@ -79,9 +79,9 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
-    records, findings = plausible.records(log, vehicle, axles, window, settings.checks)
+    records, findings = diagnosis.records(log, vehicle, axles, window, settings.checks)
     if train_speed and all(r.train_speed is None for r in records):
-        sensors, every = plausible.of_sensors(settings.checks), records
+        sensors, every = diagnosis.of_sensors(settings.checks), records
         if axles:
             every = axle_records.prepare(log, vehicle, (), window, sensors).records
         records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())

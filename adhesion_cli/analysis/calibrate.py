@@ -35,7 +35,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
 from ..core.physics import FREE, force_line, wheelset
-from ..diagnostics import plausible
+from ..diagnostics import diagnosis
 from ..dynamics import longitudinal as model
 from ..dynamics.train_grid import LEAST
 from ..evaluation import metrics
@@ -161,14 +161,14 @@ def _used(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Used]:
     vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
     made = axle_records.prepare(
-        log, vehicle, (), (None, None), plausible.of_sensors(settings.checks)
+        log, vehicle, (), (None, None), diagnosis.of_sensors(settings.checks)
     )
     record = made.records[0]
     findings = [*log.findings, *made.findings]
     design, late = None, 0.0
     spans: tuple[tuple[float, float], ...] = ()
     if made.scene:
-        findings += plausible.findings(made.scene, settings.checks)
+        findings += diagnosis.findings(made.scene, settings.checks)
         design = model.of_log(made.scene.axles, made.scene.grid, vehicle)
         seconds = (record.t - made.scene.grid.first) * 1e-9
         spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1]))

@@ -11,10 +11,10 @@ from ..channels.meaning import name
 from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
-from ..diagnostics import plausible
+from ..diagnostics import diagnosis
 from ..formats.open import is_mcap, open_source
 from ..formats.source import Source
-from .document import channel_document, findings_document, iso
+from .json_documents import channel_document, findings_document, iso
 from .settings import Settings
 
 
@@ -91,7 +91,7 @@ def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
         severity = "warning"  # where all of what is needed is lost
         full = without_empty(replace(log, channels=meant))
         severity = "info"
-        checked = plausible.records(full, settings.vehicle, params=settings.checks)
+        checked = diagnosis.records(full, settings.vehicle, params=settings.checks)
         return [*findings, *full.findings, *checked[1]]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}

@@ -28,7 +28,7 @@ from ..results.palette import BLACK, BLUE, GREY, ORANGE, of_method
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
 from .analyze import analyze
-from .document import tagged
+from .json_documents import tagged
 from .settings import Settings
 
 PUBLISHED = {  # Table 2: response time [s], maximum error [N]

@@ -28,7 +28,7 @@ def command(
 
     Example: adhesion analyze sample_logs/service-brake.csv
     """
-    from ..analysis.document import document, dumps, entry
+    from ..analysis.json_documents import document, dumps, entry
 
     pairs = [results.pair(shared, log, "adhesion") for log in logs]
     paths = [path for pair in pairs for path in pair]

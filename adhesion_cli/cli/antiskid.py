@@ -124,7 +124,7 @@ def _on_rails(
     shared: Shared, source: Path, case: "Scenario", seeds: int, algo: str, settings: "Stated"
 ) -> int:
     """The stops of --rails, their table and picture."""
-    from ..analysis.document import dumps, sweep_document
+    from ..analysis.json_documents import dumps, sweep_document
     from ..core.controller import registry
     from ..results import atomic_files
     from ..results.figures import of_sweep
@@ -152,7 +152,7 @@ def _on_own_rail(
     shared: Shared, source: Path, case: "Scenario", seed: int | None, algo: str, settings: "Stated"
 ) -> int:
     """The stops of every controller on the scenario's rail."""
-    from ..analysis.document import antiskid_document, limits_document
+    from ..analysis.json_documents import antiskid_document, limits_document
     from ..core.controller import registry
     from ..wsp import closed_loop
     from ..wsp.wsp_controller import parameters
@@ -178,7 +178,7 @@ def _on_own_rail(
 
 
 def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainSpeed | None) -> int:
-    from ..analysis.document import replay_document
+    from ..analysis.json_documents import replay_document
     from ..core.controller import registry
     from ..core.text import printable
     from ..wsp.replay import answers, case
@@ -244,7 +244,7 @@ class _Outcome:
 
 def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) -> int:
     """Writes the files and prints the outcome; returns the exit code."""
-    from ..analysis.document import dumps, stop_settings
+    from ..analysis.json_documents import dumps, stop_settings
     from ..core import controller, estimator
     from ..core.physics import G
     from ..results import atomic_files, mcap, rrd

@@ -27,7 +27,7 @@ def command(
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
     from ..analysis import calibrate
-    from ..analysis.document import calibrate_document, dumps
+    from ..analysis.json_documents import calibrate_document, dumps
     from ..core.errors import UserError
     from ..results import atomic_files
     from . import terminal

@@ -25,7 +25,7 @@ def command(
 
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
-    from ..analysis.document import document, dumps, entry
+    from ..analysis.json_documents import document, dumps, entry
     from ..core.text import printable
     from ..evaluation.metrics import overall
     from ..results import mcap

@@ -27,7 +27,7 @@ def command(
     Example: adhesion estimators --response --set neso.beta1=100
     """
     from ..analysis.analyze import chosen
-    from ..analysis.document import dumps, tagged
+    from ..analysis.json_documents import dumps, tagged
     from ..core.errors import UserError
 
     known, settings = chosen(shared.algo), loader(shared)()
@@ -45,7 +45,7 @@ def command(
 
 
 def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
-    from ..analysis.document import finite
+    from ..analysis.json_documents import finite
     from ..core.methods import parameters
 
     return {
@@ -77,7 +77,7 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 
 
 def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
-    from ..analysis.document import dumps, finite, tagged
+    from ..analysis.json_documents import dumps, finite, tagged
     from ..core.physics import wheelset
     from ..evaluation.response import FREQUENCIES, panels, responses
     from ..results import atomic_files, charts

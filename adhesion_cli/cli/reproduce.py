@@ -16,7 +16,7 @@ def command(shared: Shared) -> int:
 
     Example: adhesion reproduce
     """
-    from ..analysis.document import dumps
+    from ..analysis.json_documents import dumps
     from ..analysis.reproduce import panels, reproduce
     from ..results import atomic_files, charts, mcap
     from .terminal import progress, wrote

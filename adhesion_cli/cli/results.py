@@ -125,7 +125,7 @@ def write(
         shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
         pairs: the files of each.
-        entries: of each in the document, from `document.entry`.
+        entries: of each in the document, from `json_documents.entry`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: writes the picture of `--figure` to the path given.
     """
@@ -145,7 +145,7 @@ def write(
 
 def embedded(entries: Sequence[Entry]) -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..analysis.document import document, dumps
+    from ..analysis.json_documents import document, dumps
 
     carried = [{key: of for key, of in one.items() if key != "outputs"} for one in entries]
     for one in carried:
@@ -168,7 +168,7 @@ def single(
     shared: Shared, kind: str, out: Path, findings: "Sequence[Finding]", **counts: int
 ) -> int:
     """Says that one file was written and what was found; returns the exit code."""
-    from ..analysis.document import dumps, findings_document, tagged
+    from ..analysis.json_documents import dumps, findings_document, tagged
     from . import terminal
 
     if shared.json:

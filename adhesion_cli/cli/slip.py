@@ -24,7 +24,7 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
-    from ..analysis.document import dumps, entry, slip_document
+    from ..analysis.json_documents import dumps, entry, slip_document
     from ..core.errors import UserError
     from ..core.text import printable
     from ..rail.slip import summary

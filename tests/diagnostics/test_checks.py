@@ -18,7 +18,7 @@ from adhesion_cli.core.finding import Finding, Severity
 from adhesion_cli.core.model import Result
 from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.core.units import ATMOSPHERE
-from adhesion_cli.diagnostics import plausible, registry
+from adhesion_cli.diagnostics import diagnosis, registry
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Grid, Scene
 from adhesion_cli.formats.open import open_source
@@ -119,7 +119,7 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
 @pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
 def test_the_sample_logs_are_not_accused(path: Path) -> None:
     log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    assert not plausible.records(log, DEFAULT.vehicle)[1]
+    assert not diagnosis.records(log, DEFAULT.vehicle)[1]
 
 
 # --- faults -------------------------------------------------------------------------------------
@@ -262,7 +262,7 @@ def told_of(log: Recordings, folder: Path) -> set[str]:
     path = simulated.write(folder / "log.csv", log)
     try:
         one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        return warned([*one.findings, *plausible.records(one, DEFAULT.vehicle)[1]])
+        return warned([*one.findings, *diagnosis.records(one, DEFAULT.vehicle)[1]])
     except UserError:
         return {"refused"}
 
@@ -384,7 +384,7 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
     path.write_text("\n".join([head, *rows]) + "\n")
     one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    told = [f for f in plausible.records(one, DEFAULT.vehicle)[1] if f.code in APART]
+    told = [f for f in diagnosis.records(one, DEFAULT.vehicle)[1] if f.code in APART]
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
     assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
@@ -458,7 +458,7 @@ def test_the_friction_that_would_fit_is_told(
     path = tmp_path / "log.csv"
     path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
     one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
-    told = [f for f in plausible.records(one, stated.vehicle)[1] if f.code in CODES]
+    told = [f for f in diagnosis.records(one, stated.vehicle)[1] if f.code in CODES]
     assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
         friction != 0.3
     )
@@ -565,8 +565,8 @@ def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> 
         return registry.Check(str(rank), about, tuple, lambda *_: iter(one))
 
     checks = telling(1, "info"), telling(2, "warning"), telling(3, "error")
-    monkeypatch.setattr(plausible, "registry", lambda: {c.name: c for c in checks})
+    monkeypatch.setattr(diagnosis, "registry", lambda: {c.name: c for c in checks})
     x = np.zeros((1, 9))
     grid = Grid(0, 1.0, x, x, x, None)
-    told = plausible.findings(Scene([], grid, DEFAULT.vehicle, 0, longitudinal.AS_STATED))
+    told = diagnosis.findings(Scene([], grid, DEFAULT.vehicle, 0, longitudinal.AS_STATED))
     assert [f.code for f in told] == ["info", "warning"]

@@ -12,7 +12,7 @@ from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord
 from adhesion_cli.core.physics import G
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import slip
 from adhesion_cli.records import axle_records
@@ -53,7 +53,7 @@ def taken(
     """The first axle's record, and what is told."""
     source = open_source(write(folder / "log.csv", log), STATED.read)
     one = read(source, (), STATED.vehicle)
-    records, found = plausible.records(one, STATED.vehicle, window=window)
+    records, found = diagnosis.records(one, STATED.vehicle, window=window)
     return records[0], {f.code: f for f in (*one.findings, *found)}
 
 

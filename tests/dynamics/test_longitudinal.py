@@ -13,7 +13,7 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
-from adhesion_cli.diagnostics import plausible
+from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.dynamics import longitudinal
 from adhesion_cli.dynamics.train_grid import Axle, Explanation, grid
 from adhesion_cli.formats.open import open_source
@@ -252,7 +252,7 @@ def test_wheels_that_gain_speed_beside_their_brake_have_slid(
     log = tmp_path / "a.csv"
     log.write_text("\n".join(lines) + "\n")
     one = read(open_source(log, DEFAULT.read), (), VEHICLE)
-    told = [f for f in plausible.records(one, VEHICLE)[1] if f.code == "vehicle-suspect"]
+    told = [f for f in diagnosis.records(one, VEHICLE)[1] if f.code == "vehicle-suspect"]
     assert {f.severity for f in told} == {severity}
 
 
