@@ -35,6 +35,7 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
 from ..core.physics import FREE, force_line, wheelset
+from ..core.text import by_uncertainty
 from ..diagnostics import diagnosis
 from ..dynamics import longitudinal as model
 from ..dynamics.train_grid import LEAST
@@ -192,9 +193,10 @@ def _one_vehicle(stated: Sequence[Settings]) -> Vehicle:
     for name, share in (("friction", 0.1), ("axle_mass", 0.05)):
         p: Parameter = getattr(vehicle, name)
         if p.tolerance <= 0.0:
-            line = f"{name} = {{value = {p.value:g}, tolerance = {share * p.value:.3g}}}"
+            line = f"vehicle.{name} = {{value = {p.value:g}, tolerance = {share * p.value:.3g}}}"
             text = f"vehicle.{name} has the tolerance 0: no log can change it"
-            raise UserError(text, f"state 1 sigma of what is known of it, as {line}", code=2)
+            hint = f"state 1 sigma of what is known of it, as {toml.option(line)}"
+            raise UserError(text, hint, code=2)
     return vehicle
 
 
@@ -450,9 +452,10 @@ def as_toml(found: Calibration) -> str:
     lines += ["# the tolerance of all. Do not change one of them, or friction, alone.", "# Logs:"]
     lines += [f"# - {Path(u.log.path).name!r}, sha256 {u.log.sha256}" for u in found.logs]
     lines += ["# Found as well, and not part of the vehicle:"]
-    shown = ("pressure_delay", "creep_stiffness", "running_resistance")
-    for name, r in ((name, found.rows[name]) for name in shown):
-        lines.append(f"# - {name} = {r.posterior:.4g} ± {r.posterior_u:.2g} {r.unit}")
+    others = ("pressure_delay", "creep_stiffness", "running_resistance")
+    for name, r in ((name, found.rows[name]) for name in others):
+        shown = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
+        lines.append(f"# - {name} = {shown} {r.unit}")
     stated, usual = tree(found.settings, []), tree(Settings(), [])
     for section in ("vehicle", "channels", "csv", "mcap"):
         if (keys := stated[section]) != usual[section]:

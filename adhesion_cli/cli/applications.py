@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.text import by_uncertainty
 from . import terminal
 from .terminal import at_least, number
 
@@ -81,13 +82,13 @@ def _row(axle: str, one: dict[str, Any]) -> dict[str, str]:
 
 
 def _with_u95(of: dict[str, float], key: str, factor: float, digits: int | None = None) -> str:
-    """A value with its uncertainty; to these digits, or to three that count."""
+    """A value with its uncertainty, to at most these decimals; without them to three digits."""
     if not of:
         return "-"
     value, u95 = factor * of[key], factor * of[f"{key}_u95"]
     if digits is None:
         digits = 2 if abs(value) < 10.0 else 1
-    return f"{number(value, digits)}±{number(u95, digits)}"
+    return "±".join(by_uncertainty(value, u95, digits))
 
 
 def _slides(axle: str, one: dict[str, Any]) -> dict[str, str]:

@@ -56,12 +56,14 @@ def command(
 
 def report(found: "Calibration") -> str:
     """The table prior → posterior, and the band before and after."""
+    from ..core.text import by_uncertainty
     from .terminal import folded, records
 
     table = [
         {
             "parameter": name.replace("_", " "), "stated by": r.source, "unit": r.unit,
-            "stated": _with(r.prior, r.prior_u), "calibrated": _with(r.posterior, r.posterior_u),
+            "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),
+            "calibrated": " ± ".join(by_uncertainty(r.posterior, r.posterior_u)),
         }
         for name, r in found.rows.items()
     ]  # fmt: skip
@@ -81,8 +83,3 @@ def report(found: "Calibration") -> str:
         f"±{after:.1f} % calibrated",
         folded(limit),
     ])  # fmt: skip
-
-
-def _with(value: float, u: float) -> str:
-    """A value with its standard uncertainty."""
-    return f"{value:.4g} ± {u:.0f}" if u >= 100.0 else f"{value:.4g} ± {u:.2g}"

@@ -1,5 +1,6 @@
-"""Names and texts from logs may be hostile. They are made safe here before anyone sees them."""
+"""What people read: names from logs, which may be hostile, and numbers with an uncertainty."""
 
+import math
 import unicodedata
 from collections import Counter
 
@@ -28,6 +29,27 @@ def utf8(text: str) -> str:
     'bad\\udcff.csv'
     """
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def by_uncertainty(value: float, u: float, most: int = 15) -> tuple[str, str]:
+    """A value and its uncertainty, with the digits that the uncertainty allows.
+
+    Two significant digits of the uncertainty are kept, and the value to the same decimal place
+    (GUM 7.2.6).
+
+    Args:
+        value: of any unit.
+        u: in the same unit.
+        most: decimals at most, where a column has room for no more.
+
+    >>> by_uncertainty(-7.398e-05, 0.00011)
+    ('-0.00007', '0.00011')
+    """
+    if not 0.0 < u < math.inf:
+        return f"{value:.4g}", f"{u:g}"
+    place = min(1 - int(f"{u:.1e}".partition("e")[2]), most)
+    first, second = (f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u))  # no "-0"
+    return first, second
 
 
 def distinct(names: list[str]) -> list[str]:
