@@ -345,7 +345,8 @@ def _vehicle(stated: dict[str, Any]) -> Vehicle:
         elif name == "wheel_radius":
             many = value if isinstance(value, list) else [value]
             if not many:
-                hint = "one value, or one per axle"
+                line = f"vehicle.{name} = [0.43, 0.43]"
+                hint = f"one value, or one per axle, as {toml.option(line)}"
                 raise UserError(f"vehicle.{name} is an empty list", hint, code=2)
             values[name] = tuple(_parameter(name, v, known[0]) for v in many)
         else:
@@ -406,7 +407,7 @@ def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
             table = _fields(f"channels.{key}", _table(entry), CHANNEL_KEYS)
             of_all = axle is None and "unit" in table and "field" not in table
             if "channel" not in table and not of_all:
-                line = f'channels.{key} = {{channel = "…", unit = "…"}}'
+                line = f"channels.{key} = {toml.value({'channel': 'NAME', **table})}"
                 hint = f"name it, as {toml.option(line)}"
                 raise UserError(f"channels.{key} names no channel", hint, code=2)
             table = {"channel": ""} | table
@@ -428,7 +429,7 @@ def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
     for name, entry in value.items():
         digits = name.lower().removeprefix("axle").strip(" _")
         if not digits.isdigit() or int(digits) < 1:
-            line = f'channels.{key}."axle 1" = {{channel = "…"}}'
+            line = f'channels.{key}."axle 1" = {{channel = "NAME"}}'
             hint = f"axles count from 1, as {toml.option(line)}"
             raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
         out.append((int(digits), entry))

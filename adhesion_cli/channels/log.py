@@ -93,7 +93,10 @@ def needed(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], li
         spare = m.meaning == "clamping_force" and m.axle in braked  # it follows from the pressure
         if not m.unit and (spare or m.meaning in _OPTIONAL):
             chosen.remove(m)
-            names = {"meaning": m.words, "reason": _lacks(m)}
+            names = {
+                "meaning": m.words, "reason": _lacks(m), "key": str(m.meaning),
+                "unit": _USUAL.get(m.meaning, "m/s"),
+            }  # fmt: skip
             findings.append(Finding("unit-unknown", "warning", channel=m.title, names=names))
         else:
             _check_unit(m, chosen, source.path)

@@ -240,7 +240,10 @@ def _one_each(meant: list[Meant], guesses: list[int]) -> list[Finding]:
         Finding(
             "channel-ambiguous", "info" if meaning == "train_speed" else "warning",
             channel=", ".join(titles[:_MOST_NAMED]), count=len(titles),
-            names={"first": first[meaning, axle].title, "meaning": first[meaning, axle].words},
+            names={
+                "first": first[meaning, axle].title, "meaning": first[meaning, axle].words,
+                "key": _key(meaning, axle),
+            },
         )
         for (meaning, axle), titles in others.items()
     ]  # fmt: skip
@@ -282,7 +285,7 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
         return [(own[0], m)]
     names = [title(f) for f in found]
     if own:
-        key = m.meaning if m.axle is None else f'{m.meaning}."axle {m.axle}"'
+        key = _key(m.meaning, m.axle)
         like = [f for f in own if (g := guess(f)).meaning == m.meaning and m.axle in (None, g.axle)]
         one = (like or own)[0]
         path = re.sub(r"\[\d+\]$", "", one.path) if m.axle is None else one.path
@@ -292,6 +295,11 @@ def _find(fields: Sequence[Field], m: Mapping) -> list[tuple[Field, Mapping]]:
             f"name one, as {toml.option(f'channels.{key} = {toml.table(entry)}')}", code=2,
         )  # fmt: skip
     raise unknown(f"field of {m.channel!r}", m.field or m.group, names)
+
+
+def _key(meaning: str, axle: int | None) -> str:
+    """The key in [channels] that states this meaning."""
+    return meaning if axle is None else f'{meaning}."axle {axle}"'
 
 
 def _index(field: Field, named: str) -> str:

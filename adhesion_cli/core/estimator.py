@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from . import methods
+from . import methods, toml
 from .errors import UserError
 from .methods import Kind, Method
 from .model import Wheelset
@@ -118,7 +118,7 @@ def check_step(est: Estimator, p: Any, h: float) -> None:
         raise UserError(
             f"{est.name}: an interval of {h:.4g} s is unstable with euler = 1, "
             f"the longest stable one is {longest:.4g} s",
-            f"leave {est.name}.euler at 0, which is stable at every interval",
+            f"state {toml.option(f'{est.name}.euler = 0')}, which is stable at every interval",
         )
 
 

@@ -286,9 +286,10 @@ class Vehicle:
         """
         many = len(self.wheel_radius)
         if 1 < many < axle:
+            option = f"--set vehicle.wheel_diameter={2.0 * self.wheel_radius[0].value:g}"
             raise UserError(
                 f"vehicle.wheel_radius has {many} values, the log has an axle {axle}",
-                "state one value for all axles, or one for each",
+                f"state one for all axles, as {option} does, or a list with one for each",
                 code=2,
             )
         return self.wheel_radius[axle - 1 if many > 1 else 0]

@@ -87,8 +87,8 @@ def _too_deep(where: str, key: str) -> UserError:
 
 
 def quoted(text: str) -> str:
-    """A TOML basic string."""
-    return json.dumps(text, ensure_ascii=False)
+    """A TOML basic string; without apostrophes, which would end a text in a shell."""
+    return json.dumps(text, ensure_ascii=False).replace("'", "\\u0027")
 
 
 def table(parts: Mapping[str, str | int]) -> str:

@@ -75,9 +75,10 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
             found.append(AxleKeys(axle, speed, brake))
         elif axle in asked and (key := speed or brake):
             lacking = "pressure or clamping force" if speed else "wheel speed"
+            missing = "pressure" if speed else "speed"
             findings.append(
                 Finding("axle-incomplete", "warning", channel=channels[key].title,
-                        values={"axle": axle}, names={"lacking": lacking})
+                        values={"axle": axle}, names={"lacking": lacking, "key": missing})
             )  # fmt: skip
     return Choice(channels, tuple(found), asked, rates[0] if rates else None, findings)
 
@@ -93,7 +94,7 @@ def _missing(log: Log, what: str, key: str, unit: str) -> UserError:
     return UserError(
         f"{log.path}: no channel is a {what} (recognised: {names})",
         "`adhesion inspect` lists the channels; state one, as "
-        + toml.option(f'channels.{key}."axle 1" = {{channel = "…", unit = "{unit}"}}'),
+        + toml.option(f'channels.{key}."axle 1" = {{channel = "NAME", unit = "{unit}"}}'),
     )
 
 

@@ -17,7 +17,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core import physics, signals
+from ..core import physics, signals, toml
 from ..core.errors import UserError
 from ..core.model import (
     MADE,
@@ -342,7 +342,8 @@ def _shift(logs: Sequence[Log]) -> int:
         if begin < 0 and log.absolute:
             raise UserError(
                 f"{printable(log.path)}: has time stamps before 1970, which MCAP cannot hold",
-                "check the time channel and its unit",
+                "check the time channel and its unit; state them, as "
+                + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
             )
         first = min(first, begin)
     return max(0, -(first // _SECOND) * _SECOND)

@@ -220,7 +220,8 @@ def run(
     known, dt, settings = scenario.antiskid, scenario.dt, settings or {}
     if dt > known.period:
         text = f"{name}: dt is longer than the WSP controller's period"
-        raise UserError(text, "a shorter dt", code=2)
+        hint = f"state dt = {known.period:g} or less at the top of the scenario"
+        raise UserError(text, hint, code=2)
     h = round(known.period / dt) * dt
     chosen = choose(controller, algo, settings, taken_for(scenario), speed_noise(scenario))
     check_step(chosen.estimator, chosen.constants.estimator, h)

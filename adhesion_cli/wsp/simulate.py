@@ -143,7 +143,8 @@ def run(scenario: Scenario, seed: int | None = None, dt: float | None = None) ->
             *rolling(v, scenario.train.axles), dt, pressure, rim_speed, speed, distance,
         )  # fmt: skip
         if not math.isnan(failed):
-            raise UserError(f"{scenario.name}: no solution at {failed:g} s", "take a shorter dt")
+            hint = f"take a shorter step, as --dt {dt / 2.0:g}"
+            raise UserError(f"{scenario.name}: no solution at {failed:g} s", hint)
     compiled.function(plants.forces)(plant, track, t, speed, distance, rim_speed, force)
     K = physics.clamping_force(pressure, scenario.vehicle)
     if scenario.rig:

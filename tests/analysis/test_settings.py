@@ -1,4 +1,7 @@
+import ast
 import re
+import shlex
+import tomllib
 from pathlib import Path
 from string import Formatter
 
@@ -6,10 +9,12 @@ import pytest
 
 from adhesion_cli.analysis import settings
 from adhesion_cli.cli.explain import entry
-from adhesion_cli.core import estimator
+from adhesion_cli.core import estimator, toml
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import catalogue
 from adhesion_cli.core.model import Parameter, Vehicle
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(autouse=True)
@@ -206,14 +211,80 @@ def test_lists_that_nest_over_many_lines_are_refused() -> None:
 
 
 def test_every_setting_in_a_remedy_can_be_pasted() -> None:
-    """In TOML quotes, or between backticks; fields in braces stand for a number."""
+    """In TOML quotes, or between backticks; fields in braces stand for a number or a key."""
     found = []
     for code, words in catalogue().items():
         for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+)`)", words.remedy):
-            number = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
-            settings.load(assignments=[(quoted or bare).format(**number)], folder=False)
+            fields = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
+            line = (quoted or bare).format(**fields | {"key": "speed"})
+            settings.load(assignments=[line], folder=False)
             found.append(code)
             shown = entry(words)
             assert "{…}" not in str(shown["remedy"])
         assert words.remedy.count("--set") == found.count(code), code
-    assert len(found) >= 15
+        assert not re.search(r"\[(channels|vehicle)\]", words.remedy), code  # a line, not a place
+    assert len(found) >= 35
+
+
+def test_every_setting_in_a_page_can_be_pasted() -> None:
+    """Lines of `--set` and blocks of TOML; those of a scenario are no settings."""
+    lines, of_scenarios = 0, 0
+    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
+        if page.name == "findings.md":  # remedies with "…" for what a finding states itself
+            continue
+        text = page.read_text(encoding="utf-8")
+        for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+))", text):
+            if not re.match(r"name=|\S*(NAME|CHECK)\b", quoted or bare):
+                settings.load(assignments=[quoted or bare])
+                lines += 1
+        for block in re.findall(r"^```toml\n(.*?)^```$", text, re.M | re.S):
+            if tomllib.loads(block).keys() <= {"limit", "rail"}:
+                of_scenarios += 1
+            else:
+                Path("page.toml").write_text(block)
+                settings.load(Path("page.toml"))
+    assert lines >= 10
+    assert of_scenarios == 2
+
+
+def test_every_setting_in_a_hint_can_be_pasted() -> None:
+    """Those of which the source states the whole line."""
+    found = set()
+    for path in (ROOT / "adhesion_cli").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found |= set(re.findall(r"--set '([^']+)'", node.value))
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == "toml.option":
+                (line,) = node.args
+                assert "…" not in ast.unparse(line), path.name
+                found |= {line.value} if isinstance(line, ast.Constant) else set()
+    assert len(found) >= 6
+    for line in found:
+        settings.load(assignments=[line])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "channels.speed = {teeth = 80, wrap = 65536.0}",
+        'channels.pressure.first = "p"',
+        "vehicle.wheel_radius = []",
+    ],
+)
+def test_the_line_in_the_hint_of_a_wrong_setting_is_accepted(wrong: str) -> None:
+    with pytest.raises(UserError) as error:
+        settings.load(assignments=[wrong])
+    options = shlex.split(error.value.hint)
+    settings.load(assignments=[options[options.index("--set") + 1]])
+
+
+def test_a_line_for_a_shell_may_hold_any_name() -> None:
+    name = """driver's "valve" \\ 1"""
+    line = f"channels.group = {{channel = {toml.quoted(name)}, equals = '1'}}"
+    for option in (
+        f"--set 'channels.speed = {{channel = {toml.quoted(name)}}}'",
+        toml.option(line),
+    ):
+        _, pasted = shlex.split(option)
+        stated = settings.load(assignments=[pasted])
+        assert name in (stated.read.group_channel, *(m.channel for m in stated.mappings))

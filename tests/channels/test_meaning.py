@@ -329,7 +329,9 @@ def test_a_second_channel_for_the_same_thing_is_not_taken_in_silence() -> None:
     (finding,) = findings
     assert (finding.code, finding.severity, finding.count) == ("channel-ambiguous", "warning", 1)
     assert finding.channel == "wheel speed right [km/h]"
-    assert finding.names == {"first": "wheel speed left [km/h]", "meaning": "wheel speed"}
+    assert finding.names == {
+        "first": "wheel speed left [km/h]", "meaning": "wheel speed", "key": "wheel_speed"
+    }  # fmt: skip
 
 
 def test_many_channels_for_the_same_thing_are_one_finding() -> None:

@@ -1,5 +1,6 @@
 """One pressure against the other axles': told where it is wrong, by its name, and only there."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -84,6 +85,14 @@ def told_of_the_axle(name: str, fault: str, rate: float, seed: int, folder: Path
 def test_a_pressure_apart_from_all_others_is_told(fault: str, tmp_path: Path) -> None:
     k = list(FAULTS).index(fault)
     told_of_the_axle(NAMES[k % 2], fault, (5.0, 20.0)[k // 2 % 2], 1, tmp_path)
+
+
+def test_the_line_on_a_pressure_unit_states_that_of_its_axle(tmp_path: Path) -> None:
+    told = warned(FAULTS["another unit"](clean("four-axles", 20.0), AXLE), tmp_path)
+    (found,) = (f for f in told if f.code == "pressure-unit-differs")
+    (line,) = re.findall(r"--set '([^']+)'", str(found.hint))
+    (stated,) = settings.load(assignments=[line], folder=False).mappings
+    assert (stated.meaning, stated.axle, stated.unit) == ("pressure", AXLE, "bar")
 
 
 @pytest.mark.parametrize(("name", "seconds"), [("four-axles", 2.0), ("low-adhesion", -1.0)])

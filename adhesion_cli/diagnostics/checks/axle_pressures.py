@@ -146,7 +146,8 @@ def _found(p: Params, s: Scene, o: _Odd, either: bool) -> Finding:
         code = "axle-pressure-share"
         severity = "info" if p.braked_less < o.ratio < 1.0 / p.braked_less else "warning"
     elif likely and not p.least < o.ratio < 1.0 / p.least:
-        code, names["units"] = "pressure-unit-differs", named(likely)
+        code, values["axle"] = "pressure-unit-differs", a.record.axle
+        names |= {"units": named(likely), "unit": likely[0], "key": str(a.brake.meaning)}
     else:
         most = float(np.median(o.off[o.where]))
         force = a.record.pressure is None

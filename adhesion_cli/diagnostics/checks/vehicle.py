@@ -9,6 +9,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from ...core import toml
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity
 from ...core.physics import clamping_force
@@ -73,8 +74,8 @@ def _another(p: Params, s: Scene, factor: float) -> Finding:
     severity: Severity = "info" if factor > 1.0 and s.grid.slid_together else "warning"
     friction, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
     # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
-    fits = [f"friction = {friction:.2g}"] * (0.05 < friction < 0.6)
-    fits += [f"axle_mass = {mass:.0f}"] * (2e3 < mass < 45e3)
+    fits = [toml.option(f"vehicle.friction = {friction:.2g}")] * (0.05 < friction < 0.6)
+    fits += [toml.option(f"vehicle.axle_mass = {mass:.0f}")] * (2e3 < mass < 45e3)
     names = {"fits": named(fits)}
     return s.found("vehicle-suspect", severity, brake, None, 0, values, names)
 

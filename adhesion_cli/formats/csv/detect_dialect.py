@@ -123,7 +123,7 @@ def _stated_delimiter(first: str, options: ReadOptions) -> tuple[str | None, str
     ):
         raise UserError(
             f"delimiter {stated!r} is not one character between cells",
-            'state ";", ",", "|", "tab" or "space"', 2,
+            "state it, as --set 'csv.delimiter = \";\"' (or \",\", \"|\", \"tab\", \"space\")", 2,
         )  # fmt: skip
     return stated, directive[0] if directive else ""
 
@@ -178,7 +178,8 @@ def _decimal(
     """Decimal mark and why; refuses a comma that could group digits."""
     if options.decimal:
         if options.decimal not in (".", ","):
-            raise UserError(f"decimal {options.decimal!r} is neither '.' nor ','", code=2)
+            text = f"decimal {options.decimal!r} is neither '.' nor ','"
+            raise UserError(text, "state it, as --set 'csv.decimal = \",\"'", code=2)
         return options.decimal, f"{options.decimal!r} (stated)"
     commas = 0  # columns with decimal commas, less those with decimal points
     example = ""
@@ -193,7 +194,7 @@ def _decimal(
     if not _proves_decimal(rows, width, ","):
         raise UserError(
             f"{path}: {example!r} may be a decimal comma or grouped thousands",
-            "state it, as --set csv.decimal=, (or --set csv.decimal=.)",
+            'state it, as --set \'csv.decimal = ","\' (or ".")',
         )
     return ",", f"',' (as in {example!r})"
 
@@ -216,7 +217,7 @@ def _refuse_grouped(
             raise UserError(
                 f"{path}: column {name!r}: {dotted[0]!r} and {whole[0]!r} may be grouped "
                 "thousands or a decimal point",
-                "if it is a decimal point, state it, as --set csv.decimal=.",
+                "if it is a decimal point, state it, as --set 'csv.decimal = \".\"'",
             )
 
 

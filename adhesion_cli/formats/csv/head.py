@@ -52,7 +52,8 @@ def _stated(head: bytes, stated: str, path: Path) -> tuple[str, str]:
         b"a".decode(codec, "replace")  # refuses codecs that are no text, as base64
     except (LookupError, UnicodeError):
         raise UserError(
-            f"{path}: unknown encoding {stated!r}", "state utf-8, utf-16, gb18030 or cp1252"
+            f"{path}: unknown encoding {stated!r}",
+            "state it, as --set 'csv.encoding = \"utf-16\"' (or utf-8, gb18030, cp1252)",
         ) from None
     if codec == "utf-16":  # without a mark: whichever half holds the NULs of ASCII
         codec = "utf-16-be" if head[0:4000:2].count(0) > head[1:4000:2].count(0) else "utf-16-le"

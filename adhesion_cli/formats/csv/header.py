@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...core import toml
 from ...core.errors import UserError
 from ...core.text import distinct
 from .dialect import (
@@ -67,7 +68,7 @@ def find_header(table: FirstRows, stated: bool | None) -> Header:
             f"{table.path}: no data rows under the header (no row of {table.width} cells holds "
             "numbers)",
             "give a log with data rows; if its numbers use a decimal comma, state it, as "
-            "--set csv.decimal=,",
+            "--set 'csv.decimal = \",\"'",
         )
     if stated is False:
         return Header([], None, start, start)
@@ -202,8 +203,8 @@ def refuse_width(table: FirstRows, header: Header, width: int) -> None:
                 f"{table.path}: the header (line {n}) names {len(cells)} columns, the rows have "
                 f"{width}",
                 "correct the header; or export with semicolons if the comma is the decimal mark as "
-                "well; or state --set csv.header=false, and the channels by number, as "
-                '"column 1"',
+                "well; or read it with --set csv.header=false and state each channel by number, as "
+                + toml.option('channels.time = {channel = "column 1", unit = "s"}'),
             )
 
 

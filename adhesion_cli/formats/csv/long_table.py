@@ -72,22 +72,26 @@ def _stated(table: Table, i: int, named: list[int]) -> Keys:
     dialect, path, equals = table.dialect, table.path, table.options.group_equals
     name = dialect.names[i]
     groups = [g for (g,) in read_rows(table, [], (i,)).met]
+    line = f"channels.group = {toml.value({'channel': name, 'equals': groups[0]})}"
     if equals is None:
         if len(groups) > _MAX_GROUPS:
             raise UserError(
                 f"{path}: column {name!r} has {len(groups)} values, too many to be devices",
-                "state one, as "
-                + toml.option(f"channels.group = {toml.table({'channel': name, 'equals': '…'})}"),
+                f"state one, as {toml.option(line)}",
             )
         return replace(_keys(dialect, (i,), [(g,) for g in groups]), findings=())
     if equals not in groups:
         raise UserError(
             f"{path}: no row has {equals!r} in column {name!r}",
-            f"values: {', '.join(groups[:20])}",
+            f"state one, as {toml.option(line)}; values: {', '.join(groups[:20])}",
         )
     one = Finding(
         "one-device-read", "info", channel=name, count=len(groups),
-        values={"devices": len(groups)}, names={"groups": listed(sorted(groups)), "read": equals},
+        values={"devices": len(groups)},
+        names={
+            "groups": listed(sorted(groups)), "read": equals, "column": toml.quoted(name),
+            "other": toml.quoted(next((g for g in sorted(groups) if g != equals), equals)),
+        },
     )  # fmt: skip
     if further := tuple(k for k in named if k != i):
         columns = (i, *further)
@@ -133,10 +137,15 @@ def _keys(dialect: Dialect, columns: tuple[int, ...], keys: list[Key]) -> Keys:
         for key in keys
     }
     titles = listed(x.title for x in series.values())
+    device = group[0] if group else 0
     finding = Finding(
         "long-layout", "info", channel=dialect.names[columns[0]], count=len(series),
         values={"series": len(series)},
-        names={"columns": listed(dialect.names[i] for i in columns), "titles": titles},
+        names={
+            "columns": listed(dialect.names[i] for i in columns), "titles": titles,
+            "column": toml.quoted(dialect.names[columns[device]]),
+            "first": toml.quoted(keys[0][device]),
+        },
     )  # fmt: skip
     return Keys(columns, series, (finding,))
 

@@ -188,7 +188,7 @@ class CsvSource:
             raise UserError(
                 f"{self.path}: the clock stands still: {what} {cells[0]!r} in column {name!r}",
                 "log anew, or state another column, as "
-                + toml.option('channels.time = {channel = "…", unit = "s"}'),
+                + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
             )
         if falls > 0.9 * (len(t) - 1) > 1:
             raise UserError(
@@ -234,7 +234,7 @@ def _headerless(dialect: Dialect, path: Path) -> UserError:
     group, hint, rest = "", "", list(range(2, len(first) + 1))
     if found:
         group = f"; column {found.channel!r} seems to hold devices: {found.names['groups']}"
-        group_is = toml.table({"channel": found.channel, "equals": "…"})
+        group_is = f"{{channel = {found.names['column']}, equals = {found.names['first']}}}"
         hint = toml.option(f"channels.group = {group_is}") + " "
         rest = [k for k in rest if found.channel != f"column {k}"]
     return UserError(

@@ -80,7 +80,7 @@ def read_rows(
     if not used:
         raise UserError(
             f"{table.path}: no row has a time stamp that can be read",
-            "state the time, as " + toml.option('channels.time = {channel = "…", unit = "s"}'),
+            "state the time, as " + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
         )
     losses.lines["used"] = used
     for column in kept.values():

@@ -49,7 +49,8 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     """
     unit = options.time_unit
     if unit is not None and unit not in TIME_UNITS:
-        raise UserError(f"unknown time unit {unit!r}", f"known: {', '.join(TIME_UNITS)}", code=2)
+        hint = f"{_stated_time('')}; known: {', '.join(TIME_UNITS)}"
+        raise UserError(f"unknown time unit {unit!r}", hint, code=2)
     search = _Search(dialect, unit, rows, path)
     if options.time_channel is not None:
         i = column_index(dialect, options.time_channel, path)
@@ -66,7 +67,7 @@ def find_clock(dialect: Dialect, options: ReadOptions, rows: float, path: Path) 
     if clock is None:
         raise UserError(
             f"{path}: no column is a time (columns: {', '.join(map(repr, dialect.names[:12]))})",
-            _stated_time("…"),
+            _stated_time("NAME"),
         )
     search.refuse_another(clock)
     return clock
@@ -114,7 +115,7 @@ def _unreadable(dialect: Dialect, i: int, path: Path) -> UserError:
         f"{path}: column {dialect.names[i]!r} holds no times that can be read"
         + (f", as {cells[0][:40]!r}" if cells else ""),
         "export it in seconds, or as 2026-11-21 13:05:07.250; if another column is the time, "
-        f"{_stated_time('…')} (unit: one of {', '.join(TIME_UNITS)})",
+        f"{_stated_time('NAME')} (unit: one of {', '.join(TIME_UNITS)})",
     )
 
 

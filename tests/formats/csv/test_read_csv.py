@@ -1,6 +1,7 @@
 """Logs that must be read right, and logs that must be refused in the right words."""
 
 import gzip
+import re
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from trains import START, three_trains
 
+from adhesion_cli.analysis import settings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.csv.header_words import is_units_row, time_name
 from adhesion_cli.formats.csv.reader import CsvSource, open_csv
@@ -740,6 +742,30 @@ def test_what_is_stated_and_cannot_be_is_refused(log, stated, text, hint):
     with pytest.raises(UserError, match=text) as error:
         open_csv(log, ReadOptions(**stated))
     assert hint in error.value.hint
+
+
+def pasted(hint):
+    """The reading options of the line in a hint."""
+    (line,) = re.findall(r"--set '([^']+)'", hint)
+    return settings.load(assignments=[line], folder=False).read
+
+
+def test_the_line_on_devices_reads_one_and_then_the_other(log):
+    log.write_text(LONG)
+    options = ReadOptions()
+    for code, group in (("long-layout", "1"), ("one-device-read", "2")):
+        (found,) = (f for f in open_csv(log, options).findings if f.code == code)
+        options = pasted(found.hint)
+        assert {f.group for f in open_csv(log, options).fields} == {group}
+
+
+@pytest.mark.parametrize("devices", [2, 5000])
+def test_the_line_in_a_refusal_of_devices_names_one(log, devices):
+    log.write_text("t [s],x,p\n" + "".join(f"{k},{k % devices},1\n" for k in range(5000)))
+    with pytest.raises(UserError, match=r"too many|no row") as error:
+        open_csv(log, ReadOptions(group_channel="x", group_equals="9" if devices < 9 else None))
+    options = pasted(error.value.hint)
+    assert (options.group_channel, options.group_equals) == ("x", "0")
 
 
 def test_unknown_group_value_names_the_known_ones(log):
