@@ -238,7 +238,8 @@ def _hidden(folder: Path) -> Iterator[Path]:
                 _lock(file)
             yield path
         finally:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # it has its name; else the next run removes it
+                path.unlink()
 
 
 @contextmanager

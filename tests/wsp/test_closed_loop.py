@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from recordings import batches, column, static
 
-from adhesion_cli.analysis import analyze, document, settings
+from adhesion_cli.analysis import analyze, json_documents, settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
 from adhesion_cli.core import controller, estimator, methods, physics
@@ -638,7 +638,7 @@ def test_sweep_is_every_controller_on_every_rail() -> None:
     ]
     assert by["low", "rule"].compared.patent_less_this_m == sweep.interval(less)
     assert by["low", "patent"].compared.patent_less_this_m is None
-    doc = document.sweep_document("short", 2, "kalman", {}, rows)
+    doc = json_documents.sweep_document("short", 2, "kalman", {}, rows)
     assert doc["rails"]["low"]["rule"]["patent_less_this_m"] == sweep.interval(less)
     kept = {(x["rail"], x["controller"], x["quantity"]): x["kept"] for x in doc["limits"]}
     assert len(kept) == 2 * len(rows)

@@ -26,7 +26,7 @@ from .clock import SCALE, Clock
 from .dialect import NULLS, Dialect, is_comment
 from .lines import Block
 
-_LONG = 100_000  # rows from which the compiled parser pays for its loading
+_LONG = 500_000  # lines behind which the compiled parser pays for its loading
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
@@ -109,7 +109,7 @@ class Parser:
     def _plain(self, block: Block) -> Part | None:
         """The columns of a block of plain decimals; None where it is another."""
         clock, dialect = self.table.clock, self.table.dialect
-        layout = self._layout
+        layout = self._layout if block.first_line > _LONG else None
         if layout is None or b'"' in block.data:
             return None
         data = np.frombuffer(block.data, np.uint8)
@@ -133,9 +133,9 @@ class Parser:
 
     @cached_property
     def _layout(self) -> plain_numbers.Layout | None:
-        """What each row is for the compiled parser; None where it does not pay, or cannot."""
+        """What each row is for the compiled parser; None where it cannot read it."""
         clock, dialect = self.table.clock, self.table.dialect
-        if self.table.expected < _LONG or self.keys or len(clock.columns) > 1:
+        if self.keys or len(clock.columns) > 1:
             return None
         (time,) = clock.columns
         zoned = clock.type.equals(pa.timestamp("ns", "UTC"))
