@@ -14,15 +14,18 @@ from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, AxleResult, Reference, Result, Vehicle, quantities
 from ..core.time_axis import spans_of
 from ..diagnostics import diagnosis
+from ..dynamics.train_grid import Scene
 from ..evaluation import metrics
 from ..formats.open import open_source
 from ..formats.source import Source
 from ..rail import slip
 from ..records import axle_records
-from ..reference import force
+from ..reference import calibrated_vehicle, force
 from . import settings as settings_module
 from .axle_findings import of_axle
 from .settings import Settings
+
+_NARROWER = 2.0 / 3.0  # of the stated band: from there on `calibrate` is worth its run
 
 
 def chosen(algos: Sequence[str]) -> list[Estimator]:
@@ -79,7 +82,8 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
-    records, findings = diagnosis.records(log, vehicle, axles, window, settings.checks)
+    made, odd = diagnosis.prepared(log, vehicle, axles, window, settings.checks)
+    records, findings = made.records, made.findings + odd
     if train_speed and all(r.train_speed is None for r in records):
         sensors, every = diagnosis.of_sensors(settings.checks), records
         if axles:
@@ -92,6 +96,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         result, more = _axle(record, settings, estimators, log.start_ns())
         done.append(result)
         findings += more
+    findings += _calibration(made.scene, done[0], vehicle)
     assumed = _assumed(vehicle, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
@@ -144,6 +149,15 @@ def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
         return []
     shown = {"parameters": ", ".join(named)}
     return [Finding("vehicle-default", "warning", count=len(named), names=shown)]
+
+
+def _calibration(scene: Scene | None, axle: AxleResult, vehicle: Vehicle) -> list[Finding]:
+    """That the log's own brake applications would make the band of the force narrower."""
+    found = calibrated_vehicle.narrowed(scene, axle.record, axle.applications, vehicle)
+    if found is None or found[1] > _NARROWER * found[0]:
+        return []
+    values = {"stated_share": found[0], "calibrated_share": found[1]}
+    return [Finding("calibration-narrows", "info", values=values)]
 
 
 def _axle(

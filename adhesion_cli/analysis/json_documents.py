@@ -192,12 +192,13 @@ def calibrate_document(found: "Calibration", outputs: dict[str, str]) -> dict[st
         found: the calibration.
         outputs: the files written, by format.
     """
+    of = found.result
     return tagged(
         "calibrate", logs=len(found.logs), applications=len(found.applications), outputs=outputs,
-        parameters={name: row._asdict() for name, row in found.rows.items()},
-        correlation={"names": [*found.rows], "matrix": found.correlation.tolist()},
-        force_before_n=found.force[0], force_after_n=found.force[1],
-        band_before_n=found.band[0], band_after_n=found.band[1],
+        parameters={name: row._asdict() for name, row in of.rows.items()},
+        correlation={"names": [*of.rows], "matrix": of.correlation.tolist()},
+        force_before_n=of.force[0], force_after_n=of.force[1],
+        band_before_n=of.band[0], band_after_n=of.band[1],
         braked=[a._asdict() for a in found.applications],
         used=[{"path": u.log.path, "sha256": u.log.sha256} for u in found.logs],
         findings=findings_document(found.findings),

@@ -59,17 +59,17 @@ def report(found: "Calibration") -> str:
     from ..core.text import by_uncertainty
     from .terminal import folded, records
 
+    of = found.result
     table = [
         {
             "parameter": name.replace("_", " "), "stated by": r.source, "unit": r.unit,
             "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),
             "calibrated": " ± ".join(by_uncertainty(r.posterior, r.posterior_u)),
         }
-        for name, r in found.rows.items()
+        for name, r in of.rows.items()
     ]  # fmt: skip
-    rows = found.rows
-    before, after = (100.0 * u / x for u, x in zip(found.band, found.force, strict=True))
-    ratio, mass = rows["force_over_mass"], rows["axle_mass"]
+    before, after = (100.0 * u / x for u, x in zip(of.band, of.force, strict=True))
+    ratio, mass = of.rows["force_over_mass"], of.rows["axle_mass"]
     limit = (
         f"The logs show the force over the mass within "
         f"{100.0 * ratio.posterior_u / ratio.posterior:.1f} %. The mass is known within "

@@ -55,8 +55,19 @@ def records(
     Raises:
         UserError: as `axle_records.prepare`.
     """
+    made, odd = prepared(log, vehicle, axles, window, params)
+    return made.records, made.findings + odd
+
+
+def prepared(
+    log: Log,
+    vehicle: Vehicle,
+    axles: Sequence[int] = (),
+    window: axle_records.Window = (None, None),
+    params: Mapping[str, Any] | None = None,
+) -> tuple[axle_records.Prepared, list[Finding]]:
+    """As `records`: the records with what checks look at, and what the checks found."""
     made = axle_records.prepare(log, vehicle, axles, window, of_sensors(params))
     if made.scene is None:
-        return made.records, made.findings
-    odd = [f for f in findings(made.scene, params) if f.channel in made.channels]
-    return made.records, made.findings + odd
+        return made, []
+    return made, [f for f in findings(made.scene, params) if f.channel in made.channels]

@@ -11,6 +11,7 @@ from vehicle_logs import STATED, log, true
 
 from adhesion_cli.analysis import analyze, calibrate, settings
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.core.physics import wheelset
 
@@ -25,7 +26,7 @@ def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.Calibration:
 
 def bands(of: calibrate.Calibration) -> list[float]:
     """Standard uncertainty of the force as stated and calibrated, relative."""
-    return [u / Z95 / F for u, F in zip(of.band, of.force, strict=True)]
+    return [u / Z95 / F for u, F in zip(of.result.band, of.result.force, strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +45,11 @@ def calibrated(logs: list[Path]) -> calibrate.Calibration:
 
 
 def test_the_logs_show_force_over_mass(calibrated: calibrate.Calibration) -> None:
-    row = calibrated.rows["force_over_mass"]
+    row = calibrated.result.rows["force_over_mass"]
     at = calibrated.settings.vehicle.friction_speed.value
     assert row.posterior == pytest.approx(0.8 * (1.0 - 0.004 * (at - 20.0)), rel=0.03)
     assert row.posterior_u == pytest.approx(0.02 * math.sqrt(4.0 / 3.0) * row.posterior, rel=0.1)
-    fade = calibrated.rows["friction_fade"]
+    fade = calibrated.result.rows["friction_fade"]
     assert fade.posterior == pytest.approx(-0.004, abs=3.0 * fade.posterior_u)
     assert fade.posterior_u < 0.5 * fade.prior_u
 
@@ -56,7 +57,7 @@ def test_the_logs_show_force_over_mass(calibrated: calibrate.Calibration) -> Non
 def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.Calibration) -> None:
     """The share of the mass's variance is by linear regression: 5 % against 10.4 %."""
     chain, mass = math.hypot(0.1, 0.03, 0.002), 0.05
-    rows, w = calibrated.rows, wheelset(STATED, 1).rolling
+    rows, w = calibrated.result.rows, wheelset(STATED, 1).rolling
     limit = chain * w * mass / math.hypot(chain, w * mass)
     share = rows["friction"].posterior_u / rows["friction"].posterior
     assert limit <= share < 1.2 * limit
@@ -64,7 +65,7 @@ def test_the_force_is_no_better_than_the_mass(calibrated: calibrate.Calibration)
     assert 0.04 < after < 0.5 * before
     names = [*rows]
     i, j = names.index("friction"), names.index("axle_mass")
-    assert calibrated.correlation[i, j] > 0.8
+    assert calibrated.result.correlation[i, j] > 0.8
 
 
 def test_a_weighed_train_gives_a_narrower_band(
@@ -73,7 +74,7 @@ def test_a_weighed_train_gives_a_narrower_band(
     weighed = replace(STATED, axle_mass=Parameter(4797.0, 47.97))
     one = found(*logs, vehicle=weighed)
     assert bands(one)[1] < 0.7 * bands(calibrated)[1]
-    assert one.rows["axle_mass"].posterior == pytest.approx(4797.0, rel=0.01)
+    assert one.result.rows["axle_mass"].posterior == pytest.approx(4797.0, rel=0.01)
 
 
 def test_analyze_takes_the_toml_and_has_that_band(
@@ -82,26 +83,43 @@ def test_analyze_takes_the_toml_and_has_that_band(
     path = tmp_path / "train.toml"
     path.write_text(calibrate.as_toml(calibrated))
     again = settings.load(path, folder=False)
-    for name, row in calibrated.rows.items():
+    for name, row in calibrated.result.rows.items():
         if hasattr(again.vehicle, name):
             p = getattr(again.vehicle, name)
             assert p == pytest.approx((row.posterior, row.posterior_u), rel=1e-6)
     assert again.vehicle.correlation == calibrated.settings.vehicle.correlation
     (axle,) = analyze.analyze(logs[0], lambda **_: again, ["td"]).axles
-    rolls = np.abs(axle.reference.force / calibrated.force[1] - 1.0) < 0.1
+    rolls = np.abs(axle.reference.force / calibrated.result.force[1] - 1.0) < 0.1
     band = Z95 * axle.reference.tolerance[rolls] / axle.reference.force[rolls]
     assert np.median(band) == pytest.approx(Z95 * bands(calibrated)[1], rel=0.05)
     assert axle.reference.mass is not None
     shared = axle.reference.mass[rolls] / axle.reference.force[rolls]
-    mass = calibrated.rows["axle_mass"]
+    mass = calibrated.result.rows["axle_mass"]
     assert np.median(shared) > 0.8 * (mass.posterior_u / mass.posterior) ** 2
+
+
+def test_analyze_says_what_calibrate_would_give(
+    logs: list[Path], calibrated: calibrate.Calibration
+) -> None:
+    (told,) = narrows(logs[0], STATED)
+    before, after = (Z95 * u for u in bands(found(logs[0])))
+    assert told.severity == "info"
+    assert told.values == pytest.approx({"stated_share": before, "calibrated_share": after})
+    assert after < 2.0 / 3.0 * before
+    assert not narrows(logs[0], calibrated.settings.vehicle)
+    assert not narrows(logs[0], replace(STATED, axle_mass=Parameter(4797.0, 2000.0)))
+
+
+def narrows(path: Path, vehicle: Vehicle) -> list[Finding]:
+    result = analyze.analyze(path, load(vehicle), ["td"])
+    return [f for f in result.findings if f.code == "calibration-narrows"]
 
 
 def test_a_calibrated_vehicle_calibrates_to_itself(
     logs: list[Path], calibrated: calibrate.Calibration
 ) -> None:
     again = found(*logs, vehicle=calibrated.settings.vehicle)
-    row = again.rows["force_over_mass"]
+    row = again.result.rows["force_over_mass"]
     assert row.posterior == pytest.approx(1.0, abs=0.01)
     assert row.prior_u < 0.04
     assert bands(again)[1] < 1.05 * bands(calibrated)[1]

@@ -1,0 +1,279 @@
+"""The vehicle that brake applications of its own logs show, and how narrow its band then is.
+
+A train that rolls decelerates by a = s c K. A log so determines s, the force over the mass, and
+never both. With the errors of what is stated, ln s = C − w M + N:
+
+| symbol | error of the logarithm of |
+|---|---|
+| C | friction φ times n η i, the radius ratio and d² |
+| M | axle mass m, with w = m / (m + I/R²) |
+| N | inertia I and radius R |
+
+The posterior of s then gives those of C and M by linear regression, as all errors are normal. So
+the force is never known better than the mass.
+
+C is written as the error of φ alone, and the tolerances of n, η, i, the radius ratio and d are
+0. The logs know only their product, and in the force nothing but the product counts. Written apart,
+each would have nearly its old tolerance, and the band would need all their correlations. The offset
+of the force line is written as the return spring's. A pressure sensor's zero is part of it.
+
+Sources: JCGM 100, 5.2; JCGM 102, 6.2; the model is that of `dynamics.longitudinal`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
+from ..core.physics import FREE, force_line, wheelset
+from ..dynamics import longitudinal as model
+from ..dynamics.train_grid import LEAST, Scene
+from . import force
+
+_CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
+# 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
+AGAIN = {model.SCALE: 0.02, model.OFFSET: 0.005}
+_SOURCES = {
+    "force_over_mass": "stated tolerances",
+    "friction": "stated tolerances of φ, n, η, i, d",
+    "axle_mass": "stated tolerance",
+    "spring_force": "stated tolerance; zero of a sensor: 1 % of the highest force",
+    "friction_fade": "pads change by some 10 % over 25 m/s",
+    "pressure_delay": "calipers, hoses, transducers: 0.03 s; sampling",
+    "creep_stiffness": "20 to 100 % of Kalker's, per unit of slip",
+    "running_resistance": "0.015 m/s² of a train that coasts",
+}
+
+
+class Row(NamedTuple):
+    """A parameter before and after, each with its standard uncertainty."""
+
+    prior: float
+    prior_u: float
+    posterior: float
+    posterior_u: float
+    unit: str
+    source: str  # of the prior
+
+
+class Evidence(NamedTuple):
+    """What one log says of the vehicle."""
+
+    design: model.Design | None  # None where no brake application has wheels that roll
+    spans: tuple[tuple[float, float], ...]  # brake applications in the design's time [s]
+    late: float  # delay of the pressure that the checks found [s]
+
+    def braked(self) -> list[tuple[tuple[float, float], Any]]:
+        """Each brake application with its samples in the design, where they are enough."""
+        if self.design is None:
+            return []
+        t = self.design.t[self.design.at]
+        of = [(span, np.flatnonzero((t >= span[0]) & (t <= span[1]))) for span in self.spans]
+        return [(span, at) for span, at in of if len(at) >= LEAST]
+
+
+class Calibrated(NamedTuple):
+    """A vehicle as its logs show it."""
+
+    vehicle: Vehicle
+    rows: dict[str, Row]
+    correlation: Floats  # of the posterior, in the order of the rows
+    force: tuple[float, float]  # of an axle at the mean brake of all logs, as stated, after [N]
+    band: tuple[float, float]  # half-width of its 95 % band, the same [N]
+
+
+def evidence(
+    scene: Scene | None, record: AxleRecord, applications: Sequence[slice], vehicle: Vehicle
+) -> Evidence:
+    """What a log says.
+
+    Args:
+        scene: all its axles; None where it has none in common.
+        record: of its first axle.
+        applications: of that record.
+        vehicle: as stated.
+    """
+    if scene is None:
+        return Evidence(None, (), 0.0)
+    seconds = (record.t - scene.grid.first) * 1e-9
+    spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
+    design = model.of_log(scene.axles, scene.grid, vehicle)
+    return Evidence(design, spans, scene.explanation.late.value)
+
+
+def narrowed(
+    scene: Scene | None, record: AxleRecord, applications: Sequence[slice], vehicle: Vehicle
+) -> tuple[float, float] | None:
+    """Half-width of the force's 95 % band over the force, as stated and calibrated by one log.
+
+    None where its brake applications do not determine the vehicle. Arguments as of `evidence`.
+    """
+    if len(applications) < 2 or min(vehicle.friction.tolerance, vehicle.axle_mass.tolerance) <= 0.0:
+        return None
+    found = evidence(scene, record, applications, vehicle)
+    if found.design is None or len(found.braked()) < 2:
+        return None
+    designs = model.joined([found.design], vehicle)
+    before = prior(designs, vehicle, found.late)
+    of = calibrated(vehicle, record, designs, before, model.joint(designs, before))
+    return of.band[0] / of.force[0], of.band[1] / of.force[1]
+
+
+def calibrated(
+    vehicle: Vehicle,
+    record: AxleRecord,
+    designs: Sequence[model.Design],
+    prior: dict[int, Parameter],
+    found: model.Posterior,
+) -> Calibrated:
+    """The vehicle of a posterior, which the next log's error from log to log widens.
+
+    Args:
+        vehicle: as stated.
+        record: any of the logs.
+        designs: of the logs, from `longitudinal.joined`.
+        prior: of the shared parameters, from `prior`.
+        found: their posterior.
+    """
+    covariance = found.covariance.copy()
+    for i, sigma in AGAIN.items():  # the next log differs, and each of these did
+        covariance[i, i] += sigma**2 * (1.0 + 1.0 / len(designs))
+    found, radius = found._replace(covariance=covariance), any(d.creeps for d in designs)
+    after, rows, correlation = _vehicle(vehicle, designs[0], prior, found, radius)
+    of = point(designs), record, designs[0]
+    newtons, band = zip(*(_band(v, vehicle, *of) for v in (vehicle, after)), strict=True)
+    return Calibrated(after, rows, correlation, newtons, band)
+
+
+def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
+    """By how much each tolerance moves ln s: C is what has no other name; M is `axle_mass`."""
+    v = vehicle
+    names = ("friction", *_CHAIN, "axle_mass", "wheelset_inertia", "cylinder_diameter")
+    shares = {name: getattr(v, name).tolerance / getattr(v, name).value for name in names}
+    R, w = v.radius(1), wheelset(v, 1).rolling
+    factors = {"axle_mass": -w, "wheelset_inertia": w - 1.0, "cylinder_diameter": 2.0}
+    turned = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
+    return {n: factors.get(n, 1.0) * x for n, x in shares.items()} | {
+        "wheel_radius": turned * R.tolerance / R.value
+    }
+
+
+def prior(designs: Sequence[model.Design], vehicle: Vehicle, late: float) -> dict[int, Parameter]:
+    """Stated tolerances and published ranges; a delay that the checks found widens its prior."""
+    shares = _shares(vehicle, any(d.creeps for d in designs))
+    known = model.stated(designs[0], vehicle)
+    known[model.SCALE] = Parameter(0.0, math.sqrt(float(vehicle.covariance(shares, shares))))
+    interval = max(d.interval for d in designs)
+    usual = model.stated(designs[0]._replace(interval=interval), vehicle)[model.DELAY].tolerance
+    known[model.DELAY] = Parameter(0.0, max(usual, late))
+    return known
+
+
+def point(designs: Sequence[model.Design]) -> Floats:
+    """How ln of the force at the mean brake changes with each shared parameter, (6,)."""
+    on = [np.maximum(d.K[d.at], 0.0) > FREE for d in designs]
+    K = np.concatenate([d.K[d.at][x] for d, x in zip(designs, on, strict=True)])
+    faster = np.concatenate([d.faster[d.at][x] for d, x in zip(designs, on, strict=True)])
+    found = np.zeros(len(model.UNITS))
+    if len(K):
+        found[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / K.mean(), faster.mean()
+    return found
+
+
+def _vehicle(
+    v: Vehicle, d: model.Design, prior: dict[int, Parameter], found: model.Posterior, radius: bool
+) -> tuple[Vehicle, dict[str, Row], Floats]:
+    """The calibrated vehicle, the table, and the correlation of its rows.
+
+    Args:
+        v: as stated.
+        d: any design of the fit.
+        prior: of the shared parameters.
+        found: the posterior of these.
+        radius: whether wheel speeds were used.
+    """
+    n, shares = len(model.UNITS), _shares(v, radius)
+    mass = {"axle_mass": v.axle_mass.tolerance / v.axle_mass.value}
+    known = ("axle_mass", "wheelset_inertia", "wheel_radius")
+    chain = {name: x for name, x in shares.items() if name not in known}
+    S, spread = found.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
+    both = np.array([[v.covariance(a, b) for a in (chain, mass)] for b in (chain, mass)])
+    gain = np.array([v.covariance(chain, shares), v.covariance(mass, shares)]) / spread
+    # Of (shared, C, M): what the logs say of s, and what is left of C and M where s is known.
+    A = np.vstack([np.eye(n), np.zeros((2, n))])
+    A[n:, model.SCALE] = gain
+    joint = A @ found.covariance[:n, :n] @ A.T
+    joint[n:, n:] += both - spread * np.outer(gain, gain)
+    C, M = gain * S
+    piston = d.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
+    x = found.mean
+    speed, fade0 = d.mean, prior[model.FADE]
+    phi = v.friction.value * max(
+        1.0 + v.friction_fade.value * (speed - v.friction_speed.value), 0.1
+    )
+    friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
+    spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
+    kappa0, kappa = (math.exp(y) for y in (prior[model.STIFFNESS].value, x[model.STIFFNESS]))
+    # name: place in `joint`, factor to its unit, prior, 1 sigma of it, posterior
+    table: dict[str, tuple[int, float, float, float, float, str]] = {
+        "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(spread), math.exp(S), "-"),
+        "friction": (n, friction, phi, phi * math.sqrt(both[0, 0]), friction, "-"),
+        "axle_mass": (n + 1, m, *v.axle_mass, m, "kg"),
+        "spring_force": (
+            model.OFFSET, piston, v.spring_force.value, piston * prior[model.OFFSET].tolerance,
+            spring, "N",
+        ),
+        "friction_fade": (model.FADE, 1.0, *fade0, float(x[model.FADE]), "s/m"),
+        "pressure_delay": (model.DELAY, 1.0, *prior[model.DELAY], float(x[model.DELAY]), "s"),
+        "creep_stiffness": (
+            model.STIFFNESS, kappa, kappa0, kappa0 * prior[model.STIFFNESS].tolerance, kappa, "-",
+        ),
+        "running_resistance": (
+            model.RESISTANCE, 1.0, *prior[model.RESISTANCE], float(x[model.RESISTANCE]), "m/s²",
+        ),
+    }  # fmt: skip
+    places = [place for place, *_ in table.values()]
+    sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))
+    correlation = (joint / np.outer(sigma, sigma))[np.ix_(places, places)]
+    rows = {
+        name: Row(before, before_u, after, factor * float(sigma[place]), unit, _SOURCES[name])
+        for name, (place, factor, before, before_u, after, unit) in table.items()
+    }
+    return _stated(v, rows, correlation, speed), rows, correlation
+
+
+def _stated(v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float) -> Vehicle:
+    """The vehicle of the posterior."""
+    names = ("friction", "axle_mass", "spring_force", "friction_fade")
+    places = {name: i for i, name in enumerate(rows)}
+    related = tuple(
+        (a, b, round(float(correlation[places[a], places[b]]), 4))
+        for i, a in enumerate(names)
+        for b in names[i + 1 :]
+    )
+    found: dict[str, Any] = {
+        name: Parameter(rows[name].posterior, rows[name].posterior_u) for name in names
+    }
+    exact: dict[str, Any] = {
+        n: Parameter(getattr(v, n).value, 0.0) for n in (*_CHAIN, "cylinder_diameter")
+    }
+    at = Parameter(speed, 0.0)
+    return replace(v, **found, **exact, friction_speed=at, correlation=related)
+
+
+def _band(
+    v: Vehicle, stated: Vehicle, point: Floats, record: AxleRecord, d: model.Design
+) -> tuple[float, float]:
+    """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
+    share, faster = -1.0 / point[model.OFFSET], float(point[model.FADE])
+    at, w = d.mean + faster - v.friction_speed.value, wheelset(v, record.axle)
+    old, new = force_line(stated), force_line(v)
+    K = share * d.top - (new.at_zero - old.at_zero)
+    K *= 1.0 + v.friction_fade.value * at
+    F = w.phi * K * w.rolling
+    dw = -w.a * w.phi * K * (1.0 - w.rolling)
+    moved = force.moves(record, v, *(np.array([x]) for x in (K, dw, d.mean + faster)))
+    return float(F), Z95 * math.sqrt(float(v.covariance(moved, moved)[0]))
