@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..wsp.scenario import Limit, Scenario
     from ..wsp.sweep import Row
     from .calibrate import Calibration
+    from .tune import Errors, Tuned
 
 
 def tagged(kind: str, **body: Any) -> dict[str, Any]:
@@ -201,6 +202,23 @@ def calibrate_document(found: "Calibration", outputs: dict[str, str]) -> dict[st
         band_before_n=of.band[0], band_after_n=of.band[1],
         braked=[a._asdict() for a in found.applications],
         used=[{"path": u.log.path, "sha256": u.log.sha256} for u in found.logs],
+        findings=findings_document(found.findings),
+    )  # fmt: skip
+
+
+def tune_document(found: "Tuned", outputs: dict[str, str]) -> dict[str, Any]:
+    """The document of `tune`; `outputs` are the files written, by format."""
+
+    def errors(of: "Errors") -> dict[str, Any]:
+        return {
+            "logs": len(of.logs), "rmse_n": of.rmse, "default_rmse_n": of.before,
+            "paths": list(of.logs),
+        }  # fmt: skip
+
+    return tagged(
+        "tune", algo=found.estimator.name, parameters=found.parameters,
+        default_parameters=found.before, train=errors(found.train),
+        held_back=errors(found.held_back), outputs=outputs,
         findings=findings_document(found.findings),
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from typer.core import TyperCommand
 from ..core.errors import UserError
 
 _COMMANDS = (
-    "inspect", "analyze", "compare", "slip", "antiskid", "calibrate", "simulate",
+    "inspect", "analyze", "compare", "slip", "antiskid", "calibrate", "tune", "simulate",
     "reproduce", "explain", "convert", "recover", "view", "estimators",
 )  # fmt: skip
 app = typer.Typer(

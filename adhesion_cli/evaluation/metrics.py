@@ -270,6 +270,20 @@ def compared(
     )
 
 
+def judged(
+    record: AxleRecord, reference: Reference, applications: Iterable[slice]
+) -> tuple[Literal["truth", "reference"], Floats, tuple[slice, ...]]:
+    """What an estimate is judged against (n,) [N], and in which parts: not while it starts."""
+    applications = tuple(applications)
+    past = {s.start: s.stop for s in started(record, applications)}
+    applications = tuple(
+        slice(start, s.stop) for s in applications if (start := past.get(s.start, s.start)) < s.stop
+    )
+    if record.truth is not None and any(np.isfinite(record.truth[s]).any() for s in applications):
+        return "truth", record.truth, applications
+    return "reference", reference.force, applications
+
+
 def scores(
     record: AxleRecord,
     reference: Reference,
@@ -286,15 +300,7 @@ def scores(
         applications: the brake applications to use, less what `started` finds in them.
         sigmas: standard uncertainty [N] of the estimates that have one, shape (n,).
     """
-    applications = tuple(applications)
-    past = {s.start: s.stop for s in started(record, applications)}
-    applications = tuple(
-        slice(start, s.stop) for s in applications if (start := past.get(s.start, s.start)) < s.stop
-    )
-    against: Literal["truth", "reference"] = "reference"
-    target = reference.force
-    if record.truth is not None and any(np.isfinite(record.truth[s]).any() for s in applications):
-        against, target = "truth", record.truth
+    against, target, applications = judged(record, reference, applications)
     found = []
     for algo, estimate in estimates.items():
         c = compared(record, estimate, target, applications)

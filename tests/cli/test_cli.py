@@ -237,6 +237,7 @@ BAD = {
     "compare": ("compare missing.csv", 1, "missing.csv"),
     "slip": ("slip missing.csv", 1, "missing.csv"),
     "calibrate": ("calibrate missing.csv", 1, "missing.csv"),
+    "tune": ("tune missing.csv other.csv -a leso", 1, "missing.csv"),
     "antiskid": ("antiskid nowhere", 2, "nowhere"),
     "simulate": ("simulate nowhere -o a.csv", 2, "nowhere"),
     "reproduce": ("reproduce -o missing.csv/a", 1, "missing.csv/a"),

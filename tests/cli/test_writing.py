@@ -28,6 +28,7 @@ COMMANDS = {
         "s.csv l.csv -o {out}/b.toml --figure {out}/b.svg",
         ["b.toml", "b.svg", "b.sha256"],
     ),
+    "tune": ("s.csv l.csv -a leso -o {out}/b.toml", ["b.toml"]),
     "convert": ("a.csv {out}/b.mcap", ["b.mcap"]),
     "recover": ("a.mcap -o {out}/b.mcap", ["b.mcap"]),
     "simulate": ("service-brake --dt 0.02 -o {out}/b.csv", ["b.csv"]),
@@ -143,7 +144,7 @@ def test_a_signal_when_all_is_written_and_nothing_named(
 
 
 def limited() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))  # less than any result
 
 
 @pytest.fixture(

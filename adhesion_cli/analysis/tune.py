@@ -1,0 +1,209 @@
+"""Parameters of an estimator for a fleet, by its own logs.
+
+The rmse over brake applications, against the truth where a log has it, else against the reference,
+is made least on some of the logs. It counts on the others, which the search never saw: parameters
+that are not better there are refused.
+
+A parameter that spans decades is searched in its logarithm. Switches, which are 0 by default, stay.
+The search is that of Nelder and Mead, Computer Journal 7 (1965) 308, within the stated bounds.
+"""
+
+import math
+import random
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..core import compiled, methods, physics, toml
+from ..core.errors import UserError
+from ..core.estimator import Estimator
+from ..core.finding import Finding
+from ..core.model import AxleResult, Bools, Floats, Result, Times, Wheelset, quantities
+from ..evaluation import metrics
+from .analyze import analyze, chosen
+from .settings import Settings
+
+_DIGITS = 4  # of a parameter: more do not change the rmse
+_CLOSE = 1e-3  # of the rmse's logarithm and of the coordinates: the search ends
+_MOST = 200  # parameter sets for each parameter
+_DECADE, _SHARE = 0.5, 0.2  # first step of a parameter: in decades, or of its range
+
+
+class Axle(NamedTuple):
+    """One axle with brake applications; columns of shape (n,)."""
+
+    wheelset: Wheelset
+    t: Times
+    clamping_force: Floats
+    wheel_speed: Floats
+    starts: Any  # first sample of each segment
+    target: Floats  # true force, else the reference [N]
+    judged: Bools  # which samples count
+
+
+class Errors(NamedTuple):
+    """Of a share of the logs: their names, and the rmse tuned and before [N]."""
+
+    logs: tuple[str, ...]
+    rmse: float
+    before: float
+
+
+class Tuned(NamedTuple):
+    """The result."""
+
+    estimator: Estimator
+    before: dict[str, float]
+    parameters: dict[str, float]  # all of them, those that were not searched as before
+    train: Errors
+    held_back: Errors
+    findings: tuple[Finding, ...]
+
+
+def tune(
+    paths: Sequence[Path], load: Callable[..., Settings], algo: str, *,
+    hold_back: float, seed: int, tell: Callable[[str], None],
+) -> Tuned:  # fmt: skip
+    """Tunes one estimator.
+
+    Args:
+        paths: at least two logs.
+        load: gives the settings, see `analyze`.
+        algo: the estimator's name.
+        hold_back: share of the logs that the search does not see.
+        seed: of their choice.
+        tell: receives a line at each step.
+
+    Raises:
+        UserError: a log cannot be read, too few have a brake application, or the result is not
+            better on the logs held back.
+    """
+    (est,) = chosen([algo])
+    before = load().params(est)
+    _refuse_one(len({p.resolve() for p in paths}))
+    logs: dict[str, list[Axle]] = {}
+    findings: list[Finding] = []
+    for path in paths:
+        result = analyze(path, load, [algo], tell=tell)
+        findings += result.findings
+        if axles := [a for axle in result.axles if (a := _axle(axle, result)) is not None]:
+            logs[str(path)] = axles
+    _refuse_one(len(logs), " with a brake application")
+    train, held = _split(list(logs), hold_back, seed)
+    tell(f"searching {est.name} on {len(train)} logs")
+    sets = [[a for name in names for a in logs[name]] for names in (train, held)]
+    found = _search(est, before, lambda p: rmse(est, p, sets[0]))
+    tuned, checked = (
+        Errors(tuple(names), rmse(est, found, axles), rmse(est, before, axles))
+        for names, axles in zip((train, held), sets, strict=True)
+    )
+    if not checked.rmse < checked.before:
+        raise UserError(
+            f"{est.name}: no parameters are better. Tuned, the rmse is {tuned.rmse:.4g} N "
+            f"({tuned.before:.4g} N before) on the logs of the search, but {checked.rmse:.4g} N "
+            f"({checked.before:.4g} N before) on those held back",
+            "keep the parameters, or name more logs that are alike",
+        )
+    return Tuned(
+        est, before._asdict(), found._asdict(), tuned, checked, tuple(dict.fromkeys(findings))
+    )
+
+
+def rmse(est: Estimator, p: Any, axles: Sequence[Axle]) -> float:
+    """Root of the mean over axles of the mean square error [N]; inf where the loop is unstable."""
+    squares = []
+    for a in axles:
+        try:
+            columns = a.t, a.clamping_force, a.wheel_speed, a.starts
+            F = compiled.batch(est, p, a.wheelset, *columns)[0]
+        except UserError:  # an interval is too long for these parameters
+            return math.inf
+        with np.errstate(over="ignore", invalid="ignore"):
+            squares.append(float(np.mean((F - a.target)[a.judged] ** 2)))
+    mean = float(np.mean(squares))
+    return math.sqrt(mean) if math.isfinite(mean) else math.inf
+
+
+def as_toml(found: Tuned) -> str:
+    """The parameters as `-c` takes them; comments say what they are from."""
+    lines = [f"# {found.estimator.name} by `adhesion tune`; rmse over brake applications."]
+    for of, what in ((found.train, "Tuned"), (found.held_back, "Held back")):
+        lines.append(f"# {what}: {of.rmse:.4g} N, {of.before:.4g} N before.")
+        lines += [f"# - {Path(name).name!r}" for name in of.logs]
+    lines += ["", f"[{found.estimator.name}]"]
+    lines += [f"{name} = {toml.value(x)}" for name, x in found.parameters.items()]
+    return "\n".join([*lines, ""])
+
+
+def _refuse_one(logs: int, which: str = "") -> None:
+    """Raises: UserError, where no log could be held back."""
+    if logs < 2:
+        some = "one log" if logs else "no log"
+        raise UserError(
+            f"there is {some}{which}: parameters are tuned on some logs and checked on others",
+            "name more logs of the fleet",
+        )
+
+
+def _axle(axle: AxleResult, result: Result) -> Axle | None:
+    """What a search needs of an axle; None without a sample that counts."""
+    record = axle.record
+    target, applications = metrics.judged(record, axle.reference, axle.applications)[1:]
+    some = np.zeros(len(record), dtype=np.bool_)
+    for s in applications:
+        some[s] = np.isfinite(target[s])
+    if not some.any():
+        return None
+    return Axle(
+        physics.wheelset(result.vehicle, record.axle), record.t,
+        physics.faded(record, result.vehicle).clamping_force, record.wheel_speed,
+        np.array([s.start for s in record.segments], dtype=np.int64), target, some,
+    )  # fmt: skip
+
+
+def _split(names: Sequence[str], hold_back: float, seed: int) -> tuple[list[str], list[str]]:
+    """The logs to tune on, and at least one that is held back; both in the order named."""
+    n = min(max(round(hold_back * len(names)), 1), len(names) - 1)
+    held = set(random.Random(seed).sample(sorted(names), n))
+    return [x for x in names if x not in held], [x for x in names if x in held]
+
+
+def _search(est: Estimator, before: Any, error: Callable[[Any], float]) -> Any:
+    """The parameters with the least error."""
+    from scipy.optimize import minimize
+
+    of = quantities(est.Params)
+    free = [name for name in of if getattr(est.Params(), name) != 0.0]
+    wide = {name: of[name].high > 1.0 for name in free}  # else a share
+    least = {name: max(of[name].low, 1e-12) if wide[name] else of[name].low for name in free}
+
+    def coded(p: Any) -> list[float]:
+        values = {name: min(max(getattr(p, name), least[name]), of[name].high) for name in free}
+        return [math.log10(x) if wide[name] else x for name, x in values.items()]
+
+    def parameters(x: Sequence[float]) -> Any:
+        values = {
+            name: min(float(f"{10.0**v if wide[name] else v:.{_DIGITS}g}"), of[name].high)
+            for name, v in zip(free, x, strict=True)
+        }
+        return methods.validated(est, before._asdict() | values)
+
+    start = coded(before)
+    ends = [
+        (math.log10(least[n]), math.log10(of[n].high)) if wide[n] else (least[n], of[n].high)
+        for n in free
+    ]
+    corners = [start]
+    for i, name in enumerate(free):
+        step = _DECADE if wide[name] else _SHARE * (ends[i][1] - ends[i][0])
+        step = -step if start[i] + step > ends[i][1] else step
+        corners.append([x + step * (k == i) for k, x in enumerate(start)])
+    found = minimize(
+        lambda x: math.log(max(error(parameters(x)), 1e-9)), start, method="Nelder-Mead",
+        bounds=ends,
+        options={"initial_simplex": corners, "xatol": 10 * _CLOSE, "fatol": _CLOSE,
+                 "maxfev": _MOST * len(free)},
+    )  # fmt: skip
+    return parameters(found.x)

@@ -1,0 +1,79 @@
+"""`adhesion tune`: the parameters of an estimator for a fleet."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from . import results
+from .options import Logs, Shared, check, completes, estimators, inputs, loader, option, shared
+
+if TYPE_CHECKING:
+    from ..analysis.tune import Tuned
+
+
+@shared("config", "set_", "json", "force", "strict")
+def command(
+    logs: Logs,
+    shared: Shared,
+    algo: Annotated[str, option("-a --algo", "NAME", "The estimator.", **completes(estimators))],
+    out: Annotated[Path | None, option("-o --out", "FILE.toml", "Write what -c takes.")] = None,
+    hold_back: Annotated[
+        float, option("--hold-back", "SHARE", "Share of the logs to check with; 0.3.")
+    ] = 0.3,
+    seed: Annotated[int, option("--seed", "N", "Seed of their choice; 0.", min=0)] = 0,
+) -> int:
+    """Find the parameters of an estimator for the logs of a fleet.
+
+    The rmse over brake applications becomes least on some logs, and is checked on the others, which
+    are held back. It is against the true force where a log has it, else against the reference.
+    Parameters that are not better on the logs held back are refused.
+
+    Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
+    """
+    from ..analysis import tune
+    from ..analysis.json_documents import dumps, tune_document
+    from ..core.errors import UserError
+    from ..results import atomic_files
+    from . import terminal
+
+    files = [out] if out else []
+    if out and out.suffix.lower() != ".toml":
+        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
+    if not 0.0 < hold_back < 1.0:
+        text = f"--hold-back {hold_back:g}: a share of the logs lies between 0 and 1"
+        raise UserError(text, "--hold-back 0.3", code=2)
+    check(shared, files, *logs)
+    found = tune.tune(
+        logs, loader(shared), algo, hold_back=hold_back, seed=seed,
+        tell=terminal.progress(shared.quiet),
+    )  # fmt: skip
+    if files:
+        with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
+            place.write_text(tune.as_toml(found), encoding="utf-8")
+    if shared.json:
+        print(dumps(tune_document(found, results.named(files))))
+    else:
+        print(report(found, seed))
+        terminal.show(found.findings, shared.quiet)
+        if files:
+            print(terminal.wrote(*files))
+    return 3 if terminal.lossy(found.findings) else 0
+
+
+def report(found: "Tuned", seed: int) -> str:
+    """The parameters before and after, and the rmse on both shares of the logs."""
+    from ..core.model import quantities
+    from .terminal import number, records
+
+    of = quantities(found.estimator.Params)
+    parameters = [
+        {"parameter": name, "unit": of[name].unit, "before": f"{before:g}",
+         "tuned": f"{found.parameters[name]:g}"}
+        for name, before in found.before.items()
+    ]  # fmt: skip
+    shares = [
+        {"logs": what, "number": str(len(e.logs)), "RMSE before [N]": number(e.before),
+         "RMSE tuned [N]": number(e.rmse)}
+        for what, e in (("tuned on", found.train), ("held back", found.held_back))
+    ]  # fmt: skip
+    title = f"{found.estimator.name}, logs held back by seed {seed}:"
+    return "\n".join([title, records(parameters, left=2), "", records(shares)])
