@@ -82,7 +82,7 @@ def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
         "applications": [
             _application(x, result.log.start_ns()) for x in of_axle(axle, result.vehicle)
         ],
-        "estimators": [asdict(s) for s in axle.scores],
+        "estimators": [{k: x for k, x in asdict(s).items() if k != "blocks"} for s in axle.scores],
     }
 
 

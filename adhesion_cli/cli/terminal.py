@@ -97,7 +97,7 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
     by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
         by_target.setdefault(s.against, []).append({
-            "axle": axle, "method": s.algo,
+            "axle": axle, "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
             "RMSE [N]": number(s.rmse_n), "bias [N]": number(s.bias_n),
             "max [N]": number(s.max_error_n), "lag [s]": number(s.lag_s, 3),
             "gain": number(s.gain, 3), "t95 [s]": number(s.response_s, 2),
@@ -108,7 +108,9 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
         f"{where}against {target}:\n{records(_known(of), left=2)}"
         for target, of in by_target.items()
     ]
-    return "\n".join([*tables, *_bands([s for _, s in rows])])
+    marked = ["≈: the noise of the reference explains the difference from the best (95 %)."]
+    some = any(s.alike and s.relative != 1.0 for _, s in rows)
+    return "\n".join([*tables, *(marked * some), *_bands([s for _, s in rows])])
 
 
 def _bands(scores: Sequence[Score]) -> list[str]:

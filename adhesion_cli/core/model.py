@@ -329,7 +329,11 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How well one estimate follows truth or reference on one axle; names as in the JSON."""
+    """How well one estimate follows truth or reference on one axle; names as in the JSON.
+
+    `blocks` is not in the JSON. It has, for each stretch of time, the mean square error [N²], and
+    by how much the target's own noise moves that, 1 sigma.
+    """
 
     algo: str
     against: Literal["truth", "reference"]
@@ -343,6 +347,8 @@ class Score:
     relative: float | None = None
     band_n: float | None = None  # median half-width of the estimator's own 95 % band
     within: float | None = None  # share of the samples at which it holds the target
+    alike: bool | None = None  # whether the target's noise explains its difference from the best
+    blocks: tuple[Floats, Floats] | None = field(default=None, compare=False, repr=False)
 
 
 class Event(NamedTuple):

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _VARIES = 0.02  # share of its peak by which a target must vary (rms) to show la
 _RIPPLE = 0.5  # what is quicker than this is ripple [s]
 _STEP = 0.1  # a step is over within this [s], or within one interval
 _STEADY = 1.0  # and followed by this much steady force [s]
+_BLOCK = 2.0  # errors of the target further apart than this count as independent [s]
 START_UP = 3.0  # response of the slowest published estimator, LESO in Table 2 [s]
 
 
@@ -304,10 +305,49 @@ def scores(
     found = []
     for algo, estimate in estimates.items():
         c = compared(record, estimate, target, applications)
+        noise = reference.sigma if against == "reference" else np.zeros(len(target))
+        blocks = _blocks(record, estimate - target, noise, applications)
         sigma = (sigmas or {}).get(algo)
         band = _banded(estimate - target, sigma, applications) if c and sigma is not None else {}
-        found.append(Score(algo, against, **(measured(c) if c else {}), **band))
+        of: dict[str, Any] = {**(measured(c) if c else {}), **band}
+        found.append(Score(algo, against, **of, blocks=blocks))
     return ranked(found)
+
+
+def _blocks(
+    record: AxleRecord, error: Floats, noise: Floats, applications: Sequence[slice]
+) -> tuple[Floats, Floats]:
+    """Of each stretch of `_BLOCK`: mean square error, and what the target's noise does to it.
+
+    Args:
+        record: the axle's record.
+        error: estimate less target (n,) [N].
+        noise: 1 sigma of the target (n,) [N], with errors that are alike within a stretch.
+        applications: in which errors count.
+    """
+    squares, doubts = [], []
+    for s in applications:
+        number = ((record.t[s] - record.t[s.start]) * 1e-9 / _BLOCK).astype(np.int64)
+        known = np.isfinite(error[s])
+        count = np.maximum(np.bincount(number, known), 1e-300)
+        e = np.where(known, error[s], 0.0)
+        squares.append(np.bincount(number, e**2) / count)
+        doubts.append(np.bincount(number, 2.0 * np.abs(e) * np.nan_to_num(noise[s])) / count)
+    return np.concatenate([[], *squares]), np.concatenate([[], *doubts])
+
+
+def alike(one: Score, other: Score) -> bool | None:
+    """Whether the noise of their target explains the difference of two rmse (95 %).
+
+    None without an error, or where they are not of the same samples.
+    """
+    if one.blocks is None or other.blocks is None or None in (one.rmse_n, other.rmse_n):
+        return None
+    (a, da), (b, db) = one.blocks, other.blocks
+    if len(a) != len(b):
+        return None
+    difference, doubt = float(np.sum(a - b)), float(np.linalg.norm(da + db))
+    return abs(difference) <= Z95 * doubt
 
 
 def _banded(error: Floats, sigma: Floats, applications: Iterable[slice]) -> dict[str, float]:
@@ -326,7 +366,11 @@ def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
     order = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
     best = order[0].rmse_n if order else None
     return tuple(
-        replace(s, relative=s.rmse_n / best if best and s.rmse_n is not None else None)
+        replace(
+            s,
+            relative=s.rmse_n / best if best and s.rmse_n is not None else None,
+            alike=alike(s, order[0]),
+        )
         for s in order
     )
 
@@ -351,8 +395,12 @@ def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
             rmse, bias, worst = np.array([(s.rmse_n, s.bias_n, s.max_error_n) for s in own]).T
             rms, largest = float(np.sqrt(np.mean(rmse**2))), float(worst[np.argmax(np.abs(worst))])
             band, within = (_mean([getattr(s, name) for s in own]) for name in ("band_n", "within"))
+            known = [s.blocks for s in own if s.blocks is not None]
+            joined = (np.concatenate(x) for x in zip(*known, strict=True))
+            blocks = (next(joined), next(joined)) if len(known) == len(own) else None
             pooled.append(Score(
-                algo, against, rms, float(np.mean(bias)), largest, band_n=band, within=within
+                algo, against, rms, float(np.mean(bias)), largest, band_n=band, within=within,
+                blocks=blocks,
             ))  # fmt: skip
         found += ranked(pooled)
     return tuple(found)

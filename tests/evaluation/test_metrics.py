@@ -292,6 +292,28 @@ def test_an_estimate_with_an_uncertainty_is_scored_on_its_band() -> None:
     assert (pooled.band_n, pooled.within) == (sure.band_n, sure.within)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.3, 30.0])
+def test_a_difference_within_the_references_noise_is_marked(noise: float) -> None:
+    """The rmse of 100 and 101 N differ by 1 %, and an error of 30 N in stretches of 2 s by more."""
+    t = times(50.0)
+    r = record(t, force(t) / 0.27)
+    of = replace(reference(force(t)), sigma=np.full(len(t), noise))
+    estimates = {"a": force(t) + 100.0, "b": force(t) - 101.0, "far": force(t) + 400.0}
+    found = metrics.scores(r, of, estimates, metrics.applications(r))
+    assert [s.alike for s in found] == [True, noise > 1.0, False]
+    pooled = metrics.overall([found, found])
+    assert [s.alike for s in pooled] == [True, noise > 1.0, False]
+
+
+def test_against_the_truth_only_equals_are_alike() -> None:
+    t = times(50.0)
+    r = replace(record(t, force(t) / 0.27), truth=force(t))
+    estimates = {"a": force(t) + 100.0, "b": force(t) - 100.0, "c": force(t) + 100.1}
+    of = replace(reference(force(t)), sigma=np.full(len(t), 1e4))
+    found = metrics.scores(r, of, estimates, metrics.applications(r))
+    assert [s.alike for s in found] == [True, True, False]
+
+
 def test_scores_prefer_truth_and_rank_by_rmse() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
@@ -323,7 +345,7 @@ def test_samples_without_target_are_left_out() -> None:
 
 
 def test_every_metric_is_a_column_of_the_score() -> None:
-    given = {"algo", "against", "relative", "band_n", "within"}
+    given = {"algo", "against", "relative", "band_n", "within", "alike", "blocks"}
     t = np.arange(0.0, 20.0, 0.02)
     every = metrics.measured(compared(t, force(t), force(t)))
     assert set(Score.__dataclass_fields__) - given == set(every)
