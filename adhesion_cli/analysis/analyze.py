@@ -97,7 +97,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         done.append(result)
         findings += more
     findings += _calibration(made.scene, done[0], vehicle)
-    assumed = _assumed(vehicle, any(r.pressure is not None for r in records))
+    assumed = _assumed(settings, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
         log,
@@ -136,13 +136,14 @@ def _carried(path: Path, source: Source) -> Mapping[str, str]:
     return source.metadata.get("adhesion.settings", {})
 
 
-def _assumed(vehicle: Vehicle, by_pressure: bool) -> list[Finding]:
+def _assumed(settings: Settings, by_pressure: bool) -> list[Finding]:
     """The vehicle values that are defaults; those of the brake only if K is by pressure."""
     wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
-    papers, named = Vehicle(), []
+    vehicle, papers, named = settings.vehicle, Vehicle(), []
     for name, q in quantities(Vehicle).items():
         mine, theirs = (np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers))
         assumed = not name.startswith("friction_") and (by_pressure or name in wheel)
+        assumed &= name not in settings.stated
         if assumed and mine == theirs:
             named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
     if not named:

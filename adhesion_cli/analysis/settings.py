@@ -1,4 +1,4 @@
-"""Settings: flag > `--set` > `-c` > `./adhesion.toml` > default, typed and checked once.
+"""Settings: flag > `--set` > later `-c` > earlier `-c` > `./adhesion.toml` > default, checked once.
 
 The keys are the fields of `Vehicle`, of `ReadOptions`, `Mapping` and `Analysis`, and the
 parameters of each estimator and controller: nothing is listed here a second time.
@@ -68,6 +68,7 @@ class Settings:
         overrides: parameters as stated, by name of estimator, of controller, and of "slope": in
             the loop, the slope has other defaults.
         checks: thresholds of every check of the diagnostics, by its name.
+        stated: vehicle parameters that the user states, though it may be the default's value.
     """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -80,6 +81,7 @@ class Settings:
     checks: dict[str, Any] = field(
         default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
     )
+    stated: frozenset[str] = field(default=frozenset(), compare=False)
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
@@ -87,7 +89,7 @@ class Settings:
 
 
 def load(
-    config: Path | None = None,
+    config: Path | Sequence[Path] | None = None,
     assignments: Sequence[str] = (),
     base: Tree[str, Any] | None = None,
     folder: bool = True,
@@ -96,7 +98,8 @@ def load(
     """Settings from files and `--set`.
 
     Args:
-        config: the `-c` file; what it does not state, `./adhesion.toml` does where there is one.
+        config: the `-c` files, later ones first; what none of them states, `./adhesion.toml` does
+            where there is one.
         assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
         base: settings that a result file carries; every other overrides them. Those on reading
             its log are ignored: the result is another file. So are thresholds that this version
@@ -111,15 +114,19 @@ def load(
     carried = {k: v for k, v in (base or {}).items() if k not in _ORIGIN}
     layers = [carried | {"diagnostics": _of_today(carried.get("diagnostics", {}))}]
     layers += [toml.read(here, _IS)] if folder and here.is_file() else []
-    layers += [toml.read(config, _IS)] if config else []
+    layers += [
+        toml.read(file, _IS) for file in ([config] if isinstance(config, Path) else config or ())
+    ]
     layers.append({})
     for text in assignments:
         _merge(layers[-1], _assignment(text))
     tree: dict[str, Any] = {}
-    for layer in map(_one_spelling, layers):
+    spelled = [_one_spelling(layer) for layer in layers]
+    for layer in spelled:
         _forget(tree, layer)
         _merge(tree, layer)
-    return _typed(tree, read)
+    stated = {name for layer in spelled[1:] for name in layer.get("vehicle", {})}
+    return replace(_typed(tree, read), stated=frozenset(stated))
 
 
 def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:

@@ -9,7 +9,8 @@ from .terminal import at_least, number
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
-    "coefficient and force, mean and highest, with expanded uncertainty (95\N{NO-BREAK SPACE}%)."
+    "coefficient and force, mean from build-up to release and highest, with expanded uncertainty "
+    "(95\N{NO-BREAK SPACE}%)."
 )
 _OF_SLIDES = (
     "Slides of each brake application: number, time and distance together, largest slip, energy "

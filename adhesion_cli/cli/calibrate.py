@@ -76,7 +76,7 @@ def report(found: "Calibration") -> str:
         f"{100.0 * mass.posterior_u / mass.posterior:.1f} %, and the force no better (1 sigma)."
     )
     return "\n".join([
-        f"{len(found.applications)} brake applications of {len(found.logs)} logs; "
+        f"Brake applications: {len(found.applications)}, logs: {len(found.logs)}; "
         "± is 1 sigma:",
         "", records(table, left=3), "",
         f"95 % band of the force at the mean brake: ±{before:.1f} % as stated, "

@@ -119,6 +119,8 @@ def _text(words: "Words") -> str:
         if (text := _plain(getattr(words, part)))
     ]
     thresholds = _thresholds(words.code)
+    if any("…" in line for line in lines):
+        lines.append(folded("…: a value of your log. `--json` shows it in the finding.", "  "))
     lines += ["Thresholds (change with --set NAME=VALUE):"] * bool(thresholds)
     for t in thresholds:
         unit = "" if t["unit"] == "-" else f" {t['unit']}"

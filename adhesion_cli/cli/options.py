@@ -50,8 +50,9 @@ ScenarioName = typer.Argument(
 class Shared:
     """What the shared options say."""
 
-    config: Annotated[Path | None, option(
-        "-c --config", "FILE.toml", "Vehicle, channels, estimator settings.")] = None
+    config: Annotated[list[Path], option(
+        "-c --config", "FILE.toml", "Vehicle, channels, estimator settings; repeatable.",
+        )] = field(default_factory=list)
     set_: Annotated[list[str], option(
         "--set", "NAME=VALUE", "One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.",
         )] = field(default_factory=list)
@@ -189,7 +190,7 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:
     """Everything a run reads, which must survive it."""
-    return [*logs, *([shared.config] if shared.config else [])]
+    return [*logs, *shared.config]
 
 
 @contextmanager

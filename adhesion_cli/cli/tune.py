@@ -62,7 +62,7 @@ def command(
 def report(found: "Tuned", seed: int) -> str:
     """The parameters before and after, and the rmse on both shares of the logs."""
     from ..core.model import quantities
-    from .terminal import number, records
+    from .terminal import folded, number, records
 
     of = quantities(found.estimator.Params)
     parameters = [
@@ -75,5 +75,8 @@ def report(found: "Tuned", seed: int) -> str:
          "RMSE tuned [N]": number(e.rmse)}
         for what, e in (("tuned on", found.train), ("held back", found.held_back))
     ]  # fmt: skip
-    title = f"{found.estimator.name}, logs held back by seed {seed}:"
-    return "\n".join([title, records(parameters, left=2), "", records(shares)])
+    title = (
+        f"{found.estimator.name}, logs held back by seed {seed}; RMSE against the true force where "
+        "a log has it, else the reference:"
+    )
+    return "\n".join([folded(title), records(parameters, left=2), "", records(shares)])

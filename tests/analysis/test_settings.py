@@ -42,6 +42,23 @@ def test_precedence_is_set_then_file_then_folder_then_base(tmp_path: Path) -> No
     assert settings.load(given, ["vehicle.phi=0.28"]).vehicle.friction.value == 0.28
 
 
+def test_of_several_files_the_later_one_counts(tmp_path: Path) -> None:
+    first, second = tmp_path / "train.toml", tmp_path / "neso.toml"
+    first.write_text("[vehicle]\naxle_mass = 5000\nfriction = 0.25\n")
+    second.write_text("vehicle.friction = 0.3\n[neso]\nbeta1 = 50\n")
+    both = settings.load([first, second])
+    assert (both.vehicle.axle_mass.value, both.vehicle.friction.value) == (5000, 0.3)
+    assert both.overrides["neso"]["beta1"] == 50.0
+    assert settings.load([second, first]).vehicle.friction.value == 0.25
+
+
+def test_what_is_stated_is_known_even_if_it_is_the_defaults_value(tmp_path: Path) -> None:
+    given = tmp_path / "given.toml"
+    given.write_text("[vehicle]\nwheel_diameter = 0.84\nm = 4797\n")
+    stated = settings.load(given, ["vehicle.phi=0.28"], base={"vehicle": {"discs": 2.0}}).stated
+    assert stated == {"wheel_radius", "axle_mass", "friction"}
+
+
 def test_a_value_without_tolerance_keeps_the_defaults_share() -> None:
     v = settings.load(assignments=["vehicle.friction=0.4"]).vehicle
     assert v.friction == Parameter(0.4, pytest.approx(0.04))

@@ -35,13 +35,15 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if (fast := rim > p.fastest).any():
             peak = float(np.nanmax(rim))
             likely = others(a.speed, s.vehicle, lambda x: 5.0 < x * peak < 120.0)  # noqa: B023
-            values, names = {"peak_kmh": 3.6 * peak}, {"units": named(likely)}
+            unit = likely[0] if likely else "km/h"
+            values, names = {"peak_kmh": 3.6 * peak}, {"units": named(likely), "unit": unit}
             yield s.found("speed-too-high", "warning", a.speed, fast, i, values, names)
     for i, (a, pressure) in enumerate(zip(s.axles, s.grid.pressure, strict=True)):
         if (high := pressure > p.highest).any():
             top = float(np.nanmax(pressure))
             likely = others(a.brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)  # noqa: B023
-            values, names = {"peak_bar": top / 1e5}, {"units": named(likely)}
+            unit = likely[0] if likely else "bar"
+            values, names = {"peak_bar": top / 1e5}, {"units": named(likely), "unit": unit}
             yield s.found("pressure-too-high", "warning", a.brake, high, i, values, names)
     slowing = -s.grid.slope(s.grid.rim)
     moving = np.isfinite(slowing) & (s.grid.rim > 0.1 * np.nanmax(s.grid.rim, initial=0.0))
