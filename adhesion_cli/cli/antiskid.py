@@ -203,7 +203,8 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     verdict = _verdicts(
         {law: a.values for law, a in found.items()}, {law: a.compared for law, a in found.items()}
     )
-    head = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {drawn}"
+    text = f"{printable(str(log))}: {on_dry}, {in_log}, estimator {algo}; {drawn}"
+    head = terminal.folded(text)
     origin = {"log": name, "log_sha256": result.log.sha256}
     outcome = _Outcome(
         replayed.scenario, settings, [a.stop for a in found.values()], document,
@@ -284,7 +285,7 @@ _ROWS = {
 _MEANING = """\
 Seconds are summed over the axles.
 limited: the brake demands more force than the rail can transmit.
-slip error: mean difference between slip and the slip of the rail's peak, while limited."""
+slip error: mean difference of slip and the slip of the rail's peak, if limited."""
 
 
 _Value = float | tuple[float, float, float] | None  # alone or with its interval

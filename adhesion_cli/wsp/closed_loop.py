@@ -31,7 +31,8 @@ DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
-_HALVINGS = 30  # of the search for the peak
+_CREEP, _STEPS = 1e-6, 24  # least slip of the search for the peak, and slips up to 1, geometric
+_HALVINGS = 30  # of the step between them
 
 
 # --- the loop: plain Python that compiles ---------------------------------------------------------
@@ -169,14 +170,21 @@ def _peaks(
 ) -> None:  # fmt: skip
     """Fills the rim speed of the greatest adhesion force at each sample; shapes as in `forces`.
 
-    The slope of the force changes its sign there.
+    The slope of the force changes its sign there. A fitted rail may have several such places: the
+    largest force of `_STEPS` slips says near which one.
     """
     rail = np.zeros(5)
     for i in range(rim.shape[1]):
         knot = 0
         for j in range(len(v)):
             knot = rail_under(plant, track, i, t[j], x[j], knot, rail)
-            low, high = math.log(1e-6 * v[j]), math.log(v[j])
+            low, high = math.log(_CREEP * v[j]), math.log(v[j])
+            step, most, at = (high - low) / _STEPS, -1.0, low
+            for k in range(_STEPS + 1):
+                F = adhesion(math.exp(low + k * step), v[j], rail, plant.patch)[0]
+                if most < F:
+                    most, at = F, low + k * step
+            low, high = max(low, at - step), min(high, at + step)
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)
                 if adhesion(math.exp(middle), v[j], rail, plant.patch)[1] > 0.0:
