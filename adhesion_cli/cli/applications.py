@@ -14,7 +14,8 @@ _NOTE = (
 )
 _OF_SLIDES = (
     "Slides of each brake application: number, time and distance together, largest slip, energy "
-    "of friction between wheel and rail, and share of the available adhesion that was used."
+    "of friction between wheel and rail, and share of the available adhesion that was used "
+    "(- where the slides are too short to show the available one)."
 )
 _OF_BUDGETS = (
     "Uncertainty budget of the mean force by JCGM 100 (GUM). Type A: from the samples; type B: "
