@@ -567,7 +567,7 @@ def reported(test: Test, folder: Path) -> list[Finding]:
     path = log_of(test, folder)
     try:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
-        _, findings = diagnosis.records(log, test.vehicle)
+        findings = diagnosis.records(log, test.vehicle).findings
     except UserError as error:
         return [
             Finding("not-analysable", "error", names={"reason": error.text, "hint": error.hint})

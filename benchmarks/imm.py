@@ -113,7 +113,7 @@ def judged(case: tuple[Group, str, int]) -> list[Judged]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             log = read(open_source(log_of(test, Path(folder)), ReadOptions()), (), test.vehicle)
-            records, _ = diagnosis.records(log, test.vehicle)
+            records = diagnosis.records(log, test.vehicle).records
         except UserError:
             return []
     found = []

@@ -93,7 +93,7 @@ def told(log: Recordings, folder: Path, stated: settings.Settings) -> list[Findi
     one = read(
         open_source(write(folder / "log.csv", log), stated.read), stated.mappings, stated.vehicle
     )
-    return diagnosis.records(one, stated.vehicle)[1]
+    return diagnosis.records(one, stated.vehicle).findings
 
 
 def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:

@@ -82,8 +82,8 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
-    made, odd = diagnosis.prepared(log, vehicle, axles, window, settings.checks)
-    records, findings = made.records, made.findings + odd
+    made = diagnosis.records(log, vehicle, axles, window, settings.checks)
+    records, findings = made.records, [*made.findings]
     if train_speed and all(r.train_speed is None for r in records):
         sensors, every = diagnosis.of_sensors(settings.checks), records
         if axles:

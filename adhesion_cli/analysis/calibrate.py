@@ -21,7 +21,6 @@ from ..core.text import by_uncertainty
 from ..diagnostics import diagnosis
 from ..dynamics import longitudinal as model
 from ..evaluation import metrics
-from ..records import axle_records
 from ..reference import calibrated_vehicle as reference
 from ..results.charts import Line, Panel
 from ..results.palette import BLACK, BLUE, GREY, ORANGE
@@ -106,13 +105,8 @@ def _used(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Used]:
     settings, source = opened(path, load)
     vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
-    made = axle_records.prepare(
-        log, vehicle, (), (None, None), diagnosis.of_sensors(settings.checks)
-    )
-    record = made.records[0]
-    findings = [*log.findings, *made.findings]
-    if made.scene:
-        findings += diagnosis.findings(made.scene, settings.checks)
+    made = diagnosis.records(log, vehicle, params=settings.checks)
+    record, findings = made.records[0], (*log.findings, *made.findings)
     applications = metrics.applications(record)
     found = reference.evidence(made.scene, record, applications, vehicle)
     short = replace(log, channels=())

@@ -92,7 +92,7 @@ def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
         full = without_empty(replace(log, channels=meant))
         severity = "info"
         checked = diagnosis.records(full, settings.vehicle, params=settings.checks)
-        return [*findings, *full.findings, *checked[1]]
+        return [*findings, *full.findings, *checked.findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}
         return [Finding("not-analysable", severity, names=names)]

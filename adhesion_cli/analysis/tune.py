@@ -82,7 +82,8 @@ def tune(
     """
     (est,) = chosen([algo])
     before = load().params(est)
-    _refuse_one(len({p.resolve() for p in paths}))
+    paths = list({p.resolve(): p for p in paths}.values())  # no log is on both sides
+    _refuse_one(len(paths))
     logs: dict[str, list[Axle]] = {}
     findings: list[Finding] = []
     for path in paths:

@@ -4,7 +4,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import Logs, Shared, check, draw, inputs, loader, option, pictures, shared
+from .options import (
+    Logs,
+    Shared,
+    check,
+    draw,
+    inputs,
+    loader,
+    option,
+    pictures,
+    settings_file,
+    shared,
+)
 
 if TYPE_CHECKING:
     from ..analysis.calibrate import Calibration
@@ -28,14 +39,12 @@ def command(
     """
     from ..analysis import calibrate
     from ..analysis.json_documents import calibrate_document, dumps
-    from ..core.errors import UserError
     from ..results import atomic_files
     from . import terminal
 
-    files = [*([out] if out else []), *pictures(shared)]
-    if out and out.suffix.lower() != ".toml":
-        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
-    check(shared, [out] if out else [], *logs)
+    written = settings_file(out)
+    files = [*written, *pictures(shared)]
+    check(shared, written, *logs)
     found = calibrate.calibrate(logs, loader(shared), terminal.progress(shared.quiet))
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:

@@ -222,6 +222,19 @@ def places(
         terminal.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)
 
 
+def settings_file(out: Path | None) -> list[Path]:
+    """The TOML that a command writes, if asked for.
+
+    Raises:
+        UserError: it has another suffix.
+    """
+    from ..core.errors import UserError
+
+    if out and out.suffix.lower() != ".toml":
+        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
+    return [out] if out else []
+
+
 def pictures(shared: Shared) -> list[Path]:
     """The picture, if asked for."""
     return [shared.figure] if shared.figure else []

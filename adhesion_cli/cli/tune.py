@@ -4,7 +4,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from . import results
-from .options import Logs, Shared, check, completes, estimators, inputs, loader, option, shared
+from .options import (
+    Logs,
+    Shared,
+    check,
+    completes,
+    estimators,
+    inputs,
+    loader,
+    option,
+    settings_file,
+    shared,
+)
 
 if TYPE_CHECKING:
     from ..analysis.tune import Tuned
@@ -35,9 +46,7 @@ def command(
     from ..results import atomic_files
     from . import terminal
 
-    files = [out] if out else []
-    if out and out.suffix.lower() != ".toml":
-        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
+    files = settings_file(out)
     if not 0.0 < hold_back < 1.0:
         text = f"--hold-back {hold_back:g}: a share of the logs lies between 0 and 1"
         raise UserError(text, "--hold-back 0.3", code=2)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Log, Vehicle
+from ..core.model import Log, Vehicle
 from ..dynamics.train_grid import Scene
 from ..records import axle_records
 from ..records.screen import Thresholds
@@ -42,8 +42,8 @@ def records(
     axles: Sequence[int] = (),
     window: axle_records.Window = (None, None),
     params: Mapping[str, Any] | None = None,
-) -> tuple[list[AxleRecord], list[Finding]]:
-    """One record per axle, and everything that was found on the way.
+) -> axle_records.Prepared:
+    """One record per axle, and everything that was found on the way, by the checks as well.
 
     Args:
         log: with its channels' meanings.
@@ -55,19 +55,8 @@ def records(
     Raises:
         UserError: as `axle_records.prepare`.
     """
-    made, odd = prepared(log, vehicle, axles, window, params)
-    return made.records, made.findings + odd
-
-
-def prepared(
-    log: Log,
-    vehicle: Vehicle,
-    axles: Sequence[int] = (),
-    window: axle_records.Window = (None, None),
-    params: Mapping[str, Any] | None = None,
-) -> tuple[axle_records.Prepared, list[Finding]]:
-    """As `records`: the records with what checks look at, and what the checks found."""
     made = axle_records.prepare(log, vehicle, axles, window, of_sensors(params))
     if made.scene is None:
-        return made, []
-    return made, [f for f in findings(made.scene, params) if f.channel in made.channels]
+        return made
+    odd = [f for f in findings(made.scene, params) if f.channel in made.channels]
+    return made._replace(findings=made.findings + odd)

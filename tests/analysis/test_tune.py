@@ -106,6 +106,17 @@ def test_a_log_alone_is_refused(logs: list[Path], many: int) -> None:
     assert caught.value.hint
 
 
+def test_a_log_is_never_on_both_sides(logs: list[Path], tmp_path: Path) -> None:
+    """Whatever its names are: a log tuned on and held back would confirm itself."""
+    again = tmp_path / "again.csv"
+    again.symlink_to(logs[0])
+    with pytest.raises(UserError, match="one log"):
+        tuned([logs[0], again])
+    found = tuned([logs[0], logs[1], again])
+    assert len(found.train.logs) == len(found.held_back.logs) == 1
+    assert {*found.train.logs, *found.held_back.logs} == {str(again), str(logs[1])}
+
+
 def test_a_log_without_a_brake_does_not_count(logs: list[Path], tmp_path: Path) -> None:
     coasts = tmp_path / "coasts.csv"
     lines = logs[0].read_text().splitlines()

@@ -120,7 +120,7 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
 @pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
 def test_the_sample_logs_are_not_accused(path: Path) -> None:
     log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    assert not diagnosis.records(log, DEFAULT.vehicle)[1]
+    assert not diagnosis.records(log, DEFAULT.vehicle).findings
 
 
 # --- faults -------------------------------------------------------------------------------------
@@ -263,7 +263,7 @@ def told_of(log: Recordings, folder: Path) -> set[str]:
     path = simulated.write(folder / "log.csv", log)
     try:
         one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        return warned([*one.findings, *diagnosis.records(one, DEFAULT.vehicle)[1]])
+        return warned([*one.findings, *diagnosis.records(one, DEFAULT.vehicle).findings])
     except UserError:
         return {"refused"}
 
@@ -385,7 +385,7 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
     path.write_text("\n".join([head, *rows]) + "\n")
     one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    told = [f for f in diagnosis.records(one, DEFAULT.vehicle)[1] if f.code in APART]
+    told = [f for f in diagnosis.records(one, DEFAULT.vehicle).findings if f.code in APART]
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
     assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
@@ -459,7 +459,7 @@ def test_the_friction_that_would_fit_is_told(
     path = tmp_path / "log.csv"
     path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
     one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
-    told = [f for f in diagnosis.records(one, stated.vehicle)[1] if f.code in CODES]
+    told = [f for f in diagnosis.records(one, stated.vehicle).findings if f.code in CODES]
     assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
         friction != 0.3
     )

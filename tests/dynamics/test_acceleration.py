@@ -53,7 +53,7 @@ def taken(
     """The first axle's record, and what is told."""
     source = open_source(write(folder / "log.csv", log), STATED.read)
     one = read(source, (), STATED.vehicle)
-    records, found = diagnosis.records(one, STATED.vehicle, window=window)
+    records, found, *_ = diagnosis.records(one, STATED.vehicle, window=window)
     return records[0], {f.code: f for f in (*one.findings, *found)}
 
 

@@ -252,7 +252,7 @@ def test_wheels_that_gain_speed_beside_their_brake_have_slid(
     log = tmp_path / "a.csv"
     log.write_text("\n".join(lines) + "\n")
     one = read(open_source(log, DEFAULT.read), (), VEHICLE)
-    told = [f for f in diagnosis.records(one, VEHICLE)[1] if f.code == "vehicle-suspect"]
+    told = [f for f in diagnosis.records(one, VEHICLE).findings if f.code == "vehicle-suspect"]
     assert {f.severity for f in told} == {severity}
 
 

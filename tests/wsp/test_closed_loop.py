@@ -872,7 +872,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
     log.write_text("\n".join(lines) + "\n")
     stated = partial(settings.load, folder=False)(None, [])
     one = read(open_source(log, stated.read), (), vehicle)
-    records, _ = diagnosis.records(one, vehicle)
+    records = diagnosis.records(one, vehicle).records
     assert [record.train_speed_late for record in records] == [None] * 4
     assert all(record.train_speed_interval == pytest.approx(1.0) for record in records)
 
