@@ -31,8 +31,8 @@ DRY = Rail((Section(0.0, "dry"),))
 ESTIMATOR = "kalman"  # in the loop where none is chosen
 LONGEST = 600.0  # of a stop [s]
 _NORMAL = 101_325.0 * 293.15 / 273.15  # pressure of normal air (DIN 1343) at 20 °C [Pa]
-_CREEP, _STEPS = 1e-6, 24  # least slip of the search for the peak, and slips up to 1, geometric
-_HALVINGS = 30  # of the step between them
+_CREEP, _STEPS = 1e-6, 16  # least slip of the search for the peak, and slips up to 1, geometric
+_HALVINGS = 27  # of the step between them
 
 
 # --- the loop: plain Python that compiles ---------------------------------------------------------
