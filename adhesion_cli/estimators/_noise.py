@@ -2,9 +2,9 @@
 
 Its variance is the mean square of y₁ − (y₀ + y₂)/2, over that of white noise of variance 1. A
 smooth signal hardly changes it. Its rounding step is the least change after equal readings, of the
-reading or of its inverse: a timer from pulse to pulse counts whole ticks. A counter loses no pulse.
-So sums over four of its readings vary no more than one does. Those of white noise vary four times
-as much.
+reading or of its inverse: a timer from pulse to pulse counts whole ticks. A wheel that starts after
+it stood shows no step: zero is repeated without rounding. A counter loses no pulse. So sums over
+four of its readings vary no more than one does. Those of white noise vary four times as much.
 """
 
 import math
@@ -112,7 +112,7 @@ def learned(x: Noise, y: float, h: float, gained: float, memory: float) -> Noise
         same = 0.0
     elif y == 0.0 and same > _STILL:
         return paused(x, y, same)
-    if x.same > 0.0 and same == 0.0:
+    if x.same > 0.0 and same == 0.0 and x.y != 0.0:
         step = min(step, change)
         tick = min(tick, change / max(abs(y * x.y), _LOWEST))
     dz = y - x.y - gained

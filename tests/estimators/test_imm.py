@@ -106,6 +106,14 @@ def test_a_wheel_that_stands_shows_no_noise():
     assert moves.variance == noise.variance
 
 
+def test_a_wheel_that_starts_again_shows_no_rounding():
+    """A locked wheel repeats zero, and its next speed may be far from it."""
+    locked = ramp().tolist() + [0.0] * 50
+    again = learned([*locked, *(1.0 + 0.3 * np.arange(50)).tolist()])
+    assert _noise.rounding(again) == 0.0
+    assert again.variance < 1.5 * learned(locked).variance
+
+
 def test_starts_in_mid_brake():
     """At the force of a rolling wheel, with an uncertainty that holds it."""
     t = np.arange(0.0, 10.0, H)
