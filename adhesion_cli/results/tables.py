@@ -1,0 +1,168 @@
+"""Result documents as tables: brake applications, estimators, findings and logs.
+
+The columns are the keys of a log's entry in the `adhesion.result/1` document. Nested keys are
+joined with `_`, as `force_n` and `mean` to `force_n_mean`. Lists are left out, except the limits of
+`utilisation_ci`. What a log does not show is null.
+"""
+
+import io
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from ..core.text import utf8
+from .verified import verified
+
+_TEXT, _WHOLE, _NUMBER, _TRUTH = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+
+
+def _field(name: str, kind: Any, unit: str = "") -> Any:
+    return pa.field(name, kind, metadata={"unit": unit} if unit else None)
+
+
+def _numbers(**units: str) -> list[Any]:
+    return [_field(name, _NUMBER, unit) for name, unit in units.items()]
+
+
+def _measured(name: str, unit: str) -> list[Any]:
+    return _numbers(**{f"{name}_{key}": unit for key in ("mean", "mean_u95", "max", "max_u95")})
+
+
+_OF_LOG = [_field("log", _TEXT), _field("sha256", _TEXT)]
+_OF_AXLE = [*_OF_LOG, _field("axle", _WHOLE)]
+APPLICATIONS = pa.schema([
+    *_OF_AXLE,
+    *_numbers(start_s="s", end_s="s", from_mps="m/s", to_mps="m/s"),
+    *_measured("force_n", "N"),
+    *_measured("coefficient", "-"),
+    _field("slides", _WHOLE),
+    *_numbers(slide_s="s", slide_distance_m="m", max_slip="-", slide_energy_j="J"),
+    _field("at_least", _TRUTH),
+    *_numbers(utilisation="-", utilisation_ci_low="-", utilisation_ci_high="-"),
+    *_numbers(coverage_u_n="N", coverage_k="-", coverage_degrees_of_freedom="-"),
+])  # fmt: skip
+ESTIMATORS = pa.schema([
+    *_OF_AXLE,
+    _field("algo", _TEXT), _field("against", _TEXT),
+    *_numbers(
+        rmse_n="N", bias_n="N", max_error_n="N", lag_s="s", gain="-", response_s="s",
+        ripple_n="N", relative="-", band_n="N", within="-",
+    ),
+    _field("alike", _TRUTH),
+])  # fmt: skip
+FINDINGS = pa.schema([
+    *_OF_LOG,
+    _field("code", _TEXT), _field("severity", _TEXT), _field("channel", _TEXT),
+    _field("count", _WHOLE), *_numbers(first_s="s"), _field("message", _TEXT),
+    _field("hint", _TEXT),
+])  # fmt: skip
+LOGS = pa.schema([
+    *_OF_LOG,
+    _field("status", _TEXT), _field("error", _TEXT), _field("hint", _TEXT),
+    _field("format", _TEXT), _field("start", pa.timestamp("us", "UTC")), *_numbers(duration_s="s"),
+    _field("rows_read", _WHOLE), _field("rows_used", _WHOLE), *_numbers(seconds="s"),
+    _field("version", _TEXT), _field("settings", _TEXT),
+])  # fmt: skip
+
+
+def applications(entries: Iterable[Mapping[str, Any]]) -> Any:
+    """A row per log, axle and brake application.
+
+    Args:
+        entries: of the logs, from `json_documents.entry`; those of failed logs have no rows.
+
+    Returns:
+        A `pyarrow.Table` with the schema `APPLICATIONS`.
+    """
+    rows = (
+        {**_log(entry), "axle": axle["axle"], **_flat(one)}
+        for entry in entries
+        for axle in entry.get("axles", ())
+        for one in axle["applications"]
+    )
+    return _table(rows, APPLICATIONS)
+
+
+def estimators(entries: Iterable[Mapping[str, Any]]) -> Any:
+    """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
+    rows = (
+        {**_log(entry), "axle": axle["axle"], **score}
+        for entry in entries
+        for axle in entry.get("axles", ())
+        for score in axle["estimators"]
+    )
+    return _table(rows, ESTIMATORS)
+
+
+def findings(entries: Iterable[Mapping[str, Any]]) -> Any:
+    """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
+    rows = ({**_log(entry), **one} for entry in entries for one in entry.get("findings", ()))
+    return _table(rows, FINDINGS)
+
+
+def log_row(entry: Mapping[str, Any], **run: str | float | None) -> dict[str, Any]:
+    """The row of a log; its status is `ok`, `damaged` (a finding is an error) or `error`.
+
+    Args:
+        entry: of the log; `error` and `hint` stand in place of results if it failed.
+        run: `seconds` of the analysis, `version` of the program, hash of the `settings`.
+    """
+    of, severities = entry["log"], {f["severity"] for f in entry.get("findings", ())}
+    row = {**of, **_log(entry), "status": "damaged" if "error" in severities else "ok", **run}
+    if start := of.get("start"):
+        row["start"] = datetime.fromisoformat(start)
+    if entry.get("error") is not None:
+        row |= {"status": "error", "error": utf8(entry["error"]), "hint": utf8(entry["hint"])}
+    return row
+
+
+def logs(rows: Iterable[Mapping[str, Any]]) -> Any:
+    """The table of rows from `log_row`; its schema is `LOGS`."""
+    return _table(rows, LOGS)
+
+
+def write(path: Path, table: Any) -> None:
+    """Write a table as Parquet; equal tables give equal bytes.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+    with verified(path) as file:
+        file.write(packed(table))
+
+
+def packed(table: Any) -> bytes:
+    """A table as the bytes of a Parquet file."""
+    sink = io.BytesIO()
+    parquet.write_table(table, sink, compression="zstd")
+    return sink.getvalue()
+
+
+def _table(rows: Iterable[Mapping[str, Any]], schema: Any) -> Any:
+    kept = [{name: row.get(name) for name in schema.names} for row in rows]
+    return pa.Table.from_pylist(kept, schema=schema)
+
+
+def _log(entry: Mapping[str, Any]) -> dict[str, Any]:
+    of = entry["log"]
+    return {"log": utf8(of["path"]), "sha256": of.get("sha256")}
+
+
+def _flat(document: Mapping[str, Any]) -> dict[str, Any]:
+    """One application with joined keys; without lists."""
+    low, high = document["utilisation_ci"] or (None, None)
+    flat = dict(_joined({k: x for k, x in document.items() if k != "utilisation_ci"}, ""))
+    return {**flat, "utilisation_ci_low": low, "utilisation_ci_high": high}
+
+
+def _joined(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in document.items():
+        if isinstance(value, Mapping):
+            yield from _joined(value, f"{prefix}{key}_")
+        elif not isinstance(value, list | tuple):
+            yield prefix + key, value
