@@ -1,5 +1,6 @@
 """The main job: a log in, reference, estimates, scores and findings out."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -50,6 +51,26 @@ def checked(settings: Settings) -> Settings:
     if settings.analysis.reference not in force.METHODS:
         raise unknown("reference", settings.analysis.reference, list(force.METHODS))
     return settings
+
+
+def prepared(
+    load: Callable[..., Settings], algos: Sequence[str], window: axle_records.Window
+) -> Callable[..., Settings]:
+    """The same `load`, after a check of what a run is asked for.
+
+    Raises:
+        UserError: for an unknown name, a value out of range.
+    """
+    chosen(algos)
+    stated = dict(zip(("--from", "--to"), window, strict=True))
+    span = {flag: value for flag, value in stated.items() if value is not None}
+    ends = span.get("--from", 0.0) < span.get("--to", math.inf)
+    if not (ends and all(map(math.isfinite, span.values()))):
+        text = " and ".join(f"{flag} {value:g}" for flag, value in span.items())
+        hint = "--to is later than --from; both are seconds after the log's start"
+        raise UserError(f"{text} are not two times in order", hint, code=2)
+    checked(load())
+    return load
 
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)

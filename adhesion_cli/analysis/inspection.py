@@ -18,6 +18,14 @@ from .json_documents import channel_document, findings_document, iso
 from .settings import Settings
 
 
+class Inspected(NamedTuple):
+    """What is in a log that can be read."""
+
+    document: dict[str, Any]  # its entry
+    findings: Sequence[Finding]
+    log: Log
+
+
 class Seen(NamedTuple):
     """One log, whatever is wrong with it."""
 
@@ -28,7 +36,7 @@ class Seen(NamedTuple):
 
 
 def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> Seen:
-    """One log's entry of the document, with all that was found.
+    """One log's entry of the document, with all that was found, also where it cannot be read.
 
     Args:
         path: the log.
@@ -39,26 +47,32 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
         UserError: for settings that cannot be loaded.
     """
     settings = load()
-    doc: dict[str, Any] = {
-        "path": str(path), "format": None, "status": "ok", "error": None, "hint": None,
-        "rows_read": 0, "start": None, "duration_s": 0.0, "time": "", "stated": {},
-        "channels": [], "findings": [],
-    }  # fmt: skip
     try:
-        source = open_source(path, settings.read)
-        log = survey(source, settings.mappings, settings.vehicle)
-        findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
+        document, findings, log = inspected(path, settings)
     except Exception as error:  # an internal error in one log must not stop the others
         if debug:
             traceback.print_exc()
         told = as_told(error)
         known = {"format": "mcap"} if is_mcap(path) else {}
-        doc |= {"status": "error", "error": told.text, "hint": told.hint, **known}
-        return Seen(doc, told.code)
+        wrong = {"status": "error", "error": told.text, "hint": told.hint, **known}
+        return Seen(_blank(path) | wrong, told.code)
+    code = 3 if any(f.lossy for f in findings) else 0
+    return Seen(document, code, findings, replace(log, channels=()))
+
+
+def inspected(path: Path, settings: Settings) -> Inspected:
+    """One log's entry of the document, its channels, and all that was found.
+
+    Raises:
+        UserError: where it cannot be read.
+    """
+    source = open_source(path, settings.read)
+    log = survey(source, settings.mappings, settings.vehicle)
+    findings = list(dict.fromkeys((*log.findings, *_of_records(log, source, settings))))
     first = log.start_ns()
     last = max((int(c.data.t.max()) for c in log.channels if len(c.data.t)), default=first)
     worst = {f.severity for f in findings}
-    doc |= {
+    document = _blank(path) | {
         "format": log.format,
         "status": "damaged" if "error" in worst else "ok",
         "rows_read": log.rows_read,
@@ -76,9 +90,16 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
         ],
         "findings": findings_document(findings),
     }  # fmt: skip
-    return Seen(
-        doc, 3 if any(f.lossy for f in findings) else 0, findings, replace(log, channels=())
-    )
+    return Inspected(document, findings, log)
+
+
+def _blank(path: Path) -> dict[str, Any]:
+    """The entry of a log of which nothing is known."""
+    return {
+        "path": str(path), "format": None, "status": "ok", "error": None, "hint": None,
+        "rows_read": 0, "start": None, "duration_s": 0.0, "time": "", "stated": {},
+        "channels": [], "findings": [],
+    }  # fmt: skip
 
 
 def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:

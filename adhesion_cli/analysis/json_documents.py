@@ -66,6 +66,14 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
     }
 
 
+def embedded(entries: Sequence[dict[str, Any]]) -> str:
+    """The document as a result file carries it: by file names, wherever the files lie."""
+    carried = [{key: of for key, of in one.items() if key != "outputs"} for one in entries]
+    for one in carried:
+        one["log"] = {**one["log"], "path": Path(one["log"]["path"]).name}
+    return dumps(document(carried))
+
+
 def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
     from ..rail.applications import of_axle  # slow to import, and only results need it
 

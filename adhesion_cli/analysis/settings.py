@@ -88,9 +88,12 @@ class Settings:
         return methods.validated(est, self.overrides.get(est.name, {}))
 
 
+Stated = Path | Tree[str, Any]  # a settings file, or its tables
+
+
 def load(
-    config: Path | Sequence[Path] | None = None,
-    assignments: Sequence[str] = (),
+    config: Stated | Sequence[Stated] | None = None,
+    assignments: Sequence[str | Tree[str, Any]] = (),
     base: Tree[str, Any] | None = None,
     folder: bool = True,
     **read: Any,
@@ -100,7 +103,7 @@ def load(
     Args:
         config: the `-c` files, later ones first; what none of them states, `./adhesion.toml` does
             where there is one.
-        assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``.
+        assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``; or tables.
         base: settings that a result file carries; every other overrides them. Those on reading
             its log are ignored: the result is another file. So are thresholds that this version
             does not have.
@@ -114,12 +117,11 @@ def load(
     carried = {k: v for k, v in (base or {}).items() if k not in _ORIGIN}
     layers = [carried | {"diagnostics": _of_today(carried.get("diagnostics", {}))}]
     layers += [toml.read(here, _IS)] if folder and here.is_file() else []
-    layers += [
-        toml.read(file, _IS) for file in ([config] if isinstance(config, Path) else config or ())
-    ]
+    files = [config] if isinstance(config, Path | Tree) else config or ()
+    layers += [toml.read(of, _IS) if isinstance(of, Path) else dict(of) for of in files]
     layers.append({})
-    for text in assignments:
-        _merge(layers[-1], _assignment(text))
+    for of in assignments:
+        _merge(layers[-1], _assignment(of) if isinstance(of, str) else of)
     tree: dict[str, Any] = {}
     spelled = [_one_spelling(layer) for layer in layers]
     for layer in spelled:
@@ -283,13 +285,22 @@ def _halved(value: Any) -> Any:
     return _number("vehicle.wheel_diameter", value) / 2.0
 
 
+def sections() -> list[str]:
+    """The names of all sections."""
+    return ["vehicle", "channels", "csv", "mcap", "analysis", "diagnostics", *_numeric()]
+
+
+def _numeric() -> "dict[str, methods.Tunable]":
+    """The sections that hold numbers only."""
+    own = {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
+    return {**estimator.registry(), **controller.registry(), **own}
+
+
 def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
-    numeric: dict[str, methods.Tunable] = {**estimator.registry(), **controller.registry()}
-    numeric |= {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
-    sections = ["vehicle", "channels", "csv", "mcap", "analysis", "diagnostics", *numeric]
+    numeric, known = _numeric(), sections()
     for key, value in tree.items():
-        if key not in sections:
-            raise unknown("setting", key, [*sections, *_vehicle_keys()])
+        if key not in known:
+            raise unknown("setting", key, [*known, *_vehicle_keys()])
         _table_of(key, value)
     overrides = {
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.text import by_uncertainty
+from ..results.application_rows import row, slid_row
 from . import terminal
-from .terminal import at_least, number
+from .terminal import number
 
 _NOTE = (
     "One row per brake application; at: seconds after the start of the log. µ, F: adhesion "
@@ -30,8 +30,8 @@ def tables(axles: Sequence[dict[str, Any]]) -> str:
     every = [(str(axle["axle"]), one) for axle in axles for one in axle["applications"]]
     if not every:
         return "No brake application."
-    parts = [terminal.records([_row(*of) for of in every]), terminal.folded(_NOTE), ""]
-    if slid := [_slides(axle, one) for axle, one in every if one["slides"]]:
+    parts = [terminal.records([row(*of) for of in every]), terminal.folded(_NOTE), ""]
+    if slid := [slid_row(axle, one) for axle, one in every if one["slides"]]:
         least = any(one["at_least"] for _, one in every if one["slides"])
         note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
         return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
@@ -70,37 +70,3 @@ def _combined(one: dict[str, Any]) -> str:
         f"uncertainty {of['u_n']:.1f} N, coverage factor {of['k']:.2f}, effective degrees of "
         f"freedom: {many}."
     )
-
-
-def _row(axle: str, one: dict[str, Any]) -> dict[str, str]:
-    mu, force = one["coefficient"] or {}, one["force_n"] or {}
-    speeds = [number(one[key], 1) for key in ("from_mps", "to_mps")]
-    return {
-        "axle": axle, "at [s]": number(one["start_s"], 1),
-        "for [s]": number(one["end_s"] - one["start_s"], 1), "v [m/s]": "–".join(speeds),
-        "µ mean": _with_u95(mu, "mean", 1.0, 3), "µ max": _with_u95(mu, "max", 1.0, 3),
-        "F [kN]": _with_u95(force, "mean", 1e-3), "Fmax [kN]": _with_u95(force, "max", 1e-3),
-    }  # fmt: skip
-
-
-def _with_u95(of: dict[str, float], key: str, factor: float, digits: int | None = None) -> str:
-    """A value with its uncertainty, to at most these decimals; without them to three digits."""
-    if not of:
-        return "-"
-    value, u95 = factor * of[key], factor * of[f"{key}_u95"]
-    if digits is None:
-        digits = 2 if abs(value) < 10.0 else 1
-    return "±".join(by_uncertainty(value, u95, digits))
-
-
-def _slides(axle: str, one: dict[str, Any]) -> dict[str, str]:
-    energy, used, bound = one["slide_energy_j"], one["utilisation"], one["at_least"]
-    highest = min(100.0 * one["max_slip"], 100.0)
-    return {
-        "axle": axle, "at [s]": number(one["start_s"], 1), "slides": str(one["slides"]),
-        "for [s]": at_least(one["slide_s"], 1, bound),
-        "distance [m]": at_least(one["slide_distance_m"], 0, bound),
-        "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
-        "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
-        "used [%]": number(used and 100.0 * used, 0),
-    }  # fmt: skip

@@ -26,9 +26,9 @@ def command(
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
     from ..analysis.json_documents import document, dumps, entry
+    from ..analysis.outputs import write_comparison
     from ..core.text import printable
     from ..evaluation.metrics import overall
-    from ..results import mcap
     from . import terminal
 
     if not logs:
@@ -36,13 +36,9 @@ def command(
         terminal.message(f"no log given: comparing {logs[0]}", shared.quiet)
     pair = results.pair(shared, logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
-
-    from ..results import rrd  # slow to import: only after the checks
-
     entries = [entry(r, results.named(pair)) for r in analysed]
-    with places(shared, [pair], (r.log for r in analysed), logs) as ((record, picture),):
-        mcap.write_comparison(record, analysed, results.embedded(entries))
-        rrd.write_comparison(picture, analysed)
+    with places(shared, [pair], (r.log for r in analysed), logs) as (found,):
+        write_comparison(found, analysed, entries)
     if shared.json:
         print(dumps(document(entries)))
     else:

@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
@@ -255,17 +254,6 @@ def checked(shared: Shared) -> Callable[..., Any]:
     Raises:
         UserError: for an unknown name, a value out of range.
     """
-    from ..analysis import analyze
-    from ..core.errors import UserError
+    from ..analysis.analyze import prepared
 
-    analyze.chosen(shared.algo)
-    stated = {"--from": shared.from_, "--to": shared.to}
-    span = {flag: value for flag, value in stated.items() if value is not None}
-    ends = span.get("--from", 0.0) < span.get("--to", math.inf)
-    if not (ends and all(map(math.isfinite, span.values()))):
-        text = " and ".join(f"{flag} {value:g}" for flag, value in span.items())
-        hint = "--to is later than --from; both are seconds after the log's start"
-        raise UserError(f"{text} are not two times in order", hint, code=2)
-    load = loader(shared)
-    analyze.checked(load())
-    return load
+    return prepared(loader(shared), shared.algo, (shared.from_, shared.to))

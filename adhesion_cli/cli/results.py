@@ -3,17 +3,18 @@
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from ..analysis import outputs
+from ..analysis.outputs import Entry, Pair
+from ..analysis.outputs import named as named
+from ..analysis.outputs import stem as stem
 from .options import Shared, check, checked, pictures, places
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..core.model import Result
     from ..results.rrd.results import Note
-
-Pair = tuple[Path, Path]
-Entry = dict[str, Any]
 
 
 class Failed(NamedTuple):
@@ -28,21 +29,9 @@ class Failed(NamedTuple):
         return {"log": {"path": str(self.log)}, "error": self.error, "hint": self.hint}
 
 
-def stem(log: Path) -> str:
-    """A log's name without its endings; a result's is that of the log it was made from."""
-    name = log.name.removesuffix(".gz")
-    return name.removesuffix(Path(name).suffix).removesuffix(".adhesion")
-
-
 def pair(shared: Shared, log: Path, kind: str) -> Pair:
-    """The two files a command writes for a log: `<stem>.<kind>.mcap` and `.rrd`."""
-    folder = shared.out or Path()
-    return folder / f"{stem(log)}.{kind}.mcap", folder / f"{stem(log)}.{kind}.rrd"
-
-
-def named(files: Sequence[Path]) -> dict[str, str]:
-    """The outputs as the JSON names them: by format."""
-    return {file.suffix.removeprefix(".").lower(): str(file) for file in files}
+    """The two files a command writes for a log, in the folder of --out."""
+    return outputs.pair(shared.out or Path(), log, kind)
 
 
 def analysed(
@@ -129,28 +118,14 @@ def write(
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         draw: writes the picture of `--figure` to the path given.
     """
-    from ..results import mcap, rrd
-
     read = [Path(result.log.path) for result in results]
     sets = [[*of, *pictures(shared)] for of in pairs]
     with places(shared, sets, (r.log for r in results), read) as found:
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
-            record, recording, *drawn = of
             slip, notes = slips[i] if slips else ("", ())
-            mcap.write_result(record, result, embedded([entries[i]]), slip)
-            rrd.write_result(recording, result, notes)
-            for place in drawn:
+            outputs.write_result(of[:2], result, entries[i], slip, notes)
+            for place in of[2:]:
                 draw(place)
-
-
-def embedded(entries: Sequence[Entry]) -> str:
-    """The document as a result file carries it: by file names, wherever the files lie."""
-    from ..analysis.json_documents import document, dumps
-
-    carried = [{key: of for key, of in one.items() if key != "outputs"} for one in entries]
-    for one in carried:
-        one["log"] = {**one["log"], "path": Path(one["log"]["path"]).name}
-    return dumps(document(carried))
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:

@@ -8,7 +8,6 @@ from . import results
 from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
-    from ..rail.fit import RailFit
     from ..rail.slip import Summary
 
 
@@ -25,9 +24,9 @@ def command(logs: Logs, shared: Shared) -> int:
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
     from ..analysis.json_documents import dumps, entry, slip_document
+    from ..analysis.slip_of_log import carried, slip_of
     from ..core.errors import UserError
     from ..core.text import printable
-    from ..rail.slip import summary
     from ..rail.slope import Bands
     from ..results.figures import of_slip
     from . import terminal
@@ -37,36 +36,28 @@ def command(logs: Logs, shared: Shared) -> int:
     pairs = [results.pair(shared, log, "slip") for log in logs]
     analysed = results.analysed(shared, logs, [p for pair in pairs for p in pair], train_speed=True)
     tell = terminal.progress(shared.quiet)
-    summaries, findings, slips = [], [], []
+    every = []
     for result in analysed:
         tell(f"{result.log.path}: rail under each axle")
-        of, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
-        summaries.append(of)
-        findings.append([*result.findings, *(f for axle in told for f in axle)])
-        zero = result.log.start_ns()
-        notes = [(f"```\n{note(s, zero)}\n```", s.rail) for s in of]
-        slips.append((dumps(slip_document([result.log], [of], findings[-1:])), notes))
-    first, title = analysed[0], f"Slip of {Path(analysed[0].log.path).name}"
-    bands = Bands(**first.settings["bands"])
+        every.append(slip_of(result))
+    first, title = every[0], f"Slip of {Path(analysed[0].log.path).name}"
+    bands = Bands(**first.result.settings["bands"])
     results.write(
-        shared, analysed, pairs, [entry(r, {}) for r in analysed], slips,
-        lambda place: draw(shared, place, title, of_slip(first, summaries[0], bands)),
+        shared, analysed, pairs, [entry(r, {}) for r in analysed], [carried(of) for of in every],
+        lambda place: draw(shared, place, title, of_slip(first.result, first.axles, bands)),
     )  # fmt: skip
     if shared.json:
-        outputs = [results.named([*pair, *pictures(shared)]) for pair in pairs]
-        print(dumps(slip_document([r.log for r in analysed], summaries, findings, outputs)))
+        files = [results.named([*pair, *pictures(shared)]) for pair in pairs]
+        summaries, findings = [of.axles for of in every], [of.findings for of in every]
+        print(dumps(slip_document([r.log for r in analysed], summaries, findings, files)))
     else:
-        for result, pair, of, told in zip(analysed, pairs, summaries, findings, strict=True):
-            print(f"{printable(result.log.path)}\n{table(of, result.log.start_ns())}")
+        for (result, axles, told), pair in zip(every, pairs, strict=True):
+            print(f"{printable(result.log.path)}\n{table(axles, result.log.start_ns())}")
             print(terminal.wrote(*pair, *pictures(shared)))
             terminal.show(told, shared.quiet)
-    return results.finished(shared, pairs[-1][1], [f for of in findings for f in of])
+    return results.finished(shared, pairs[-1][1], [f for of in every for f in of.findings])
 
 
-_OF_CURVE = (
-    "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
-    "for other laws (docs/explanation/slip.md)."
-)
 _OF_REGIONS = """\
 Share of the braked time in each region:
   unknown  slip hardly changes, so that its slope cannot be measured
@@ -74,13 +65,12 @@ Share of the braked time in each region:
   flat     µ hardly changes with slip: the peak, or a flat part beyond it
            (`optimal` in files: slip and slope in the bands of the AND-test)
   beyond   beyond the peak: µ falls with slip, or slip is above its band"""
-_LOCKED = 0.9995  # slip that is shown as 100 %
-_CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
 
 
 def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     """What the screen shows of a log: rail and regions of every axle, and every slide."""
     from ..rail.slope import SHOWN
+    from ..results.slip_text import OF_CURVE, constants, rail_row, slide_rows
     from .terminal import folded, number, records, table
 
     regions = []
@@ -93,76 +83,9 @@ def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     parts = [records(regions), _OF_REGIONS]
     known = {s.axle: s.rail for s in summaries if s.rail}
     if known:
-        parts.insert(0, records([{"axle": str(axle)} | _rail(of) for axle, of in known.items()]))
-    if rows := _constants(list(known.values())):
-        parts += [table(["rail", *(f"axle {axle}" for axle in known)], rows), folded(_OF_CURVE)]
-    if slides := _slides(summaries, start_ns):
+        parts.insert(0, records([{"axle": str(axle)} | rail_row(of) for axle, of in known.items()]))
+    if rows := constants(list(known.values())):
+        parts += [table(["rail", *(f"axle {axle}" for axle in known)], rows), folded(OF_CURVE)]
+    if slides := slide_rows(summaries, start_ns):
         parts.append(records(slides))
     return "\n\n".join(parts)
-
-
-def note(summary: "Summary", start_ns: int) -> str:
-    """What a recording says of an axle: as `table`, without regions."""
-    from . import terminal
-
-    width, rail = terminal.NARROW, summary.rail
-    values = [*_rail(rail).items(), *_constants([rail])] if rail else []
-    parts = [terminal.table(["axle", str(summary.axle)], values, width=width)] if rail else []
-    parts += [terminal.folded(_OF_CURVE, width=width)] if rail else []
-    if slides := _slides([summary], start_ns):
-        parts.append(terminal.records(slides, width))
-    return "\n".join(parts) or "no slide"
-
-
-def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
-    from .terminal import number
-
-    if x is None:
-        return "-"
-    value, low, high = (number(factor * v, digits) for v in x)
-    return f"{value} ({low}–{high})"
-
-
-def _rail(rail: "RailFit") -> dict[str, str]:
-    """What the slides show of the curve's peak, and a dash for what they do not."""
-    from .terminal import number
-
-    peak = _spread(rail.peak_slip, 2, 100.0)
-    if rail.below and not rail.peak_slip:
-        peak = f"below {number(100.0 * rail.below, 2)}"
-    return {
-        "peak slip [%]": peak,
-        "peak µ": _spread(rail.peak_mu, 3),
-        "speed [m/s]": number(rail.speed if rail.below else None, 1),
-        "utilisation": _spread(rail.utilisation, 3),
-    }
-
-
-def _constants(rails: "Sequence[RailFit]") -> list[list[str]]:
-    """A row for each constant that is known of some rail."""
-    return [
-        [shown, *(_spread(rail.told.get(name), 3) for rail in rails)]
-        for shown, name in _CONSTANTS.items()
-        if any(name in rail.told for rail in rails)
-    ]
-
-
-def _slides(summaries: "Sequence[Summary]", start_ns: int) -> list[dict[str, str]]:
-    """A row for each slide."""
-    from .terminal import at_least, number
-
-    return [
-        {
-            "axle": str(s.axle),
-            "start [s]": number((x.start - start_ns) / 1e9, 2),
-            "duration [s]": at_least(x.duration, 2, x.at_least),
-            "distance [m]": at_least(x.distance, 1, x.at_least),
-            # of a locked wheel it is 100 %, whatever the train speed's error
-            "max slip [%]": (
-                at_least(100.0 * x.max_slip, 1, x.at_least) if x.max_slip < _LOCKED else "100.0"
-            ),
-            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.at_least),
-        }
-        for s in summaries
-        for x in s.slides
-    ]

@@ -2,10 +2,11 @@
 
 import re
 
-from adhesion_cli.cli.slip import note, table
+from adhesion_cli.cli.slip import table
 from adhesion_cli.rail.events import Slide
 from adhesion_cli.rail.slip import Summary
 from adhesion_cli.rail.slope import REGIONS, SHOWN
+from adhesion_cli.results.slip_text import note
 
 SHARES = dict(zip(REGIONS, (0.1, 0.5, 0.3, 0.1), strict=True))
 

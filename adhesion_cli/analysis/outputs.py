@@ -1,0 +1,61 @@
+"""The files that a run writes: their names, and what is in them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..core.model import Result
+    from ..results.rrd.results import Note
+
+Pair = tuple[Path, Path]
+Entry = dict[str, Any]
+
+
+def stem(log: str | Path) -> str:
+    """A log's name without its endings; a result's is that of the log it was made from."""
+    name = Path(log).name.removesuffix(".gz")
+    return name.removesuffix(Path(name).suffix).removesuffix(".adhesion")
+
+
+def pair(folder: Path, log: str | Path, kind: str) -> Pair:
+    """The two files of a log in a folder: `<stem>.<kind>.mcap` and `.rrd`."""
+    return folder / f"{stem(log)}.{kind}.mcap", folder / f"{stem(log)}.{kind}.rrd"
+
+
+def named(files: Sequence[Path]) -> dict[str, str]:
+    """The outputs as the JSON names them: by format."""
+    return {file.suffix.removeprefix(".").lower(): str(file) for file in files}
+
+
+def write_result(
+    places: Sequence[Path], result: "Result", entry: Entry, slip: str = "",
+    notes: "Sequence[Note]" = (),
+) -> None:  # fmt: skip
+    """Writes record and recording of one analysed log.
+
+    Args:
+        places: where to write the MCAP and the Rerun recording.
+        result: the analysed log.
+        entry: its entry of the document, from `json_documents.entry`.
+        slip: the document on its slip, if that was asked for.
+        notes: text on the slip of each axle, with its rail.
+    """
+    from ..results import mcap, rrd
+    from .json_documents import embedded
+
+    record, recording = places
+    mcap.write_result(record, result, embedded([entry]), slip)
+    rrd.write_result(recording, result, notes)
+
+
+def write_comparison(
+    places: Sequence[Path], results: "Sequence[Result]", entries: Sequence[Entry]
+) -> None:
+    """Writes record and recording of several analysed logs, see `write_result`."""
+    from ..results import mcap, rrd
+    from .json_documents import embedded
+
+    record, recording = places
+    mcap.write_comparison(record, results, embedded(entries))
+    rrd.write_comparison(recording, results)

@@ -1,0 +1,34 @@
+"""What `slip` reports of a log: slides, shares and rail of every axle."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..core.finding import Finding
+from ..core.model import Result
+from ..rail.slip import Summary, summary
+from ..results.slip_text import note
+from .json_documents import dumps, slip_document
+
+if TYPE_CHECKING:
+    from ..results.rrd.results import Note
+
+
+class SlipOfLog(NamedTuple):
+    """One log."""
+
+    result: Result
+    axles: Sequence[Summary]
+    findings: Sequence[Finding]  # of the log, and of the rails
+
+
+def slip_of(result: Result) -> SlipOfLog:
+    """The slip of an analysed log."""
+    found, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
+    return SlipOfLog(result, found, [*result.findings, *(f for axle in told for f in axle)])
+
+
+def carried(of: SlipOfLog) -> "tuple[str, list[Note]]":
+    """What a result file has of it: the document, and a text on each axle with its rail."""
+    start = of.result.log.start_ns()
+    notes = [(f"```\n{note(s, start)}\n```", s.rail) for s in of.axles]
+    return dumps(slip_document([of.result.log], [of.axles], [of.findings])), notes

@@ -1,0 +1,43 @@
+"""Brake applications as rows of text, for the screen and for pages; keys as in the JSON."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..core.text import by_uncertainty
+from .text_tables import at_least, number
+
+
+def row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
+    """A brake application: when, how fast, adhesion coefficient and force."""
+    mu, force = one["coefficient"] or {}, one["force_n"] or {}
+    speeds = [number(one[key], 1) for key in ("from_mps", "to_mps")]
+    return {
+        "axle": axle, "at [s]": number(one["start_s"], 1),
+        "for [s]": number(one["end_s"] - one["start_s"], 1), "v [m/s]": "–".join(speeds),
+        "µ mean": _with_u95(mu, "mean", 1.0, 3), "µ max": _with_u95(mu, "max", 1.0, 3),
+        "F [kN]": _with_u95(force, "mean", 1e-3), "Fmax [kN]": _with_u95(force, "max", 1e-3),
+    }  # fmt: skip
+
+
+def _with_u95(of: Mapping[str, float], key: str, factor: float, digits: int | None = None) -> str:
+    """A value with its uncertainty, to at most these decimals; without them to three digits."""
+    if not of:
+        return "-"
+    value, u95 = factor * of[key], factor * of[f"{key}_u95"]
+    if digits is None:
+        digits = 2 if abs(value) < 10.0 else 1
+    return "±".join(by_uncertainty(value, u95, digits))
+
+
+def slid_row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
+    """The slides of a brake application, together."""
+    energy, used, bound = one["slide_energy_j"], one["utilisation"], one["at_least"]
+    highest = min(100.0 * one["max_slip"], 100.0)
+    return {
+        "axle": axle, "at [s]": number(one["start_s"], 1), "slides": str(one["slides"]),
+        "for [s]": at_least(one["slide_s"], 1, bound),
+        "distance [m]": at_least(one["slide_distance_m"], 0, bound),
+        "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
+        "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
+        "used [%]": number(used and 100.0 * used, 0),
+    }  # fmt: skip

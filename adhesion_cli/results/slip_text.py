@@ -1,0 +1,73 @@
+"""What the slides of a log show, as rows of text: for the screen and for a recording."""
+
+from collections.abc import Sequence
+
+from ..rail.fit import RailFit
+from ..rail.slip import Summary
+from .text_tables import NARROW, at_least, folded, number, records, table
+
+OF_CURVE = (
+    "Constants of Polach's creep law, or of the law nearest to it. The peak's interval also holds "
+    "for other laws (docs/explanation/slip.md)."
+)
+_LOCKED = 0.9995  # slip that is shown as 100 %
+_CONSTANTS = {"f0": "f0", "A": "A", "B [s/m]": "B", "kA": "k_a", "kS": "k_s"}
+
+
+def note(summary: Summary, start_ns: int) -> str:
+    """What a recording says of an axle: as `table`, without regions."""
+    width, rail = NARROW, summary.rail
+    values = [*rail_row(rail).items(), *constants([rail])] if rail else []
+    parts = [table(["axle", str(summary.axle)], values, width=width)] if rail else []
+    parts += [folded(OF_CURVE, width=width)] if rail else []
+    if slides := slide_rows([summary], start_ns):
+        parts.append(records(slides, width))
+    return "\n".join(parts) or "no slide"
+
+
+def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1.0) -> str:
+    if x is None:
+        return "-"
+    value, low, high = (number(factor * v, digits) for v in x)
+    return f"{value} ({low}–{high})"
+
+
+def rail_row(rail: RailFit) -> dict[str, str]:
+    """What the slides show of the curve's peak, and a dash for what they do not."""
+    peak = _spread(rail.peak_slip, 2, 100.0)
+    if rail.below and not rail.peak_slip:
+        peak = f"below {number(100.0 * rail.below, 2)}"
+    return {
+        "peak slip [%]": peak,
+        "peak µ": _spread(rail.peak_mu, 3),
+        "speed [m/s]": number(rail.speed if rail.below else None, 1),
+        "utilisation": _spread(rail.utilisation, 3),
+    }
+
+
+def constants(rails: Sequence[RailFit]) -> list[list[str]]:
+    """A row for each constant that is known of some rail."""
+    return [
+        [shown, *(_spread(rail.told.get(name), 3) for rail in rails)]
+        for shown, name in _CONSTANTS.items()
+        if any(name in rail.told for rail in rails)
+    ]
+
+
+def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, str]]:
+    """A row for each slide."""
+    return [
+        {
+            "axle": str(s.axle),
+            "start [s]": number((x.start - start_ns) / 1e9, 2),
+            "duration [s]": at_least(x.duration, 2, x.at_least),
+            "distance [m]": at_least(x.distance, 1, x.at_least),
+            # of a locked wheel it is 100 %, whatever the train speed's error
+            "max slip [%]": (
+                at_least(100.0 * x.max_slip, 1, x.at_least) if x.max_slip < _LOCKED else "100.0"
+            ),
+            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.at_least),
+        }
+        for s in summaries
+        for x in s.slides
+    ]

@@ -1,0 +1,72 @@
+"""Tables and folded lines of text, for a terminal and for a text panel of a recording."""
+
+import io
+import shutil
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+from ..core.text import printable
+
+NARROW = 80  # columns where there is no terminal, and in a recording
+_TEXT = 16  # columns that a text keeps
+
+
+def table(
+    header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, width: int | None = None
+) -> str:
+    """Columns under their header: texts to the left, numbers to the right.
+
+    Args:
+        header: the names of the columns; they are never folded.
+        rows: the cells.
+        left: how many columns are texts, from the left.
+        width: columns to fold texts to, else those of the terminal. Numbers are never folded:
+            the table is wider where they have no room.
+    """
+    from rich.cells import cell_len
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    least = []
+    for i, name in enumerate(header):
+        longest = max(cell_len(printable(row[i])) for row in (header, *rows))
+        least.append(max(min(longest, _TEXT), cell_len(name)) if i < left else longest)
+    columns = width or shutil.get_terminal_size((NARROW, 24)).columns
+    gap = 2 if sum(least) + 2 * (len(least) - 1) <= columns else 1
+    made = Table(box=None, padding=(0, gap, 0, 0))
+    for i, name in enumerate(header):
+        side: Literal["left", "right"] = "left" if i < left else "right"
+        made.add_column(Text(name), justify=side, no_wrap=i >= left, min_width=least[i])
+    for row in rows:
+        made.add_row(*(Text(printable(cell), overflow="fold") for cell in row))
+    drawn = io.StringIO()
+    columns = max(columns, sum(least) + gap * (len(least) - 1))
+    Console(file=drawn, width=columns + gap, color_system=None).print(made)
+    lines = [line.rstrip() for line in drawn.getvalue().splitlines()]
+    return "\n".join([lines[0], "-" * max(map(cell_len, lines)), *lines[1:]])
+
+
+def records(rows: Sequence[Mapping[str, str]], width: int | None = None, left: int = 1) -> str:
+    """A `table` of rows that have the same keys, which are its header."""
+    header = list(dict.fromkeys(key for row in rows for key in row))
+    return table(header, [[row.get(key, "-") for key in header] for row in rows], left, width)
+
+
+def folded(text: str, indent: str = "", width: int | None = None) -> str:
+    """A line of text as wide as `width`, or else the terminal; what follows indented."""
+    width = width or shutil.get_terminal_size((NARROW, 24)).columns
+    return textwrap.fill(
+        text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def number(value: float | None, digits: int = 0) -> str:
+    """A number with fixed digits; a dash for None."""
+    return "-" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"  # no "-0"
+
+
+def at_least(value: float | None, digits: int, bound: bool) -> str:
+    """A number, marked if it is a lower bound."""
+    return "≥ " * (bound and value is not None) + number(value, digits)
