@@ -175,9 +175,9 @@ def test_recovering(tmp_path: Path) -> None:
 WRITE_LOG = """
 import numpy as np
 from adhesion_cli.core.model import Channel, Column, Log
-from adhesion_cli.results import csv, mcap
-mcap.CHUNK, csv._ROWS = 1 << 18, 1 << 14
-write_log = (mcap if path.suffix == ".mcap" else csv).write_log
+from adhesion_cli.results import csv, mcap, parquet, wide_table
+mcap.CHUNK, wide_table._ROWS = 1 << 18, 1 << 14
+write_log = {".mcap": mcap, ".csv": csv, ".parquet": parquet}[path.suffix].write_log
 t = np.arange(n) * 10**6
 columns = (t, np.sin(t), np.ones(n, bool))
 def write(n):
@@ -206,7 +206,7 @@ print(write(n))
 """
 
 
-@pytest.mark.parametrize("suffix", ["mcap", "csv"])
+@pytest.mark.parametrize("suffix", ["mcap", "csv", "parquet"])
 def test_writing_a_log(tmp_path: Path, suffix: str) -> None:
     """5 MiB of columns."""
     assert grown(WRITE_LOG, tmp_path / f"log.{suffix}", 300_000) < 4 * MIB

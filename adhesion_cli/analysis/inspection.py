@@ -12,7 +12,7 @@ from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
 from ..diagnostics import diagnosis
-from ..formats.open import is_mcap, open_source
+from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .json_documents import channel_document, findings_document, iso
 from .settings import Settings
@@ -53,7 +53,7 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
         if debug:
             traceback.print_exc()
         told = as_told(error)
-        known = {"format": "mcap"} if is_mcap(path) else {}
+        known = {"format": found} if (found := kind(path)) else {}
         wrong = {"status": "error", "error": told.text, "hint": told.hint, **known}
         return Seen(_blank(path) | wrong, told.code)
     code = 3 if any(f.lossy for f in findings) else 0

@@ -300,7 +300,11 @@ def _of_ours(field: Field) -> Guess:
 
 def axle_of(field: Field) -> int | None:
     """The axle's number as the names give it, None where they give none."""
-    for text in (field.group, field.label, field.path, field.channel):
+    # A folder "CAN 1" is no axle; "axle 1" is one.
+    group = field.group
+    if field.folder and not {"wheel", "cylinder", "bogie"} & _kinds_of(words_of(group)).keys():
+        group = ""
+    for text in (group, field.label, field.path, field.channel):
         if text and (number := _axle_in(text, text == field.path)) is not None:
             return number
     return None

@@ -54,7 +54,8 @@ def channel(
             at = m.title
             findings.append(Finding("pressure-absolute", "warning", channel=at, names=names))
     rate = 1e9 / axis.interval_ns if axis.interval_ns else None
-    row_of = (m.field.channel if m.field.encoding else m.field.signal, m.field.group)
+    place = m.field.channel if m.field.encoding else m.field.folder or m.field.signal
+    row_of = (place, m.field.group)
     return Channel(
         name(m.field), m.field.path, m.meaning, m.axle, m.unit, m.reason, data, len(column.t),
         starts, axis.gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,

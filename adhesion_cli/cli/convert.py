@@ -6,16 +6,16 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import Shared, check, loader, places, shared
+from .options import LOG_KINDS, Shared, check, loader, places, shared
 
 
 @shared("config", "set_", "json", "force", "strict", "rejects")
 def command(
-    log: Annotated[Path, typer.Argument(metavar="IN", help="Log: CSV or MCAP.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write: .csv or .mcap.")],
+    log: Annotated[Path, typer.Argument(metavar="IN", help=f"{LOG_KINDS}, or a result.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .mcap or .parquet.")],
     shared: Shared,
 ) -> int:
-    """Convert a log to CSV or MCAP; units survive.
+    """Convert a log to CSV, MCAP or Parquet; units survive.
 
     Writes the channels as logged, in the format of OUT's suffix.
 

@@ -37,7 +37,8 @@ def option(flags: str, metavar: str | None, text: str, **more: Any) -> Any:
     return typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
 
 
-Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help="Logs: CSV, MCAP or results.")]
+LOG_KINDS = "CSV, MCAP, Parquet, MDF (MF4)"
+Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")]
 Seed = Annotated[int | None, option("--seed", "N", "Noise seed, instead of the scenario's.", min=0)]
 ScenarioName = typer.Argument(
     metavar="SCENARIO", help="Bundled scenario, or a scenario TOML.", **completes(scenarios)

@@ -1,35 +1,87 @@
-"""Opens a log by what its first bytes are, whatever its name says."""
+"""Opens a log by what its first bytes are, else by its suffix."""
 
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import UserError
+from .isolated import Library
 from .source import ReadOptions, Source
 
-MCAP_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = 512  # bytes that are looked at
 
 
-def open_source(path: Path, options: ReadOptions) -> Source:
-    """Opens a log.
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of logs.
 
-    Raises:
-        UserError: where the file is missing, no log, or damaged from the start.
+    Attributes:
+        kind: its name, as results state it.
+        begins: what its files begin with.
+        suffixes: of its files; they count where the first bytes are of no other format.
+        open: opens one.
     """
-    head = _first_bytes(path)
-    if head == MCAP_MAGIC or path.suffix.lower() == ".mcap":
-        from .mcap.reader import open_mcap
 
-        return open_mcap(path, options)
+    kind: str
+    begins: re.Pattern[bytes]
+    suffixes: tuple[str, ...]
+    open: Callable[[Path, ReadOptions], Source]
+
+
+def _mcap(path: Path, options: ReadOptions) -> Source:
+    from .mcap.reader import open_mcap
+
+    return open_mcap(path, options)
+
+
+def _csv(path: Path, options: ReadOptions) -> Source:
     from .csv.reader import open_csv
 
     return open_csv(path, options)
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a file begins as an MCAP does."""
+def _parquet(path: Path, options: ReadOptions) -> Source:
+    from .parquet import open_parquet
+
+    return open_parquet(path, options)
+
+
+FORMATS = (
+    Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
+    Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
+    Format(
+        "mf4", re.compile(rb"(MDF|UnFinMF) "), (".mf4", ".mdf"),
+        Library("mf4", "MDF", ("asammdf",), "mf4").open,
+    ),
+)  # fmt: skip
+
+
+def open_source(path: Path, options: ReadOptions) -> Source:
+    """Opens a log; what is of no other format is a text log.
+
+    Raises:
+        UserError: where the file is missing, no log, damaged from the start, or needs a library
+            that is not installed.
+    """
+    found = _format(path)
+    return found.open(path, options) if found else _csv(path, options)
+
+
+def kind(path: Path) -> str | None:
+    """The format of a file, None where it is a text log or cannot be read."""
     try:
-        return _first_bytes(path) == MCAP_MAGIC
+        found = _format(path)
     except UserError:
-        return False
+        return None
+    return found.kind if found else None
+
+
+def _format(path: Path) -> Format | None:
+    head, suffix = _first_bytes(path), path.suffix.lower()
+    by_head = (one for one in FORMATS if one.begins.match(head))
+    by_suffix = (one for one in FORMATS if suffix in one.suffixes)
+    return next(by_head, None) or next(by_suffix, None)
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -42,7 +94,7 @@ def _first_bytes(path: Path) -> bytes:
         if path.is_fifo():
             raise UserError(f"{path}: a pipe, not a file", "write it to a file, and name that")
         with path.open("rb") as file:
-            head = file.read(len(MCAP_MAGIC))
+            head = file.read(_HEAD)
     except FileNotFoundError:
         hint = "a log is a file, write one first" if path.name == "-" else "check the path"
         raise UserError(f"{path}: no such file", hint) from None

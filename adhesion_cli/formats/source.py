@@ -26,6 +26,9 @@ class Field:
     message_type: str = ""  # MCAP schema name, "" in a CSV
     encoding: str = ""  # MCAP message encoding, "" in a CSV
     signal: str = ""  # long layouts: what a row's only number is
+    # MF4, TDMS, CAN: the group or message with one time axis that holds it. `group` is then its
+    # name for people, where several of them have a channel of this name.
+    folder: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +49,7 @@ class ReadOptions:
     delimiter: str | None = None
     decimal: str | None = None
     encoding: str | None = None
+    dbc: tuple[Path, ...] = ()  # CAN: what the signals of its frames are
     strict: bool = False  # damage is an error, not a finding
     rejects: bool = False  # CSV: remember each row and cell left out
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks
@@ -63,7 +67,7 @@ class Source(Protocol):
     """An opened log. Opening reads the head (CSV) or walks the records (MCAP), not the values."""
 
     path: Path
-    format: str  # "csv", "mcap"
+    format: str  # "csv", "mcap", "parquet", "mf4", "tdms", "can"
     absolute: bool  # time stamps count from 1970
     rows: int  # rows or messages in the log; final after `columns`
     time_reason: str  # which clock was taken, and why

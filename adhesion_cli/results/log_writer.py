@@ -13,11 +13,11 @@ def writer(target: Path) -> Callable[[Path, Log], None]:
     Raises:
         UserError: for a suffix no format has.
     """
-    from . import csv, mcap
+    from . import csv, mcap, parquet
 
-    writers = {".csv": csv.write_log, ".mcap": mcap.write_log}
+    writers = {".csv": csv.write_log, ".mcap": mcap.write_log, ".parquet": parquet.write_log}
     if target.suffix.lower() not in writers:
-        known = " or ".join(writers)
+        known = ", ".join(writers)
         text = f"{target}: unknown format {target.suffix!r}"
-        raise UserError(text, f"end it with {known}", code=2)
+        raise UserError(text, f"end it with one of {known}", code=2)
     return writers[target.suffix.lower()]

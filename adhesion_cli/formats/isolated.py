@@ -1,0 +1,280 @@
+"""Runs a format's library in a process of its own.
+
+Libraries for binary logs trust the file. A damaged one can crash them, keep them busy without end
+or make them take all memory. In a process of its own that is one clear error. The process serves
+all logs of one format, so that the library is loaded once.
+"""
+
+import atexit
+import contextlib
+import dataclasses
+import importlib
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ..core.errors import UserError
+from .source import Field, ReadOptions
+from .tables import Columns, Contents, Note, Reader, Samples, TableSource
+
+_MEMORY = 3 << 30, 24  # bytes that reading a log may take, and for each byte of the file
+_SECONDS = 120, 2e-6  # of processor time, and for each byte of the file
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+_START += "from adhesion_cli.formats.isolated import serve; serve(sys.argv[2])"
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """What a format needs: the modules, who installs them, and a word for messages."""
+
+    kind: str  # of the log; the module of the format in this package, too
+    words: str  # the format, for people
+    modules: tuple[str, ...]
+    extra: str  # of this package, which installs them
+
+    def open(self, path: Path, options: ReadOptions) -> TableSource:
+        """Opens a log of this format.
+
+        Raises:
+            UserError: where the library is missing or cannot read the file.
+        """
+        if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
+            raise UserError(
+                f"{path}: {self.words} needs {' and '.join(missing)}, not installed",
+                f"install it with: pip install 'adhesion-cli[{self.extra}]'",
+            )
+        return TableSource(path, self.kind, options, _Remote(self, path, options))
+
+
+class _Remote:
+    """A `Reader` whose library runs in the other process."""
+
+    def __init__(self, library: Library, path: Path, options: ReadOptions) -> None:
+        stated = dataclasses.asdict(options) | {"dbc": [str(p.absolute()) for p in options.dbc]}
+        self._library, self._path = library, path
+        self._request = {"path": str(path.absolute()), "options": stated}
+        header, _ = self._ask()
+        notes = [Note(**note) for note in header.pop("notes")]
+        fields = [Field(**f) for f in header.pop("fields")]
+        self.contents = Contents(**header, fields=fields, notes=notes)
+
+    def read(self, wanted: Sequence[int]) -> Columns:
+        """See `Reader`."""
+        header, arrays = self._ask(wanted=list(wanted))
+        axes = [arrays.pop(0) for _ in range(header["axes"])]
+        series = [
+            Samples(axis, arrays.pop(0), {code: arrays.pop(0) for code in masks})
+            for axis, masks in header["series"]
+        ]
+        return Columns(axes, series, [Note(**note) for note in header["notes"]])
+
+    def _ask(self, **more: Any) -> tuple[dict[str, Any], list[Any]]:
+        """The answer to a request; what went wrong there is raised here.
+
+        Raises:
+            UserError: where the file cannot be read.
+        """
+        server = _server(self._library.kind)
+        request = self._request | more
+        try:
+            with server.lock:
+                server.send(request)
+                header = server.header()
+                arrays = [server.array(*of) for of in header.pop("arrays", ())]
+        except (OSError, EOFError):
+            raise self._crashed(server.ended()) from None
+        if error := header.get("error"):
+            cause = RuntimeError(error["traceback"])
+            text = error["text"].replace(self._request["path"], str(self._path))
+            raise UserError(text, error["hint"], error["code"]) from cause
+        return header, arrays
+
+    def _crashed(self, code: int) -> UserError:
+        """What is told of a library that did not come to an end."""
+        why = "crashes"
+        if sys.platform != "win32" and code in (-signal.SIGXCPU, -signal.SIGKILL):
+            why = "does not come to an end"
+        return UserError(*_damaged(self._path, self._library.words, f"its reader {why}"))
+
+
+def _damaged(path: Path, words: str, reason: str) -> tuple[str, str]:
+    text = f"{path}: damaged {words} file: {reason}"
+    return text, "copy the log again from its source, or export it as CSV with its own tool"
+
+
+# ---------------------------------------------------------------------------- the other process
+
+
+@dataclass(slots=True)
+class _Server:
+    """The other process, as this one sees it."""
+
+    process: "subprocess.Popen[bytes]"
+    owner: int  # the process that started it: another one must not use its pipes
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def send(self, request: Mapping[str, Any]) -> None:
+        pipe = self._pipe(self.process.stdin)
+        pipe.write(json.dumps(request).encode() + b"\n")
+        pipe.flush()
+
+    def header(self) -> dict[str, Any]:
+        line = self._pipe(self.process.stdout).readline()
+        if not line.endswith(b"\n"):
+            raise EOFError
+        answer: dict[str, Any] = json.loads(line)
+        return answer
+
+    def array(self, kind: str, length: int) -> Any:
+        values: Any = np.empty(length, kind)
+        view, done = memoryview(values).cast("B") if length else memoryview(b""), 0
+        pipe: Any = self._pipe(self.process.stdout)
+        while done < len(view):
+            got = pipe.readinto(view[done:])
+            if not got:
+                raise EOFError
+            done += got
+        return values
+
+    def ended(self) -> int:
+        """The exit code; ends the process where it still runs."""
+        _servers.pop(next((k for k, v in _servers.items() if v is self), ""), None)
+        with contextlib.suppress(OSError):
+            self._pipe(self.process.stdin).close()
+        try:
+            return self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()
+
+    @staticmethod
+    def _pipe(pipe: IO[bytes] | None) -> IO[bytes]:
+        assert pipe is not None
+        return pipe
+
+
+_servers: dict[str, _Server] = {}
+_starting = threading.Lock()
+
+
+def _server(kind: str) -> _Server:
+    """The process that reads logs of this kind, started if need be."""
+    with _starting:
+        known = _servers.get(kind)
+        if known and known.owner == os.getpid() and known.process.poll() is None:
+            return known
+        command = [sys.executable, "-c", _START, json.dumps(sys.path), kind]
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL)
+        _servers[kind] = _Server(process, os.getpid())
+        return _servers[kind]
+
+
+@atexit.register
+def _end() -> None:
+    """Ends the processes that this one started."""
+    for server in list(_servers.values()):
+        if server.owner == os.getpid():
+            server.ended()
+
+
+def serve(kind: str) -> None:
+    """Answers requests on stdin until there are no more; runs in the other process."""
+    with contextlib.suppress(AttributeError, ValueError):
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends without a word
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print
+    last: tuple[Any, Reader] | None = None
+    for line in sys.stdin.buffer:
+        request = json.loads(line)
+        wanted = request.pop("wanted", None)
+        try:
+            key = json.dumps(request), os.stat(request["path"]).st_mtime_ns
+            if last is None or last[0] != key:
+                last = None  # lets the file before go
+                last = key, _opened(kind, request)
+            _limit(Path(request["path"]))
+            _answer(out, last[1], wanted)
+        except (BrokenPipeError, KeyboardInterrupt):
+            return
+        except Exception as error:
+            last = None
+            text, hint, code = _told(error, kind, Path(request["path"]))
+            trace = traceback.format_exc()
+            answer = {"text": text, "hint": hint, "code": code, "traceback": trace}
+            _write(out, {"error": answer}, [])
+
+
+def _opened(kind: str, request: Mapping[str, Any]) -> Reader:
+    """The format's reader on this log."""
+    options = request["options"] | {"dbc": tuple(map(Path, request["options"]["dbc"]))}
+    path = Path(request["path"])
+    _limit(path)
+    module = importlib.import_module(f".{kind}", __package__)
+    reader: Reader = module.Reader(path, ReadOptions(**options))
+    return reader
+
+
+def _answer(out: IO[bytes], reader: Reader, wanted: Sequence[int] | None) -> None:
+    if wanted is None:
+        _write(out, dataclasses.asdict(reader.contents), [])
+        return
+    axes, series, notes = reader.read(wanted)
+    arrays: list[Any] = [np.ascontiguousarray(t, "<i8") for t in axes]
+    for one in series:
+        arrays.append(np.ascontiguousarray(one.value, "<f8"))
+        arrays += [np.ascontiguousarray(mask, "?") for mask in one.masks.values()]
+    stated = [dataclasses.asdict(note) for note in notes]
+    places = [(int(one.axis), list(one.masks)) for one in series]
+    _write(out, {"axes": len(axes), "series": places, "notes": stated}, arrays)
+
+
+def _write(out: IO[bytes], header: Mapping[str, Any], arrays: Sequence[Any]) -> None:
+    shapes = [(a.dtype.str, len(a)) for a in arrays]
+    out.write(json.dumps({**header, "arrays": shapes}, default=str).encode() + b"\n")
+    for array in arrays:
+        out.write(memoryview(array).cast("B") if len(array) else b"")
+    out.flush()
+
+
+def _told(error: Exception, kind: str, path: Path) -> tuple[str, str, int]:
+    """Text, hint and exit code of what went wrong."""
+    if isinstance(error, UserError):
+        return error.text, error.hint, error.code
+    if isinstance(error, MemoryError):
+        size = _allowed(path.stat().st_size) / 2**30
+        text = f"{path}: reading it takes more than {size:.0f} GiB of memory"
+        return text, "split the log, or export the channels that are needed", 1
+    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    return *_damaged(path, kind.upper(), reason), 1
+
+
+def _allowed(size: int) -> int:
+    return _MEMORY[0] + _MEMORY[1] * size
+
+
+def _limit(path: Path) -> None:
+    """Limits the memory and the time that reading a log of this size may take."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    size = path.stat().st_size
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    seconds = int(used.ru_utime + used.ru_stime + _SECONDS[0] + _SECONDS[1] * size)
+    for kind, most in ((resource.RLIMIT_CPU, seconds), (resource.RLIMIT_DATA, _allowed(size))):
+        hard = resource.getrlimit(kind)[1]
+        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (least, hard))

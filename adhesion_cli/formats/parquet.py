@@ -1,0 +1,268 @@
+"""Parquet logs: a column per channel, its unit in the field's metadata."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from ..core.errors import UserError
+from ..core.model import Bools, Floats, Times
+from ..core.text import distinct
+from .csv.clock import Clock
+from .csv.dialect import Dialect, fit
+from .csv.header_words import NS_PER_UNIT
+from .csv.time_column import find_clock
+from .source import Field, ReadOptions
+from .tables import Columns, Contents, Note, Samples, TableSource
+
+_HEAD = 1_000  # rows that show which column is the time
+_MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
+_UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
+_MOST_NS = 2**62  # times beyond are no times
+
+
+def open_parquet(path: Path, options: ReadOptions) -> TableSource:
+    """Opens a Parquet log.
+
+    Raises:
+        UserError: where the file is damaged or cut off, or no column is a time.
+    """
+    return TableSource(path, "parquet", options, Reader(path, options))
+
+
+class Reader:
+    """A Parquet file, row group by row group."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        self._path = path
+        try:
+            self._file = _opened(path)
+        except (pa.ArrowException, OSError) as error:
+            raise _damaged(path, _first_line(error)) from None
+        schema, meta = self._file.schema_arrow, self._file.metadata
+        self._rows = meta.num_rows
+        columns = [i for i, f in enumerate(schema) if _is_scalar(f.type)]
+        self._names = [schema.names[i] for i in columns]
+        if len(set(schema.names)) < len(schema.names):
+            raise UserError(
+                f"{path}: two columns have the same name", "give each column a name of its own"
+            )
+        self._check_size(2)
+        units = [_unit(schema.field(i)) for i in columns]
+        self._clock, kind = self._find_clock(columns, units, options)
+        time = self._clock.columns
+        numeric = [
+            k for k, i in enumerate(columns) if k not in time and _is_number(schema.field(i).type)
+        ]
+        self._numbers = [self._names[k] for k in numeric]
+        titles = distinct([name or "(no name)" for name in self._numbers])
+        fields = [
+            Field(title, unit=units[k], unit_from="field metadata" if units[k] else "")
+            for title, k in zip(titles, numeric, strict=True)
+        ]
+        start = 2**62 if self._clock.absolute else 0  # only whether it has one counts
+        others = [n for n in schema.names if n not in {self._names[k] for k in (*time, *numeric)}]
+        stated = {
+            "columns": len(schema.names), "row groups": meta.num_row_groups,
+            "written by": meta.created_by or "", "time column": kind,
+            "not numeric": ", ".join(others),
+        }  # fmt: skip
+        notes = [Note(f.code, f.severity, f.channel, f.count, f.values, f.names)
+                 for f in self._clock.findings]  # fmt: skip
+        reason = self._clock.reason.replace("(units row)", "(field metadata)")
+        self.contents = Contents(fields, start, reason, self._rows, stated, notes=notes)
+
+    def _check_size(self, columns: int) -> None:
+        """Refuses a file that says it holds much more than it can.
+
+        Raises:
+            UserError: where these columns would take too much memory.
+        """
+        least, per_byte = _MOST_BYTES
+        most = max(least, per_byte * self._path.stat().st_size)
+        if 9 * self._rows * columns > most:
+            raise UserError(
+                f"{self._path}: states {self._rows} rows, more than a file of this size holds",
+                "write the file again with the program that made it",
+            )
+
+    def _find_clock(
+        self, columns: Sequence[int], units: Sequence[str], options: ReadOptions
+    ) -> tuple[Clock, str]:
+        """Which column is the time, as in a text log, and its type.
+
+        Raises:
+            UserError: where no column is a time, or its unit is open.
+        """
+        schema = self._file.schema_arrow
+        heads = [self._head(name) for name in self._names]
+        rows = max(map(len, heads), default=0)
+        heads = [fit(cells, rows) for cells in heads]  # a damaged column shows nothing
+        types = [schema.field(i).type for i in columns]
+        stated = [u or ("ns" if pa.types.is_duration(t) else "")
+                  for u, t in zip(units, types, strict=True)]  # fmt: skip
+        names = tuple(self._names)
+        dialect = Dialect(
+            "utf-8", 0, ",", ".", len(names), names, (names,), tuple(stated), True, 1, {}, {},
+            [list(row) for row in zip(*heads, strict=True)], {},
+        )  # fmt: skip
+        clock = find_clock(dialect, options, self._rows, self._path)
+        return clock, str(types[clock.columns[0]])
+
+    def _head(self, name: str) -> list[str]:
+        """The first cells of a column, from the first row group in which it is sound."""
+        for group in range(self._file.metadata.num_row_groups):
+            try:
+                batches = self._file.iter_batches(_HEAD, row_groups=[group], columns=[name])
+                if head := next(batches, None):
+                    return _cells(head.column(0))
+            except (pa.ArrowException, OSError, ValueError):
+                continue
+        return []
+
+    def read(self, wanted: Sequence[int]) -> Columns:
+        """See `tables.Reader`. A damaged part of a column costs its samples, or those of a time."""
+        names = [self._numbers[i] for i in wanted]
+        times = [self._names[i] for i in self._clock.columns]
+        self._check_size(len(names) + len(times))
+        parts: list[_Part] = []
+        lost: list[tuple[int, str]] = []  # rows, and why
+        untimed = 0
+        for group in range(self._file.metadata.num_row_groups):
+            try:
+                t, ok = _times([self._column(group, name) for name in times], self._clock)
+            except (pa.ArrowException, OSError, ValueError) as error:
+                what = f"row group {group + 1}: {_first_line(error)}"
+                lost.append((self._file.metadata.row_group(group).num_rows, what))
+                continue
+            untimed += int(np.count_nonzero(~ok))
+            parts.append(_Part(t[ok], [self._values(group, name, ok) for name in names]))
+        if not parts:
+            raise _damaged(self._path, lost[0][1])
+        notes = []
+        if lost:
+            values = {"kept_rows": sum(len(part.t) for part in parts),
+                      "lost_rows": sum(n for n, _ in lost)}  # fmt: skip
+            names_of = {"damage": lost[0][1]}
+            notes.append(Note("log-damaged", "error", "", len(lost), values, names_of))
+        if untimed:
+            notes.append(Note("time-unreadable", "warning", "", untimed))
+        series = []
+        for k in range(len(names)):
+            value, null, bad = (
+                np.concatenate([part.series[k][x] for part in parts]) for x in range(3)
+            )
+            series.append(Samples(0, value, {"value-missing": null, "value-damaged": bad}))
+        return Columns([np.concatenate([part.t for part in parts])], series, notes)
+
+    def _column(self, group: int, name: str) -> Any:
+        """A column of a row group as one array.
+
+        Raises:
+            pa.ArrowException, OSError: where it is damaged.
+        """
+        column = self._file.read_row_group(group, columns=[name]).column(0)
+        column.validate(full=True)
+        return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
+
+    def _values(self, group: int, name: str, ok: Bools) -> tuple[Floats, Bools, Bools]:
+        """Values of a row group's rows that have a time; where there is none; what is damaged."""
+        n, none = int(np.count_nonzero(ok)), np.zeros(len(ok), np.bool_)[ok]
+        try:
+            array = self._column(group, name)
+            null = np.asarray(array.is_null())
+            value = np.asarray(array.cast(pa.float64(), safe=False).fill_null(np.nan))
+        except (pa.ArrowException, OSError, ValueError):
+            return np.full(n, np.nan), none, ~none
+        if len(value) != len(ok):
+            return np.full(n, np.nan), none, ~none
+        return value[ok], null[ok], none
+
+
+class _Part(NamedTuple):
+    """A row group: times, and for each column values, what is missing and what is damaged."""
+
+    t: Times
+    series: list[tuple[Floats, Bools, Bools]]
+
+
+def _opened(path: Path) -> Any:
+    """The file, read with all checks; pyarrow's Parquet part is loaded only here."""
+    import pyarrow.parquet
+
+    most = min(path.stat().st_size, 1 << 27)  # of the metadata
+    return pyarrow.parquet.ParquetFile(
+        path, page_checksum_verification=True, thrift_string_size_limit=most,
+        thrift_container_size_limit=most,
+    )  # fmt: skip
+
+
+def _damaged(path: Path, what: str) -> UserError:
+    return UserError(
+        f"{path}: damaged Parquet file: {what}",
+        "copy the log again from its source; a file that was cut off has no table of contents",
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return " ".join(str(error).splitlines()[0].split())[:160] if str(error) else "unreadable"
+
+
+def _is_scalar(kind: Any) -> bool:
+    types = pa.types
+    text = types.is_string(kind) or types.is_large_string(kind) or types.is_dictionary(kind)
+    return _is_number(kind) or types.is_temporal(kind) or text
+
+
+def _is_number(kind: Any) -> bool:
+    types = pa.types
+    return bool(
+        types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_decimal(kind)
+        or types.is_boolean(kind)
+    )
+
+
+def _unit(field: Any) -> str:
+    """The unit that a field's metadata state, "" for none."""
+    known = field.metadata or {}
+    return next((known[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in known), "")
+
+
+def _cells(array: Any) -> list[str]:
+    """The first values of a column as a text log would have them; "" where there is none."""
+    if pa.types.is_duration(array.type):
+        array = array.cast(pa.duration("ns"), safe=False).cast(pa.int64())
+    elif pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    elif pa.types.is_date(array.type):
+        array = array.cast(pa.timestamp("ms"), safe=False)
+    elif pa.types.is_boolean(array.type):
+        array = array.cast(pa.int8())
+    return ["" if x is None else x for x in array.cast(pa.string()).to_pylist()]
+
+
+def _times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
+    """Times [ns] of a row group, and which of them hold; shape (n,)."""
+    array = arrays[0]
+    ok = np.asarray(array.is_valid())
+    kind = array.type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_duration(kind):
+        to = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
+        plain = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
+        return np.asarray(plain.cast(to).cast(pa.int64()).fill_null(0)), ok
+    if pa.types.is_integer(kind) and clock.unit in NS_PER_UNIT:
+        scale = NS_PER_UNIT[clock.unit]
+        ticks = np.asarray(array.cast(pa.int64()).fill_null(0))
+        ok &= np.abs(ticks) < _MOST_NS // scale
+        return np.where(ok, ticks, 0) * scale, ok
+    if pa.types.is_floating(kind) and clock.unit in NS_PER_UNIT:
+        value = np.asarray(array.cast(pa.float64()).fill_null(np.nan)) * NS_PER_UNIT[clock.unit]
+        with np.errstate(invalid="ignore"):
+            ok &= np.abs(value) < _MOST_NS
+        return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
+    t, held = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
+    return t, ok & held

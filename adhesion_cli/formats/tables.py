@@ -1,0 +1,192 @@
+"""Logs that a library reads: columns on one or several time axes, as a Source.
+
+A format gives a `Reader`. What is wrong with single samples it gives as masks. This module makes
+columns and findings of them, the same way for every format.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from ..core import time_axis
+from ..core.errors import UserError
+from ..core.finding import Finding, Severity
+from ..core.model import Bools, Column, Floats, Reject, Times
+from .source import Field, ReadOptions
+
+YEAR_1990 = 631_152_000 * 10**9  # a log that starts earlier had no clock [ns]
+_MOST_NS = 2**62  # times beyond are no times
+
+MASKS: Mapping[str, Severity] = {  # what a mask over samples says
+    "value-missing": "info",
+    "value-marked-invalid": "warning",
+    "value-is-text": "warning",
+    "value-damaged": "error",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A finding before the log's start is known: its times are those of the log."""
+
+    code: str
+    severity: Severity
+    channel: str = ""
+    count: int = 1
+    values: Mapping[str, float] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
+    times: Sequence[tuple[int, int]] = ()  # from and to [ns]
+
+    def finding(self, start: int) -> Finding:
+        """The finding, in a log that starts there [ns]."""
+        begin, end = np.array(self.times, np.int64).reshape(-1, 2).T
+        spans = time_axis.spans_of(begin, end, start) if len(begin) else ()
+        return Finding(
+            self.code, self.severity, self.channel, self.count, spans, self.values, self.names
+        )
+
+
+@dataclass(slots=True)
+class Contents:
+    """What opening a log tells."""
+
+    fields: list[Field]
+    start_ns: int  # of the log since 1970; 0 where it states none
+    time_reason: str
+    rows: int
+    stated: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
+
+    @property
+    def absolute(self) -> bool:
+        """Whether the log's times count from 1970."""
+        return self.start_ns >= YEAR_1990
+
+
+class Samples(NamedTuple):
+    """One series: which time axis it has, its values, and masks over them, shape (n,)."""
+
+    axis: int
+    value: Floats
+    masks: Mapping[str, Bools] = {}  # by a key of `MASKS`: samples that hold no number, and why
+
+
+class Columns(NamedTuple):
+    """The wanted series, in their order, on the axes they name."""
+
+    axes: list[Times]
+    series: list[Samples]
+    notes: list[Note]
+
+
+class Reader(Protocol):
+    """A log that a library has opened. Any exception means that the file is damaged."""
+
+    contents: Contents
+
+    def read(self, wanted: Sequence[int]) -> Columns:
+        """The fields of these numbers. Times [ns] are absolute where the log has a start."""
+        ...
+
+
+class TableSource:
+    """A log that a `Reader` reads; implements `Source`."""
+
+    rejects: Iterable[Reject] = ()
+
+    def __init__(self, path: Path, kind: str, options: ReadOptions, reader: Reader) -> None:
+        contents = reader.contents
+        if not contents.fields or not contents.rows:
+            raise UserError(
+                f"{path}: the log holds no numbers over time",
+                "check that the logger recorded anything",
+            )
+        self.path, self.format, self._options, self._reader = path, kind, options, reader
+        self.absolute, self.time_reason = contents.absolute, contents.time_reason
+        self.rows, self.stated, self.metadata = contents.rows, contents.stated, contents.metadata
+        self.fields: Sequence[Field] = contents.fields
+        self.account: dict[str, str] = {}
+        self.findings: list[Finding] = []
+        self._places = {f: i for i, f in enumerate(contents.fields)}
+        self._report(note.finding(0) for note in contents.notes if not note.times)
+
+    def columns(self, wanted: Sequence[Field]) -> list[Column]:
+        """The wanted fields, see `Source`."""
+        for f in wanted:
+            if f not in self._places:
+                raise UserError(
+                    f"{self.path}: no channel {f.channel!r}",
+                    "`adhesion inspect` lists the channels of a log",
+                )
+        axes, series, notes = self._reader.read([self._places[f] for f in wanted])
+        start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
+        late = (note for note in self._reader.contents.notes if note.times)
+        self._report(note.finding(start) for note in (*notes, *late))
+        columns = []
+        for f, (axis, value, masks) in zip(wanted, series, strict=True):
+            t, valid = axes[axis], np.ones(len(value), np.bool_)
+            for code, mask in masks.items():
+                valid &= ~mask
+                self._report(_of_mask(code, f, t, mask, start))
+            columns.append(Column(t, np.where(valid, value, np.nan), valid))
+        return columns
+
+    def _report(self, findings: Iterable[Finding]) -> None:
+        """Adds findings that are not there yet; with strict an error ends the reading."""
+        for finding in findings:
+            if self._options.strict and finding.severity == "error":
+                where = f" {finding.channel}:" if finding.channel else ""
+                text = f"{self.path}:{where} {finding.message}"
+                raise UserError(text, "read without --strict to leave these samples out")
+            if finding not in self.findings:
+                self.findings.append(finding)
+
+
+def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable[Finding]:
+    """A finding on the samples of a mask, if there are any."""
+    count = int(np.count_nonzero(mask))
+    if not count:
+        return
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    first, last = t[edges[::2]], t[edges[1::2] - 1]
+    spans = time_axis.spans_of(np.minimum(first, last), np.maximum(first, last), start)
+    name = f"{f.channel} ({f.group})" if f.group else f.channel
+    severity = MASKS[code]
+    if severity == "warning" and count == len(mask):
+        severity = "info"  # it was never measured: nothing is lost
+    yield Finding(code, severity, name, count, spans, {"samples": len(mask)})
+
+
+def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:
+    """Times [ns] of seconds after the log's start [ns], and which of them hold; shape (n,).
+
+    >>> nanoseconds(np.array([0.02, np.nan]), 1_000)
+    (array([20001000,     1000]), array([ True, False]))
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        ticks = np.asarray(seconds, np.float64) * 1e9
+        ok = np.abs(ticks) < _MOST_NS - abs(start)
+    return np.rint(np.where(ok, ticks, 0.0)).astype(np.int64) + start, ok
+
+
+def grouped(names: Sequence[tuple[str, str]]) -> list[str]:
+    """What a channel's title names of the group that holds it, "" where its name is enough.
+
+    Groups that share the name of a channel are the same for several devices. All channels of these
+    name their group.
+
+    Args:
+        names: of each field, its group and its own name.
+
+    >>> grouped([("Axle 1", "p"), ("Axle 1", "v"), ("Axle 2", "v"), ("Train", "speed")])
+    ['Axle 1', 'Axle 1', 'Axle 2', '']
+    """
+    groups: dict[str, set[str]] = {}
+    for group, name in names:
+        groups.setdefault(name, set()).add(group)
+    alike = {group for of in groups.values() if len(of) > 1 for group in of}
+    return [group if group in alike else "" for group, _ in names]

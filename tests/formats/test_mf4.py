@@ -1,0 +1,171 @@
+"""MDF logs: groups, conversions, invalidation bits, and files that break the library."""
+
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import brakes
+import numpy as np
+import pytest
+from asammdf import MDF, Signal
+
+from adhesion_cli.channels.log import needed, survey
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.formats import isolated
+from adhesion_cli.formats.open import open_source
+from adhesion_cli.formats.source import ReadOptions
+
+T = np.arange(200) / 50
+
+
+def written(path: Path, *groups: tuple[str, list[Signal]], version: str = "4.10") -> Path:
+    """A log of these groups, by name."""
+    with MDF(version=version) as file:
+        file.header.start_time = brakes.START
+        for name, signals in groups:
+            file.append(signals, acq_name=name, common_timebase=True)
+        return Path(file.save(path, overwrite=True))
+
+
+def columns(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The columns by title, and the findings by code."""
+    source = open_source(path, ReadOptions())
+    found = source.columns(source.fields)
+    names = [f"{f.channel} ({f.group})" if f.group else f.channel for f in source.fields]
+    return dict(zip(names, found, strict=True)), {f.code: f for f in source.findings}
+
+
+def test_invalidation_bits_are_found_and_located(tmp_path: Path) -> None:
+    bad = np.zeros(len(T), bool)
+    bad[50:60] = True
+    path = written(
+        tmp_path / "a.mf4",
+        ("", [Signal(T, T, name="p", unit="bar", invalidation_bits=bad),
+              Signal(T, T, name="v", unit="km/h", invalidation_bits=~(T < 0))]),
+    )  # fmt: skip
+    found, _ = columns(path)
+    assert np.array_equal(found["p"].valid, ~bad)
+    assert not found["v"].valid.any()
+    source = open_source(path, ReadOptions())
+    source.columns(source.fields)
+    one, every = (f for f in source.findings if f.code == "value-marked-invalid")
+    assert (one.channel, one.count, one.severity) == ("p", 10, "warning")
+    assert one.spans == ((1.0, 1.18),)
+    assert (every.channel, every.severity) == ("v", "info")  # it was never measured
+
+
+def test_values_that_stand_for_a_text_are_no_numbers(tmp_path: Path) -> None:
+    raw = np.arange(len(T), dtype=np.uint16)
+    raw[20:23] = 65535
+    linear = {"a": 0.5, "b": -10.0}
+    partly = {"val_0": 65535, "text_0": b"not available", "default_addr": linear}
+    only = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on", "default": b"?"}
+    path = written(
+        tmp_path / "a.mf4",
+        ("", [
+            Signal(raw, T, name="speed", unit="km/h", conversion=linear),
+            Signal(raw, T, name="speed2", unit="km/h", conversion=partly),
+            Signal(raw % 2, T, name="state", conversion=only),
+        ]),
+    )  # fmt: skip
+    found, findings = columns(path)
+    assert set(found) == {"speed", "speed2"}
+    assert np.array_equal(found["speed"].value, raw * 0.5 - 10.0)
+    numbers = raw < 65535
+    assert np.array_equal(found["speed2"].valid, numbers)
+    assert np.array_equal(found["speed2"].value[numbers], (raw * 0.5 - 10.0)[numbers])
+    assert (findings["value-is-text"].channel, findings["value-is-text"].count) == ("speed2", 3)
+    assert findings["value-is-text"].spans == ((0.4, 0.44),)
+
+
+def test_groups_of_one_name_are_the_axles_if_they_say_so(tmp_path: Path) -> None:
+    def pair() -> list[Signal]:
+        return [Signal(T, T, name="BC pressure", unit="bar"),
+                Signal(70 - T, T, name="wheel speed", unit="km/h")]  # fmt: skip
+
+    def axles(*names: str) -> list[tuple[str | None, int | None]]:
+        path = written(tmp_path / "a.mf4", *((name, pair()) for name in names))
+        meant, _ = needed(open_source(path, ReadOptions()), ())
+        return [(m.meaning, m.axle) for m in meant]
+
+    both = ["pressure", "wheel_speed"]
+    assert axles("Axle 1", "Axle 2") == [(m, axle) for axle in (1, 2) for m in both]
+    assert axles("CAN 1", "CAN 2") == [(m, None) for m in both]  # the second is reported
+
+
+def test_groups_without_time_and_names_twice(tmp_path: Path) -> None:
+    distance = Signal(T, T, name="track", unit="m", master_metadata=("s", 3))
+    path = written(
+        tmp_path / "a.mf4",
+        ("slow", [Signal(T[::5], T[::5], name="p", unit="bar")]),
+        ("fast", [Signal(T, T, name="p", unit="bar"), Signal(T, T, name="p", unit="bar")]),
+        ("over distance", [distance]),
+    )
+    found, findings = columns(path)
+    assert {name: len(c.t) for name, c in found.items()} == {
+        "p (slow)": 40, "p (fast)": 200, "p (2) (fast)": 200
+    }  # fmt: skip
+    assert findings["group-not-read"].names["groups"] == "over distance"
+    log = survey(open_source(path, ReadOptions()), (), Vehicle())
+    assert {c.rate_hz for c in log.channels} == {10.0, 50.0}
+
+
+def test_a_time_that_is_no_number_costs_its_row(tmp_path: Path) -> None:
+    t = T.copy()
+    t[100:103] = np.nan, np.inf, 1e300
+    found, findings = columns(written(tmp_path / "a.mf4", ("", [Signal(T, t, name="p")])))
+    assert len(found["p"].t) == len(T) - 3
+    assert findings["time-unreadable"].count == 3
+
+
+def test_a_hole_in_packed_data_costs_the_rows_behind_it(tmp_path: Path) -> None:
+    """Only of its group: the others are whole."""
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups(), compression=1)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"##DZ", raw.index(b"##DZ") + 4)
+    raw[at + 100 : at + 200] = bytes(100)
+    path.write_bytes(raw)
+    found, findings = columns(path)
+    assert {len(c.t) for c in found.values()} == {901, 361, 338, 0}
+    assert findings["log-damaged"].severity == "error"
+    assert findings["log-damaged"].values["lost_rows"] == 1801
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limits of memory there")
+def test_a_file_that_claims_too_many_rows(tmp_path: Path) -> None:
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"##CG")
+    links = int.from_bytes(raw[at + 16 : at + 24], "little")
+    count = at + 24 + 8 * links + 8  # behind the record id
+    assert int.from_bytes(raw[count : count + 8], "little") in (901, 1801, 361, 338)
+    raw[count : count + 8] = (1 << 40).to_bytes(8, "little")
+    path.write_bytes(raw)
+    found, findings = columns(path)
+    assert sorted({len(c.t) for c in found.values()}) == [338, 361, 901, 1801]
+    assert findings["log-damaged"].values["lost_rows"] > 1e12
+
+
+def test_a_library_that_crashes_is_one_error(tmp_path: Path) -> None:
+    """The next log is read all the same."""
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
+    source = open_source(path, ReadOptions())
+    os.kill(isolated._servers["mf4"].process.pid, signal.SIGTERM)
+    with pytest.raises(UserError, match="crashes") as error:
+        source.columns(source.fields)
+    assert str(path) in error.value.text
+    assert error.value.hint
+    assert len(open_source(path, ReadOptions()).fields) == 17
+
+
+def test_without_the_library_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = brakes.mdf(tmp_path / "a.mf4", brakes.groups())
+    monkeypatch.setattr(isolated.importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(UserError, match="asammdf") as error:
+        open_source(path, ReadOptions())
+    assert "pip install 'adhesion-cli[mf4]'" in error.value.hint

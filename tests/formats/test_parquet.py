@@ -1,0 +1,129 @@
+"""Parquet logs: which column is the time, what a damaged or hostile file costs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.open import open_source
+from adhesion_cli.formats.source import ReadOptions
+
+N = 500
+SECONDS = np.arange(N) / 100
+START = 1_795_266_307_250_000_000  # [ns]
+
+
+def log(path: Path, time: Any, unit: str = "", **more: Any) -> Any:
+    """A log with this time column and two channels, opened."""
+    fields = [
+        pa.field("time", time.type, metadata={"unit": unit} if unit else None),
+        pa.field("speed", pa.float32(), metadata={"unit": "km/h"}),
+        pa.field("BC pressure [kPa]", pa.int16()),
+    ]
+    columns = [time, pa.array(72 - SECONDS, pa.float32()), pa.array(np.arange(N), pa.int16())]
+    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path, **more)
+    return open_source(path, ReadOptions())
+
+
+def ns(kind: str, zone: str | None = None) -> Any:
+    ticks = pa.array(START + np.arange(N) * 10**7, pa.timestamp("ns", zone))
+    return ticks.cast(pa.timestamp(kind, zone))
+
+
+@pytest.mark.parametrize(
+    ("time", "unit", "absolute"),
+    [
+        (ns("ns", "UTC"), "", True),
+        (ns("ns", "Asia/Shanghai"), "", True),
+        (ns("us"), "", True),
+        (ns("ms", "UTC"), "", True),
+        (ns("ns").cast(pa.int64()), "ns", True),
+        (ns("ms").cast(pa.int64()), "", True),  # by its magnitude
+        (pa.array(SECONDS), "s", False),
+        (pa.array(SECONDS), "", False),
+        (pa.array(np.arange(N) * 10), "ms", False),
+        (pa.array(np.arange(N) * 10**7, pa.duration("ns")), "", False),
+        (ns("ms").cast(pa.string()), "", True),
+    ],
+)
+def test_the_time_column(tmp_path: Path, time: Any, unit: str, absolute: bool) -> None:
+    source = log(tmp_path / "a.parquet", time, unit)
+    speed, pressure = source.columns(source.fields)
+    start = START if absolute else 0
+    assert source.absolute is absolute
+    assert speed.t is pressure.t
+    assert np.array_equal(speed.t, start + np.arange(N) * 10**7)
+    assert np.array_equal(speed.value, (72 - SECONDS).astype(np.float32).astype(float))
+    assert [f.unit for f in source.fields] == ["km/h", ""]
+
+
+def test_a_null_is_no_sample_and_nan_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    value = pa.array([1.0, None, np.nan, 4.0])
+    pq.write_table(pa.table({"time [s]": pa.array([0.0, 0.1, 0.2, 0.3]), "p [bar]": value}), path)
+    source = open_source(path, ReadOptions())
+    [column] = source.columns(source.fields)
+    assert column.valid.tolist() == [True, False, True, True]
+    [finding] = [f for f in source.findings if f.code == "value-missing"]
+    assert (finding.count, finding.spans, finding.severity) == (1, ((0.1, 0.1),), "info")
+
+
+def test_rows_without_a_time_are_reported(tmp_path: Path) -> None:
+    time = pa.array([None if 10 <= k < 15 else t for k, t in enumerate(SECONDS)])
+    source = log(tmp_path / "a.parquet", time, "s")
+    columns = source.columns(source.fields)
+    assert [len(c.t) for c in columns] == [N - 5] * 2
+    [finding] = source.findings
+    assert (finding.code, finding.count, finding.severity) == ("time-unreadable", 5, "warning")
+
+
+def test_a_damaged_page_costs_its_column_in_its_row_group(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    log(path, pa.array(SECONDS), "s", row_group_size=100, write_page_checksum=True,
+        compression="none", use_dictionary=False)  # fmt: skip
+    place = pq.ParquetFile(path).metadata.row_group(2).column(1)
+    raw = bytearray(path.read_bytes())
+    raw[place.data_page_offset + place.total_compressed_size - 10] ^= 1
+    path.write_bytes(raw)
+    source = open_source(path, ReadOptions())
+    speed, pressure = source.columns(source.fields)
+    assert np.array_equal(np.flatnonzero(~speed.valid), np.arange(200, 300))
+    assert pressure.valid.all()
+    [finding] = source.findings
+    assert (finding.code, finding.channel, finding.count) == ("value-damaged", "speed", 100)
+    assert finding.spans == ((2.0, 2.99),)
+    strict = open_source(path, ReadOptions(strict=True))
+    with pytest.raises(UserError, match="speed"):
+        strict.columns(strict.fields)
+
+
+def test_a_bomb_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    """A column of one value costs no bytes of the file, whatever its length."""
+    path = tmp_path / "a.parquet"
+    rows = 1 << 25
+    indices = pa.array(np.zeros(rows, np.int8))
+    column = pa.DictionaryArray.from_arrays(indices, pa.array([1.0]))
+    pq.write_table(pa.table({"time [s]": column, "p [bar]": column}), path)
+    assert path.stat().st_size < 400_000
+    with pytest.raises(UserError, match="more than a file of this size holds"):
+        open_source(path, ReadOptions())
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ({"p [bar]": [1.0, 2.0]}, "no column is a time"),
+        ({"time [s]": [0.0, 0.1]}, "no numbers"),
+        ({"time [s]": [0.0, 0.1], "note": ["a", "b"]}, "no numbers"),
+    ],
+)
+def test_what_is_no_log(tmp_path: Path, columns: dict[str, list[Any]], says: str) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(UserError, match=says) as error:
+        open_source(path, ReadOptions())
+    assert error.value.hint
