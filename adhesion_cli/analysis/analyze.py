@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ..channels.log import read
-from ..core import compiled, estimator, physics
+from ..core import compiled, estimator, innovations, physics
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, AxleResult, Reference, Result, Vehicle, quantities
 from ..core.time_axis import spans_of
-from ..diagnostics import diagnosis
+from ..diagnostics import diagnosis, noise_model
 from ..dynamics.train_grid import Scene
 from ..evaluation import metrics
 from ..formats.open import open_source
@@ -190,21 +190,26 @@ def _axle(
     ref = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
     found = {
-        e.name: compiled.batch(
+        e.name: compiled.judged(
             e, settings.params(e), w, record.t, faded.clamping_force, record.wheel_speed, starts
         )
         for e in estimators
     }
-    estimates = {name: force for name, (force, _) in found.items()}
-    sigmas = {name: sigma for name, (_, sigma) in found.items() if sigma is not None}
+    estimates = {name: force for name, (force, *_) in found.items()}
+    sigmas = {name: sigma for name, (_, sigma, _) in found.items() if sigma is not None}
+    nis = {name: innovations.mean(x) for name, (*_, x) in found.items() if x is not None}
     applications = metrics.applications(record)
     findings = list(of_axle(record, vehicle, ref, applications, start_ns))
+    findings += noise_model.check(
+        settings.checks["noise_model"], f"axle {record.axle}", {"the reference": ref.nis, **nis}
+    )
     lost = [s for s in applications if _drowned(ref, s)]
     if lost:
         ref, refused = _refused(record, ref, lost, start_ns)
         findings.append(refused)
     known = tuple(s for s in applications if s not in lost)
     scores = metrics.scores(record, ref, estimates, known, sigmas)
+    scores = tuple(replace(s, nis=nis.get(s.algo)) for s in scores)
     result = AxleResult(record, ref, estimates, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
         return result, findings

@@ -86,6 +86,7 @@ def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
             "method": ref.method,
             "sigma_n": _median(ref.sigma[braked]),
             "band_n": _median(ref.half[braked]),
+            "nis": ref.nis and asdict(ref.nis),
         },
         "applications": [
             _application(x, result.log.start_ns()) for x in of_axle(axle, result.vehicle)

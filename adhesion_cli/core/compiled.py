@@ -64,23 +64,25 @@ def call({arguments}):
 
 # Slices, because an index that counts from 0 needs no check for a negative one.
 _BATCH = """
-def call(params, constants, t_all, K_all, y_all, starts, F_all, sigma_all):
+def call(params, constants, t_all, K_all, y_all, starts, F_all, sigma_all, nis_all):
     p = Params({params})
     w = Wheelset({constants})
     for j in range(len(starts)):
         segment = slice(starts[j], starts[j + 1] if j + 1 < len(starts) else len(t_all))
         t, K, y, F = t_all[segment], K_all[segment], y_all[segment], F_all[segment]
-        sigma = sigma_all[segment]
+        sigma, squares = sigma_all[segment], nis_all[segment]
         s = init(p, w, K[0], y[0])
         F[0] = s.F
         {first}
         before = t[0]
         for i in range(1, len(t)):
-            s = step(p, w, s, (t[i] - before) * 1e-9, K[i], y[i])
+            {judged}
+            s = step({sample})
             F[i] = s.F
             {then}
             before = t[i]
 """
+_SAMPLE = "p, w, s, (t[i] - before) * 1e-9, K[i], y[i]"
 
 
 def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
@@ -94,6 +96,24 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
 ) -> tuple[Floats, Floats | None]:
     """F̂ and its standard uncertainty [N] over one axle, shape (n,); None without one.
 
+    Arguments and errors as of `judged`.
+    """
+    return _run(est, p, w, (t_ns, K, y), starts, False)[:2]
+
+
+def judged(  # noqa: PLR0913 (the arrays of a record, without its class)
+    est: Estimator,
+    p: Any,
+    w: Wheelset,
+    t_ns: Times,
+    K: Floats,
+    y: Floats,
+    starts: NDArray[np.int64],
+) -> tuple[Floats, Floats | None, Floats | None]:
+    """F̂, its standard uncertainty [N], normalised innovation squared, (n,); None without one.
+
+    The last one is NaN at the samples that the estimator does not use.
+
     Args:
         est: the estimator.
         p: its parameters, from `methods.validated`.
@@ -106,15 +126,24 @@ def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
     Raises:
         UserError: where an interval is too long for `euler = 1`.
     """
-    t, starts = (np.ascontiguousarray(x, np.int64) for x in (t_ns, starts))
-    K, y = (np.ascontiguousarray(x, np.float64) for x in (K, y))
+    return _run(est, p, w, (t_ns, K, y), starts, est.nis is not None)
+
+
+def _run(
+    est: Estimator, p: Any, w: Wheelset, columns: tuple[Times, Floats, Floats],
+    starts: NDArray[np.int64], judge: bool,
+) -> tuple[Floats, Floats | None, Floats | None]:  # fmt: skip
+    """As `judged`; without `judge` it is faster, and no innovation is known."""
+    t, starts = (np.ascontiguousarray(x, np.int64) for x in (columns[0], starts))
+    K, y = (np.ascontiguousarray(x, np.float64) for x in columns[1:])
     if est.longest_step(p) < math.inf:
         h = np.diff(t)
         h[starts[1:] - 1] = 0  # between segments
         check_step(est, p, float(h.max(initial=0)) * 1e-9)
     F, sigma = np.empty(len(t)), np.empty(len(t) if est.has_sigma else 0)
-    _loop(est)(np.array(p, float), np.array(w, float), t, K, y, starts, F, sigma)
-    return F, sigma if est.has_sigma else None
+    squares = np.full(len(t) if judge else 0, np.nan)
+    _loop(est, judge)(np.array(p, float), np.array(w, float), t, K, y, starts, F, sigma, squares)
+    return F, sigma if est.has_sigma else None, squares if judge else None
 
 
 def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callable[..., Any]:
@@ -164,15 +193,18 @@ def by_address(target: Any, *examples: Any) -> Any:
     return Address()
 
 
-def _loop(est: Estimator) -> Callable[..., Any]:
+def _loop(est: Estimator, judge: bool) -> Callable[..., Any]:
     text = _BATCH.format(
         params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
         first="sigma[0] = s.sigma" if est.has_sigma else "",
         then="sigma[i] = s.sigma" if est.has_sigma else "",
+        sample=_SAMPLE,
+        judged=f"squares[i] = nis({_SAMPLE})" if judge else "",
     )
     reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
-    return _compiled(f"batch_{est.name}", text, tuple(reached.items()))
+    reached |= {"nis": est.nis} if judge else {}
+    return _compiled(f"{'judged' if judge else 'batch'}_{est.name}", text, tuple(reached.items()))
 
 
 @cache

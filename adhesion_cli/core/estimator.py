@@ -9,6 +9,8 @@ An estimator is a method in `estimators/`; `methods` says what its file holds. I
   actual interval to this sample [s], `K` its clamping force [N], `y` its wheel speed [rad/s].
 
 The same `step` runs sample by sample (`online`) and compiled over whole logs (`compiled.batch`).
+`nis(p, w, s, h, K, y) -> float` is optional: the normalised innovation squared of this sample, by
+the state before it. It is NaN where the estimator does not use the sample.
 `longest_step(p) -> float` is optional. It is the longest interval [s] at which `step` is stable,
 for parameters that are not stable at every interval.
 
@@ -55,6 +57,7 @@ class Estimator(Method):
 
     claims: Mapping[str, Claim]
     longest_step: Callable[[Any], float]
+    nis: Callable[..., float] | None
 
     @property
     def has_sigma(self) -> bool:
@@ -75,6 +78,7 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
         name: Estimator(
             m.name, m.title, m.source, m.Params, m.State, m.init, m.step, m.path,
             module.ABOUT.claims, getattr(module, "longest_step", _any_step),
+            getattr(module, "nis", None),
         )
         for name, (m, module) in methods.scan(KIND, *extra_folders).items()
     }  # fmt: skip

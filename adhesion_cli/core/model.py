@@ -296,6 +296,18 @@ class Vehicle:
 
 
 @dataclass(frozen=True, slots=True)
+class Nis:
+    """Normalised innovation squared of a filter, mean over the log; names as in the JSON.
+
+    It is 1 if the filter's model is right, and larger if the filter is too sure of itself.
+    """
+
+    mean: float
+    low: float  # 95 % interval of the mean if the model is right, with correlated innovations
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
     """Offline adhesion force of one axle; columns of shape (n,) [N]."""
 
@@ -309,6 +321,7 @@ class Reference:
     pulses: float = math.inf  # pulses while a slide may change, if they are few
     averaged: float = 0.0  # probability that the speed is the mean over its interval
     mass: Floats | None = None  # covariance of the force with ln m, by the tolerances [N]
+    nis: Nis | None = None  # of the forward filter, None where the method has none
 
     @property
     def half(self) -> Floats:
@@ -347,6 +360,7 @@ class Score:
     relative: float | None = None
     band_n: float | None = None  # median half-width of the estimator's own 95 % band
     within: float | None = None  # share of the samples at which it holds the target
+    nis: Nis | None = None  # of the estimator, None where it has none
     alike: bool | None = None  # whether the target's noise explains its difference from the best
     blocks: tuple[Floats, Floats] | None = field(default=None, compare=False, repr=False)
 

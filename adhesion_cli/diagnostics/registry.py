@@ -45,7 +45,10 @@ class Check:
 
 
 class Sensors(NamedTuple):
-    """A check of single channels: its file lies in `records/`, and `records.screen` makes it."""
+    """A check of single channels.
+
+    `records.screen` makes those in `records/`. `noise_model` comes after the estimators.
+    """
 
     name: str  # as settings have it: "diagnostics.outliers"
     about: methods.About
@@ -66,7 +69,8 @@ def registry() -> Mapping[str, Check]:
 def tunable() -> Mapping[str, Check | Sensors]:
     """Every check that has thresholds, by name: those of single channels first."""
     alone = {}
-    for name in Thresholds._fields:
-        module = importlib.import_module(f"..records.{name}", __package__)
+    files = {name: f"..records.{name}" for name in Thresholds._fields}
+    for name, file in {**files, "noise_model": ".noise_model"}.items():
+        module = importlib.import_module(file, __package__)
         alone[name] = Sensors(f"diagnostics.{name}", module.ABOUT, module.Params)
     return alone | dict(registry())

@@ -129,6 +129,14 @@ def _rounded(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:
     return after, 0.0
 
 
+def below(g: Gaussian, of: Reading, y: float) -> tuple[float, float]:
+    """The probability of a reading below y, and of one above it, each times p."""
+    n = of.counts
+    S = max(g.xx - 2.0 * n * g.xn + n * n * g.nn, 0.0) + of.variance
+    far = (y - g.x + n * g.n) / math.sqrt(2.0 * S)
+    return 0.5 * g.p * math.erfc(-far), 0.5 * g.p * math.erfc(far)
+
+
 def weighed(g: Gaussian, p: float) -> Gaussian:
     """The same with another probability."""
     return Gaussian(g.x, g.r, g.n, g.xx, g.xr, g.rr, g.xn, g.rn, g.nn, max(p, _LEAST))

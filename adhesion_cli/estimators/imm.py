@@ -21,9 +21,10 @@ import math
 from typing import Annotated, NamedTuple
 
 from ..core.estimator import About, Claim
+from ..core.innovations import square
 from ..core.model import Quantity, Wheelset
 from ..core.physics import G, rolling_deceleration
-from ._mixture import Gaussian, Reading, corrected, known, merged, moved, weighed
+from ._mixture import Gaussian, Reading, below, corrected, known, merged, moved, weighed
 from ._noise import Noise, certain, counting, discovered, guessed, learned, paused, rounding, tells
 
 # Rates of change between regimes [1/s].
@@ -104,6 +105,44 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
+    x, z, c, of, noise, clamping = _predicted(p, w, s, h, K, y)
+    rolling, d_r = corrected(x, of)
+    sliding, d_s = corrected(z, of)
+    changing, d_c = corrected(c, of)
+    least = min(d_r, d_s, d_c)
+    p_r, p_s = rolling.p * math.exp(least - d_r), sliding.p * math.exp(least - d_s)
+    p_c = changing.p * math.exp(least - d_c)
+    total = p_r + p_s + p_c
+    rolling, sliding = weighed(rolling, p_r / total), weighed(sliding, p_s / total)
+    changing = weighed(changing, p_c / total)
+    F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
+    variance = rolling.p * (rolling.rr + (rolling.r - F) ** 2)
+    variance += sliding.p * (sliding.rr + (sliding.r - F) ** 2)
+    variance += changing.p * (changing.rr + (changing.r - F) ** 2)
+    sigma = math.sqrt(variance + (w.rolling * w.phi) ** 2 * clamping.variance)
+    return State(rolling, sliding, changing, noise, clamping, sigma, F)
+
+
+def nis(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> float:
+    """Normalised innovation squared of this sample, NaN where the filters do not use it."""
+    x, z, c, of, _, _ = _predicted(p, w, s, h, K, y)
+    if of.variance >= NOTHING:
+        return math.nan
+    low, high = y - 0.5 * of.step, y + 0.5 * of.step
+    return square(_below(x, z, c, of, low), _below(x, z, c, of, high))
+
+
+def _below(x: Gaussian, z: Gaussian, c: Gaussian, of: Reading, y: float) -> tuple[float, float]:
+    """Probability of a reading below y, and of one above it, by all regimes together."""
+    a, b, d = below(x, of, y), below(z, of, y), below(c, of, y)
+    total = x.p + z.p + c.p
+    return (a[0] + b[0] + d[0]) / total, (a[1] + b[1] + d[1]) / total
+
+
+def _predicted(
+    p: Params, w: Wheelset, s: State, h: float, K: float, y: float
+) -> tuple[Gaussian, Gaussian, Gaussian, Reading, Noise, Clamping]:
+    """The regimes before they take the reading; the reading; what is learned from it."""
     weight, before = w.mass * G, s.clamping.K
     clamping = _clamped(p, s.clamping, h, K, weight / w.phi)
     mean, rise = 0.5 * (before + clamping.K), w.rolling * w.phi * (clamping.K - before)
@@ -123,21 +162,7 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     )  # (1)
     z = moved(z, a, braked, lost + fresh, 0.0, (p.sliding * load) ** 2 * h)
     c = moved(c, a, braked, lost + fresh, 0.0, (p.changing * load) ** 2 * h)
-    rolling, d_r = corrected(x, of)
-    sliding, d_s = corrected(z, of)
-    changing, d_c = corrected(c, of)
-    least = min(d_r, d_s, d_c)
-    p_r, p_s = rolling.p * math.exp(least - d_r), sliding.p * math.exp(least - d_s)
-    p_c = changing.p * math.exp(least - d_c)
-    total = p_r + p_s + p_c
-    rolling, sliding = weighed(rolling, p_r / total), weighed(sliding, p_s / total)
-    changing = weighed(changing, p_c / total)
-    F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
-    variance = rolling.p * (rolling.rr + (rolling.r - F) ** 2)
-    variance += sliding.p * (sliding.rr + (sliding.r - F) ** 2)
-    variance += changing.p * (changing.rr + (changing.r - F) ** 2)
-    sigma = math.sqrt(variance + (w.rolling * w.phi) ** 2 * clamping.variance)
-    return State(rolling, sliding, changing, noise, clamping, sigma, F)
+    return x, z, c, of, noise, clamping
 
 
 def _switched(s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian]:

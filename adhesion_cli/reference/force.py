@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core import innovations
 from ..core.errors import unknown
 from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
 from ..core.physics import rolling_deceleration, wheelset
@@ -51,6 +52,7 @@ class Parts(NamedTuple):
     acceleration: Floats  # ω̇ [rad/s²]
     sigma: Floats  # 1 sigma of φK + ω̇/a from noise alone [N]
     averaged: float = 0.0  # probability that a speed is the mean since the last one
+    squares: Floats | None = None  # normalised innovations squared, where the filter has a sample
 
 
 class Method(NamedTuple):
@@ -99,9 +101,11 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     largest = max((share for _, share in ripples), default=0.0)
     averaged = found[0].averaged if found else 0.0
     pulses = _pulses(max(runs, key=len)) if runs else math.inf
+    squares = [parts.squares for parts in found if parts.squares is not None]
+    nis = innovations.mean(np.concatenate(squares)) if squares else None
     source, open_ = METHODS[method].source, record.saturated
     return Reference(
-        method, source, force, sigma, tolerance, open_, largest, pulses, averaged, mass
+        method, source, force, sigma, tolerance, open_, largest, pulses, averaged, mass, nis
     )
 
 
@@ -184,7 +188,7 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     prior = smoother.Noise(noise, _SHARE * scale, scale**2 * np.array([1e-5, 1e-2, 10.0]))
     fitted, regimes = _fit_either(fitted_to, _step(wheel), scale, prior, slack)
     rates = [_rate(*both, regimes, fitted) for both in zip(wheel, telling, strict=True)]
-    averaged = 0.0
+    averaged, judged = 0.0, (fitted_to, fitted)
     if not together and not runs[0].pressure_late.value:
         means = [_telling(run, mean=True) for run in wheel]
         averaged, noise_of = 0.5, fitted
@@ -193,9 +197,11 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
         if averaged > _NEVER:
             late = [_rate(*both, regimes, noise_of) for both in zip(wheel, means, strict=True)]
             rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
+        judged = (means, noise_of) if averaged > _LIKELY else judged
+    squares = [smoother.innovations(run, regimes, judged[1]) ** 2 for run in judged[0]]
     return [
-        Parts(K, rate, np.hypot(sigma / w.a, w.phi * K_sigma), averaged)
-        for (K, K_sigma), (rate, sigma) in zip(clamping, rates, strict=True)
+        Parts(K, rate, np.hypot(sigma / w.a, w.phi * K_sigma), averaged, z2)
+        for (K, K_sigma), (rate, sigma), z2 in zip(clamping, rates, squares, strict=True)
     ]
 
 

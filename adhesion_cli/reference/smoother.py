@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled
+from ..core.innovations import score
 from ..core.model import Z95, Floats
 
 
@@ -121,6 +122,13 @@ def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
     return sum(_forward(run, regimes, noise, None) for run in runs)
 
 
+def innovations(run: Run, regimes: Regimes, noise: Noise) -> Floats:
+    """Each sample as a standard normal value, by what the samples before it predict; (n − 1,)."""
+    scores = np.empty(len(run.t))
+    _forward(run, regimes, noise, None, scores)
+    return scores[1:]
+
+
 def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
     """Level and rate at every sample, from all samples."""
     n, M = len(run.t), len(regimes.follow)
@@ -176,12 +184,16 @@ def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float
     )  # fmt: skip
 
 
-def _forward(run: Run, regimes: Regimes, noise: Noise, kept: Floats | None) -> float:
-    """Log-likelihood of the run; fills `kept` (n, M, 6) where given."""
+def _forward(
+    run: Run, regimes: Regimes, noise: Noise, kept: Floats | None, scores: Floats | None = None
+) -> float:
+    """Log-likelihood of the run; fills `kept` (n, M, 6) and `scores` (n,) where given."""
     table = np.empty((0, len(regimes.follow), 6)) if kept is None else kept
+    scores = np.empty(0) if scores is None else scores
     value: float = compiled.function(_filter)(
         *_arguments(run, regimes, noise), run.y, noise.measurement + run.known,
         run.span**3 / 320.0, regimes.start, regimes.spread**2, table,
+        scores,
     )  # fmt: skip
     return value
 
@@ -219,12 +231,16 @@ def _predict(  # noqa: PLR0913 (numba: plain arrays and floats)
 def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
     follow: Floats, leave: Floats,
-    y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats,
+    y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats, scores: Floats,
 ) -> float:  # fmt: skip
-    """Forward pass; returns the log-likelihood, keeps every state where `kept` has the length."""
+    """Forward pass; returns the log-likelihood.
+
+    It fills `kept` with every state, and `scores` with every innovation, where these have the
+    length.
+    """
     n, M = len(t), len(follow)
     now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
-    T, off = np.empty((M, M)), np.empty((M, M))
+    T, far = np.empty((M, M)), np.empty((M, M))
     for j in range(M):
         now[j, 0], now[j, 1] = y[0], 0.0
         now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
@@ -251,13 +267,15 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
                 g0, g1 = P00 / S, P01 / S
                 pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
                 pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * noise, g1 * noise, P11 - g1 * P01
-                off[i, j] = 0.5 * e * e / S
+                far[i, j] = e / math.sqrt(2.0 * S)
                 W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
-                least = min(least, off[i, j])
+                least = min(least, far[i, j] ** 2)
+        if len(scores) == n:
+            scores[k] = _scored(now, T, far)
         mass = 1e-300
         for i in range(M):
             for j in range(M):
-                W[i, j] *= math.exp(least - off[i, j])
+                W[i, j] *= math.exp(least - far[i, j] ** 2)
                 mass += W[i, j]
         total += math.log(mass) - least
         for j in range(M):
@@ -267,6 +285,20 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
         if len(kept) == n:
             kept[k] = now
     return total
+
+
+def _scored(now: Floats, T: Floats, far: Floats) -> float:
+    """The reading as a standard normal value, by every regime before and after the step.
+
+    `far` (M, M) is its distance from each prediction, in units of √2 standard deviations.
+    """
+    below = above = 0.0
+    for i in range(len(T)):
+        for j in range(len(T)):
+            share = 0.5 * now[i, 5] * T[i, j]
+            below += share * math.erfc(-far[i, j])
+            above += share * math.erfc(far[i, j])
+    return score(below, above)
 
 
 def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:

@@ -1,6 +1,7 @@
 """The main job in one process: what a result file must give back."""
 
 import functools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 import simulated
 
-from adhesion_cli.analysis import settings
+from adhesion_cli.analysis import json_documents, settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Result, Vehicle, quantities
@@ -34,6 +35,42 @@ def test_pulses_too_few_to_show_slides_are_said(
     )
     told = [f.severity for f in analysed(log, algos=["td"]).findings if f.code == "few-pulses"]
     assert told == ["warning"] * few
+
+
+def noisy(path: Path, filtered: bool) -> Path:
+    """The bundled service brake with more noise of its wheel speed, before a filter of 0.2 s."""
+    header, *rows = (SAMPLES / "service-brake.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    y = np.array([float(row[2]) for row in cells])
+    y += np.random.default_rng(1).normal(0.0, 0.3, len(y)) * (y > 1.0)
+    for i in range(1, len(y) * filtered):
+        y[i] = y[i - 1] + (1.0 - math.exp(-0.01 / 0.2)) * (y[i] - y[i - 1])
+    for row, value in zip(cells, y, strict=True):
+        row[2] = f"{value:.4f}"
+    path.write_text("\n".join([header, *map(",".join, cells)]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_a_speed_that_was_filtered_contradicts_the_noise_model(
+    tmp_path: Path, filtered: bool
+) -> None:
+    result = analysed(noisy(tmp_path / "a.csv", filtered), algos=["imm", "td"])
+    told = [f for f in result.findings if f.code == "noise-model"]
+    assert [(f.severity, f.channel) for f in told] == [("warning", "axle 1")] * filtered
+    (axle,) = json_documents.entry(result, {})["axles"]
+    nis = {s["algo"]: s["nis"] for s in axle["estimators"]}
+    assert nis["td"] is None
+    assert axle["reference"]["nis"].keys() == nis["imm"].keys() == {"mean", "low", "high"}
+    assert nis["imm"]["low"] < 1.0 < nis["imm"]["high"]
+    if filtered:
+        assert told[0].values["nis"] == nis["imm"]["mean"] > 1.1
+        loose = analyze(
+            tmp_path / "a.csv",
+            functools.partial(settings.load, None, ["diagnostics.noise_model.nis=2"]),
+            algos=["imm"],
+        )
+        assert not any(f.code == "noise-model" for f in loose.findings)
 
 
 @pytest.mark.parametrize("pressure_every", [1, 20])

@@ -157,3 +157,26 @@ def test_the_parameters_of_the_regimes_are_probabilities():
     for s in states(t, K, y)[::50]:
         assert s.rolling.p + s.sliding.p + s.changing.p == pytest.approx(1.0, abs=1e-9)
         assert s.rolling.p > 0.8
+
+
+@pytest.mark.parametrize(("kmh", "noise"), [(0.0, 0.01), (0.5, 0.01), (0.1, 0.1)])
+def test_readings_are_as_it_predicts(kmh, noise):
+    """Mean of the normalised innovations squared, for white noise and for steps of a display."""
+    t = np.arange(0.0, 15.0, H)
+    K, y, _ = rolling_brake(t)
+    y = y + np.random.default_rng(1).normal(0.0, noise, len(y))
+    if kmh:
+        step = kmh / 3.6 / 0.43
+        y = np.round(y / step) * step
+    ns = np.round(t * 1e9).astype(np.int64)
+    F, sigma, squares = compiled.judged(IMM, P, W, ns, K, y, np.array([0]))
+    for a, b in zip((F, sigma), compiled.batch(IMM, P, W, ns, K, y, np.array([0])), strict=True):
+        assert a == pytest.approx(b, rel=1e-12)
+    assert np.isnan(squares[0])
+    assert 0.6 < np.nanmean(squares) < 1.1
+    before = states(ns[:300], K[:300], y[:300], 1e-9)[:-1]
+    plain = [
+        IMM.nis(P, W, s, h * 1e-9, k, v)
+        for s, h, k, v in zip(before, np.diff(ns[:300]), K[1:300], y[1:300], strict=True)
+    ]
+    assert squares[1:300] == pytest.approx(plain, rel=1e-6, nan_ok=True)

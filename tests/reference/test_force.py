@@ -722,15 +722,35 @@ def test_compiled_and_plain_loops_agree() -> None:
     two = smoother.Regimes(np.array([0.0, 1.0]), leave, np.array([0.5, 0.5]), 10.0)
     run = run._replace(s=np.cos(run.t), lost=np.full(30, 1e-5), span=np.full(30, 0.05))
     noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
-    plain_kept, plain = np.empty((30, 2, 6)), np.empty((30, 4))
+    plain_kept, plain, scores = np.empty((30, 2, 6)), np.empty((30, 4)), np.empty(30)
     arguments = smoother._arguments(run, two, noise)
     smoother._filter(
-        *arguments, run.y, 0.01 + run.known, run.span**3 / 320.0, two.start, 100.0, plain_kept
-    )
+        *arguments, run.y, 0.01 + run.known, run.span**3 / 320.0, two.start, 100.0, plain_kept,
+        scores,
+    )  # fmt: skip
     smoother._backward(*arguments, plain_kept, plain)
     found = smoother.smooth(run, two, noise)
     assert found.level == pytest.approx(plain[:, 0], rel=1e-12)
     assert found.rate - run.u == pytest.approx(plain[:, 2], rel=1e-9)
+    assert smoother.innovations(run, two, noise) == pytest.approx(scores[1:], rel=1e-9)
+
+
+def test_innovations_of_a_right_model_are_white_and_of_variance_one() -> None:
+    run, _ = random_run(1, 4000, 0.01, 0.5)
+    right = smoother.innovations(run, ONE, smoother.Noise(0.01, 0.0, np.array([0.5])))
+    assert np.mean(right**2) == pytest.approx(1.0, abs=0.07)
+    assert abs(np.mean(right[1:] * right[:-1])) < 0.05
+    sure = smoother.innovations(run, ONE, smoother.Noise(0.0025, 0.0, np.array([0.125])))
+    assert np.mean(sure**2) == pytest.approx(4.0, abs=0.3)
+
+
+@pytest.mark.parametrize("case", [{"kmh": 0.1}, {"noise": 1e-4}])
+def test_the_reference_has_the_nis_of_its_forward_filter(case: dict[str, float]) -> None:
+    record, _ = logged("low-adhesion", 50.0, pressure_noise=500.0, **case)
+    nis = force.compute(record, VEHICLE).nis
+    assert nis is not None
+    assert 0.3 < nis.mean < nis.high
+    assert force.compute(record, VEHICLE, "butterworth").nis is None
 
 
 @pytest.mark.parametrize("rate", [10.0, 20.0, 50.0])

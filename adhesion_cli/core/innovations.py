@@ -1,0 +1,71 @@
+"""Whether the readings are as a filter predicts them: normalised innovation squared, NIS.
+
+Before each reading, a filter says how probable every value of it is. z is the reading as a standard
+normal value: the same share of the probability lies below both. For one Gaussian z² is e²/S, with e
+the innovation and S its variance. For a mixture of regimes z² is its exact counterpart. If the
+model is right, z is white, and the mean of z² is 1.
+"""
+
+import math
+
+import numpy as np
+
+from .model import Floats, Nis
+from .signals import coverage_factor
+
+_FEWEST = 40  # innovations that show a mean and its error
+_BLOCKS = 30  # parts of a log whose means show the error of the whole mean
+_PART = 20  # least innovations of such a part, if there are many
+
+_ROOT2, _ROOT_TAU = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
+_LEAST = 1e-300
+_THIN, _NARROW = 1e-30, 1e-4  # a reading that is one value, or so improbable
+_ROUNDS = 8  # of Newton's method; four give ten digits
+
+
+def score(below: float, above: float) -> float:
+    """Standard normal value with these probabilities below and above it; runs compiled."""
+    tail = max(min(below, above), _LEAST)
+    wanted = math.log(tail)
+    z = math.sqrt(-2.0 * wanted)  # never less than the solution, and so Newton's steps converge
+    for _ in range(_ROUNDS):
+        q = 0.5 * math.erfc(z / _ROOT2)
+        z += (math.log(q) - wanted) * q * _ROOT_TAU * math.exp(0.5 * z * z)
+    return z if above < below else -z
+
+
+def square(low: tuple[float, float], high: tuple[float, float]) -> float:
+    """Mean of z² over a reading that is known to lie between two values; runs compiled.
+
+    Args:
+        low: the probabilities below and above the smaller value.
+        high: the same for the larger one.
+    """
+    a, b = score(low[0], low[1]), score(high[0], high[1])
+    inside = min(high[0] - low[0], 1.0) if low[0] < 0.5 else low[1] - high[1]
+    if inside < _THIN or b - a < _NARROW:
+        return 0.5 * (a * a + b * b)
+    at_a, at_b = math.exp(-0.5 * a * a), math.exp(-0.5 * b * b)
+    return 1.0 + (a * at_a - b * at_b) / (_ROOT_TAU * inside)
+
+
+def mean(squares: Floats) -> Nis | None:
+    """Mean of z² and the 95 % interval in which it lies if the model is right.
+
+    The means of consecutive parts show how much the whole mean varies. So the interval is right for
+    innovations that are correlated within a part, and for any distribution.
+
+    Args:
+        squares: z² in the order of time (n,); NaN where the filter did not use the sample.
+
+    Returns:
+        None for too few innovations, and where all are zero.
+    """
+    known = squares[np.isfinite(squares)]
+    if len(known) < _FEWEST or not known.any():
+        return None
+    parts = np.array_split(known, min(max(len(known) // _PART, 4), _BLOCKS))
+    found, means = float(known.mean()), [x.mean() for x in parts]
+    error = float(np.std(means, ddof=1)) / math.sqrt(len(parts))
+    half = coverage_factor(len(parts) - 1) * error / found
+    return Nis(found, max(1.0 - half, 0.0), 1.0 + half)
