@@ -256,7 +256,9 @@ def _told(error: Exception, kind: str, path: Path) -> tuple[str, str, int]:
         size = _allowed(path.stat().st_size) / 2**30
         text = f"{path}: reading it takes more than {size:.0f} GiB of memory"
         return text, "split the log, or export the channels that are needed", 1
-    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    reason = " ".join(str(error).split())[:120]
+    if type(error) is not ValueError:
+        reason = f"its structure is wrong ({type(error).__name__}: {reason})"
     return *_damaged(path, kind.upper(), reason), 1
 
 

@@ -54,6 +54,9 @@ FORMATS = (
         "mf4", re.compile(rb"(MDF|UnFinMF) "), (".mf4", ".mdf"),
         Library("mf4", "MDF", ("asammdf",), "mf4").open,
     ),
+    Format(
+        "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
+    ),
 )  # fmt: skip
 
 

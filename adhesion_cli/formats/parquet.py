@@ -10,17 +10,13 @@ import pyarrow as pa
 from ..core.errors import UserError
 from ..core.model import Bools, Floats, Times
 from ..core.text import distinct
-from .csv.clock import Clock
-from .csv.dialect import Dialect, fit
-from .csv.header_words import NS_PER_UNIT
-from .csv.time_column import find_clock
+from . import time_columns
 from .source import Field, ReadOptions
 from .tables import Columns, Contents, Note, Samples, TableSource
+from .time_columns import HEAD
 
-_HEAD = 1_000  # rows that show which column is the time
 _MOST_BYTES = 1 << 29, 1_000  # of the columns in memory: at least, and for each byte of the file
 _UNIT_KEYS = (b"unit", b"units", b"Unit", b"Units")  # of a field's metadata
-_MOST_NS = 2**62  # times beyond are no times
 
 
 def open_parquet(path: Path, options: ReadOptions) -> TableSource:
@@ -51,7 +47,8 @@ class Reader:
             )
         self._check_size(2)
         units = [_unit(schema.field(i)) for i in columns]
-        self._clock, kind = self._find_clock(columns, units, options)
+        heads = {name: self._head(name) for name in self._names}
+        self._clock = time_columns.find(heads, units, self._rows, options, path)
         time = self._clock.columns
         numeric = [
             k for k, i in enumerate(columns) if k not in time and _is_number(schema.field(i).type)
@@ -64,9 +61,10 @@ class Reader:
         ]
         start = 2**62 if self._clock.absolute else 0  # only whether it has one counts
         others = [n for n in schema.names if n not in {self._names[k] for k in (*time, *numeric)}]
+        kind = schema.field(columns[time[0]]).type
         stated = {
             "columns": len(schema.names), "row groups": meta.num_row_groups,
-            "written by": meta.created_by or "", "time column": kind,
+            "written by": meta.created_by or "", "time column": str(kind),
             "not numeric": ", ".join(others),
         }  # fmt: skip
         notes = [Note(f.code, f.severity, f.channel, f.count, f.values, f.names)
@@ -88,39 +86,16 @@ class Reader:
                 "write the file again with the program that made it",
             )
 
-    def _find_clock(
-        self, columns: Sequence[int], units: Sequence[str], options: ReadOptions
-    ) -> tuple[Clock, str]:
-        """Which column is the time, as in a text log, and its type.
-
-        Raises:
-            UserError: where no column is a time, or its unit is open.
-        """
-        schema = self._file.schema_arrow
-        heads = [self._head(name) for name in self._names]
-        rows = max(map(len, heads), default=0)
-        heads = [fit(cells, rows) for cells in heads]  # a damaged column shows nothing
-        types = [schema.field(i).type for i in columns]
-        stated = [u or ("ns" if pa.types.is_duration(t) else "")
-                  for u, t in zip(units, types, strict=True)]  # fmt: skip
-        names = tuple(self._names)
-        dialect = Dialect(
-            "utf-8", 0, ",", ".", len(names), names, (names,), tuple(stated), True, 1, {}, {},
-            [list(row) for row in zip(*heads, strict=True)], {},
-        )  # fmt: skip
-        clock = find_clock(dialect, options, self._rows, self._path)
-        return clock, str(types[clock.columns[0]])
-
-    def _head(self, name: str) -> list[str]:
-        """The first cells of a column, from the first row group in which it is sound."""
+    def _head(self, name: str) -> Any:
+        """The first values of a column, from the first row group in which it is sound."""
         for group in range(self._file.metadata.num_row_groups):
             try:
-                batches = self._file.iter_batches(_HEAD, row_groups=[group], columns=[name])
+                batches = self._file.iter_batches(HEAD, row_groups=[group], columns=[name])
                 if head := next(batches, None):
-                    return _cells(head.column(0))
+                    return head.column(0)
             except (pa.ArrowException, OSError, ValueError):
                 continue
-        return []
+        return None
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`. A damaged part of a column costs its samples, or those of a time."""
@@ -132,7 +107,8 @@ class Reader:
         untimed = 0
         for group in range(self._file.metadata.num_row_groups):
             try:
-                t, ok = _times([self._column(group, name) for name in times], self._clock)
+                arrays = [self._column(group, name) for name in times]
+                t, ok = time_columns.times(arrays, self._clock)
             except (pa.ArrowException, OSError, ValueError) as error:
                 what = f"row group {group + 1}: {_first_line(error)}"
                 lost.append((self._file.metadata.row_group(group).num_rows, what))
@@ -230,39 +206,3 @@ def _unit(field: Any) -> str:
     """The unit that a field's metadata state, "" for none."""
     known = field.metadata or {}
     return next((known[k].decode("utf-8", "replace") for k in _UNIT_KEYS if k in known), "")
-
-
-def _cells(array: Any) -> list[str]:
-    """The first values of a column as a text log would have them; "" where there is none."""
-    if pa.types.is_duration(array.type):
-        array = array.cast(pa.duration("ns"), safe=False).cast(pa.int64())
-    elif pa.types.is_dictionary(array.type):
-        array = array.dictionary_decode()
-    elif pa.types.is_date(array.type):
-        array = array.cast(pa.timestamp("ms"), safe=False)
-    elif pa.types.is_boolean(array.type):
-        array = array.cast(pa.int8())
-    return ["" if x is None else x for x in array.cast(pa.string()).to_pylist()]
-
-
-def _times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
-    """Times [ns] of a row group, and which of them hold; shape (n,)."""
-    array = arrays[0]
-    ok = np.asarray(array.is_valid())
-    kind = array.type
-    if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_duration(kind):
-        to = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
-        plain = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
-        return np.asarray(plain.cast(to).cast(pa.int64()).fill_null(0)), ok
-    if pa.types.is_integer(kind) and clock.unit in NS_PER_UNIT:
-        scale = NS_PER_UNIT[clock.unit]
-        ticks = np.asarray(array.cast(pa.int64()).fill_null(0))
-        ok &= np.abs(ticks) < _MOST_NS // scale
-        return np.where(ok, ticks, 0) * scale, ok
-    if pa.types.is_floating(kind) and clock.unit in NS_PER_UNIT:
-        value = np.asarray(array.cast(pa.float64()).fill_null(np.nan)) * NS_PER_UNIT[clock.unit]
-        with np.errstate(invalid="ignore"):
-            ok &= np.abs(value) < _MOST_NS
-        return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
-    t, held = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
-    return t, ok & held

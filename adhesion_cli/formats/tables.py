@@ -18,7 +18,7 @@ from ..core.model import Bools, Column, Floats, Reject, Times
 from .source import Field, ReadOptions
 
 YEAR_1990 = 631_152_000 * 10**9  # a log that starts earlier had no clock [ns]
-_MOST_NS = 2**62  # times beyond are no times
+MOST_NS = 2**62  # times beyond are no times
 
 MASKS: Mapping[str, Severity] = {  # what a mask over samples says
     "value-missing": "info",
@@ -169,7 +169,7 @@ def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         ticks = np.asarray(seconds, np.float64) * 1e9
-        ok = np.abs(ticks) < _MOST_NS - abs(start)
+        ok = np.abs(ticks) < MOST_NS - abs(start)
     return np.rint(np.where(ok, ticks, 0.0)).astype(np.int64) + start, ok
 
 

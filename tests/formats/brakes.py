@@ -77,3 +77,31 @@ def parquet(path: Path, of: list[Group], row_group_size: int = 300) -> Path:
         table, path, row_group_size=row_group_size, write_page_checksum=True, compression="zstd"
     )
     return path
+
+
+def tdms(path: Path, of: list[Group], *, by_channel: bool = False, segments: int = 1) -> Path:
+    """A TDMS file of a group for each rate, in this many segments.
+
+    The time is the start and increment of each channel, else a channel of the group.
+    """
+    from nptdms import ChannelObject, TdmsWriter
+
+    with TdmsWriter(path) as file:
+        for part in range(segments):
+            objects = []
+            for k, group in enumerate(of):
+                rows = slice(len(group.t) * part // segments, len(group.t) * (part + 1) // segments)
+                step = float(group.t[1] - group.t[0])
+                regular = np.allclose(np.diff(group.t), step) and not by_channel
+                if not regular:
+                    unit = {"unit_string": "s"}
+                    objects.append(ChannelObject(f"rate {k}", "Time", group.t[rows], unit))
+                for s in group.signals:
+                    properties: dict[str, Any] = {"unit_string": s.unit}
+                    if regular:
+                        start = np.datetime64(START.replace(tzinfo=None))
+                        properties |= {"wf_start_time": start, "wf_increment": step}
+                        properties |= {"wf_start_offset": float(group.t[0])}
+                    objects.append(ChannelObject(f"rate {k}", s.name, s.value[rows], properties))
+            file.write_segment(objects)
+    return path

@@ -1,0 +1,287 @@
+"""TDMS logs of LabVIEW and DIAdem, by npTDMS; runs in a process of its own."""
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from ..core.errors import UserError
+from ..core.model import Bools, Times
+from ..core.text import distinct
+from . import time_columns
+from .csv.clock import Clock
+from .source import Field, ReadOptions
+from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped, nanoseconds
+
+_LEAD = 28  # bytes before each segment
+_OPEN = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
+_SINCE_1904 = 2_082_844_800  # seconds from the epoch of LabVIEW to 1970
+_UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit")  # properties of a channel
+
+
+class _Wave(NamedTuple):
+    """Time of a channel by its own properties."""
+
+    start: int  # since 1970 [ns]; 0 where none is stated
+    offset: float  # of the first sample [s]
+    increment: float  # [s]
+
+
+class _Columns(NamedTuple):
+    """Time of a group by its time channels."""
+
+    group: str
+    clock: Clock
+    names: tuple[str, ...]
+
+
+_Axis = _Wave | _Columns
+
+
+class Reader:
+    """A TDMS file, opened; see `tables.Reader`."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        from nptdms import TdmsFile
+
+        self._path, self._options = path, options
+        whole, damage = _segments(path)
+        if not whole:
+            raise ValueError(damage)
+        self._file: Any = TdmsFile.open(_Prefix(path, whole), raw_timestamps=True)
+        self._channels: list[tuple[Any, _Axis]] = []
+        self._texts: list[str] = []
+        notes: list[Note] = []
+        refused: dict[str, UserError] = {}  # by group
+        for group in self._file.groups():
+            try:
+                self._add(group)
+            except UserError as error:
+                refused[group.name] = error
+        if refused and not self._channels:
+            raise next(iter(refused.values()))
+        timeless = list(refused)
+        starts = {self._start(axis) for _, axis in self._channels}
+        start = min((s for s in starts if s >= YEAR_1990), default=0)
+        if start and min(starts) < YEAR_1990:  # the two cannot be compared
+            left = {c.group_name for c, axis in self._channels if not self._start(axis)}
+            timeless += sorted(left)
+            self._channels = [one for one in self._channels if self._start(one[1])]
+        if timeless:
+            names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
+            notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
+        rows = sum({(c.group_name, axis): len(c) for c, axis in self._channels}.values())
+        if damage:
+            values = {"kept_rows": rows}
+            notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
+        stated = {
+            "version": self._file.tdms_version, "groups": len(self._file.groups()),
+            "not numeric": ", ".join(dict.fromkeys(self._texts)),
+        }  # fmt: skip
+        reason = self._reason(start)
+        self.contents = Contents(self._fields(), start, reason, rows, stated, notes=notes)
+
+    def _add(self, group: Any) -> None:
+        """Adds the channels of a group, those with a time of their own first.
+
+        Raises:
+            UserError: where the others have no time.
+        """
+        channels = [c for c in group.channels() if len(c)]
+        self._check(channels)
+        others = [c for c in channels if not _wave(c)]
+        for channel in channels:
+            if not _is_number(channel):
+                self._texts += [channel.name] * (not _is_time(channel))
+            elif own := _wave(channel):
+                self._channels.append((channel, own))
+        if others and (len(others) == len(channels) or self._options.time_channel is None):
+            axis = self._by_columns(group.name, others)
+            own_names = [c for c in others if c.name not in axis.names and _is_number(c)]
+            self._channels += [(channel, axis) for channel in own_names]
+
+    def _check(self, channels: Sequence[Any]) -> None:
+        """Refuses channels that claim more than the file holds.
+
+        Raises:
+            ValueError: names one.
+        """
+        size = self._path.stat().st_size
+        for channel in channels:
+            if len(channel) > size:
+                raise ValueError(f"channel {channel.name!r} states {len(channel)} samples")
+
+    def _by_columns(self, group: str, channels: Sequence[Any]) -> _Columns:
+        """The time of a group that has time channels.
+
+        Raises:
+            UserError: where no channel is a time.
+        """
+        heads = {
+            c.name: _array(c[: time_columns.HEAD]) for c in channels if _is_number(c) or _is_time(c)
+        }
+        units = [_unit(c) for c in channels if c.name in heads]
+        rows = max(map(len, channels))
+        clock = time_columns.find(heads, units, rows, self._options, self._path)
+        return _Columns(group, clock, tuple(list(heads)[i] for i in clock.columns))
+
+    def _start(self, axis: _Axis) -> int:
+        """Where an axis begins since 1970 [ns]; 0 where it counts from an unknown start."""
+        if isinstance(axis, _Wave):
+            return axis.start
+        head, _ = self._by_clock(axis, 1)
+        return int(head[0]) if axis.clock.absolute and len(head) else 0
+
+    def _by_clock(self, axis: _Columns, rows: int | None = None) -> tuple[Times, Bools]:
+        """Times of a group by its time channels [ns], and which of them hold; shape (n,)."""
+        own = [self._file[axis.group][name][:rows] for name in axis.names]
+        return time_columns.times([_array(values) for values in own], axis.clock)
+
+    def _reason(self, start: int) -> str:
+        """Which time was taken, for people."""
+        found = {axis for _, axis in self._channels}
+        by_columns = [_reason(axis.clock) for axis in found if isinstance(axis, _Columns)]
+        waves = "start and increment of each channel" + (" (UTC)" if start else "; no start stated")
+        parts = [waves] * (len(by_columns) < len(found)) + by_columns
+        return "; ".join(dict.fromkeys(parts))
+
+    def _fields(self) -> list[Field]:
+        """A field for each channel of numbers."""
+        named = [(c.group_name, c.name or "(no name)") for c, _ in self._channels]
+        shown = grouped(named)
+        titles = distinct([f"{g}\0{name}" for g, (_, name) in zip(shown, named, strict=True)])
+        axes = list(dict.fromkeys((c.group_name, axis) for c, axis in self._channels))
+        fields = []
+        for (channel, axis), group, title in zip(self._channels, shown, titles, strict=True):
+            unit = _unit(channel)
+            fields.append(Field(
+                title.split("\0", 1)[1], group=group, unit=unit,
+                unit_from="channel's unit" if unit else "",
+                folder=f"{axes.index((channel.group_name, axis))} {channel.group_name}",
+            ))  # fmt: skip
+        return fields
+
+    def read(self, wanted: Sequence[int]) -> Columns:
+        """See `tables.Reader`."""
+        axes: list[Times] = []
+        places: dict[Any, int] = {}
+        series, notes = [], []
+        for k in wanted:
+            channel, axis = self._channels[k]
+            value = np.asarray(channel[:], np.float64)
+            t, ok = self._times(axis, len(value))
+            if len(value) > len(t) or not ok.all():
+                lost = len(value) - int(np.count_nonzero(ok[: len(value)]))
+                notes.append(Note("time-unreadable", "warning", channel.name, lost))
+            n = min(len(value), len(t))
+            key = axis, n
+            if key not in places:
+                places[key] = len(axes)
+                axes.append(t[:n][ok[:n]])
+            series.append(Samples(places[key], value[:n][ok[:n]]))
+        return Columns(axes, series, notes)
+
+    def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
+        """Times [ns] of a channel of n samples, and which of them hold."""
+        if isinstance(axis, _Columns):
+            return self._by_clock(axis)
+        return nanoseconds(
+            axis.offset + np.arange(n, dtype=np.float64) * axis.increment, axis.start
+        )
+
+
+def _reason(clock: Clock) -> str:
+    return clock.reason.replace("(units row)", "(channel's unit)")
+
+
+def _segments(path: Path) -> tuple[int, str]:
+    """Bytes of the file that are whole segments, or the last one as far as it was written.
+
+    Also what is wrong behind them, "" where nothing is.
+    """
+    size, at = path.stat().st_size, 0
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            lead = file.read(_LEAD)
+            if len(lead) < _LEAD or not lead.startswith(b"TDSm"):
+                return at, f"byte {at}: no segment begins there"
+            order = "big" if lead[4] & 64 else "little"  # of all numbers but the mask
+            length = int.from_bytes(lead[12:20], order)  # type: ignore[arg-type]
+            if length == _OPEN:
+                return size, f"byte {at}: the logger did not close the last segment"
+            if at + _LEAD + length > size:
+                return size, f"byte {at}: the file ends inside a segment"
+            at += _LEAD + length
+    return size, ""
+
+
+class _Prefix(io.RawIOBase):
+    """The first bytes of a file, as a file. An index file beside it is not used."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        self._file, self._size = path.open("rb"), size
+
+    def seekable(self) -> bool:
+        return True
+
+    def readable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        base = (0, self._file.tell(), self._size)[whence]
+        return self._file.seek(min(base + offset, self._size))
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        return self._file.readinto(view[: max(self._size - self._file.tell(), 0)])
+
+
+def _wave(channel: Any) -> _Wave | None:
+    """The time that a channel's properties state, None where they state none."""
+    properties = channel.properties
+    increment = properties.get("wf_increment", 0.0)
+    if not isinstance(increment, float | int) or not 0.0 < increment < 1e6:
+        return None
+    offset = properties.get("wf_start_offset", 0.0)
+    start = properties.get("wf_start_time")
+    ns = 0
+    if hasattr(start, "second_fractions"):
+        ns = int(_stamps(np.array([start.seconds]), np.array([start.second_fractions]))[0])
+    plain = float(offset) if isinstance(offset, float | int) and abs(offset) < 1e9 else 0.0
+    return _Wave(ns if ns >= YEAR_1990 else 0, plain, float(increment))
+
+
+def _stamps(seconds: Any, fractions: Any) -> Times:
+    """Times since 1970 [ns] of LabVIEW's seconds since 1904 and 2⁻⁶⁴ fractions; shape (n,)."""
+    part = np.rint(np.asarray(fractions, np.float64) * (1e9 / 2.0**64)).astype(np.int64)
+    return (np.asarray(seconds, np.int64) - _SINCE_1904) * 10**9 + part
+
+
+def _is_number(channel: Any) -> bool:
+    return channel.dtype is not None and channel.dtype.kind in "biuf"
+
+
+def _is_time(channel: Any) -> bool:
+    return channel.dtype is not None and channel.dtype.kind in "VM"
+
+
+def _array(values: Any) -> Any:
+    """Values of a channel as an Arrow array; stamps with their zone."""
+    names = values.dtype.names or ()
+    if "second_fractions" in names:
+        stamps = _stamps(np.asarray(values["seconds"]), np.asarray(values["second_fractions"]))
+        return pa.array(stamps, pa.timestamp("ns", "UTC"))
+    return pa.array(np.asarray(values))
+
+
+def _unit(channel: Any) -> str:
+    """The unit that a channel's properties state, "" for none."""
+    found: Iterator[str] = (str(channel.properties.get(name, "")).strip() for name in _UNITS)
+    return next((unit for unit in found if unit), "")

@@ -1,0 +1,84 @@
+"""Which column of a typed table is the time, by the rules of text logs, and its times."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from ..core.model import Bools, Times
+from .csv.clock import Clock
+from .csv.dialect import Dialect, fit
+from .csv.header_words import NS_PER_UNIT
+from .csv.time_column import find_clock
+from .source import ReadOptions
+from .tables import MOST_NS
+
+HEAD = 1_000  # rows that show which column is the time
+
+
+def find(
+    heads: dict[str, Any], units: Sequence[str], rows: int, options: ReadOptions, path: Path
+) -> Clock:
+    """Decides which column is the time, in which form and unit, and why.
+
+    Args:
+        heads: Arrow array of the first values of each column, by name; None where it is damaged.
+        units: of each column, "" where none is stated.
+        rows: of the whole table.
+        options: what the user stated.
+        path: of the file.
+
+    Raises:
+        UserError: where no column is a time, or its unit is open.
+    """
+    names = tuple(heads)
+    cells = [_cells(head) if head is not None else [] for head in heads.values()]
+    most = max(map(len, cells), default=0)
+    cells = [fit(column, most) for column in cells]
+    stated = tuple(
+        unit or ("ns" if head is not None and pa.types.is_duration(head.type) else "")
+        for unit, head in zip(units, heads.values(), strict=True)
+    )
+    dialect = Dialect(
+        "utf-8", 0, ",", ".", len(names), names, (names,), stated, True, 1, {}, {},
+        [list(row) for row in zip(*cells, strict=True)], {},
+    )  # fmt: skip
+    return find_clock(dialect, options, rows, path)
+
+
+def _cells(array: Any) -> list[str]:
+    """The first values of a column as a text log would have them; "" where there is none."""
+    if pa.types.is_duration(array.type):
+        array = array.cast(pa.duration("ns"), safe=False).cast(pa.int64())
+    elif pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    elif pa.types.is_date(array.type):
+        array = array.cast(pa.timestamp("ms"), safe=False)
+    elif pa.types.is_boolean(array.type):
+        array = array.cast(pa.int8())
+    return ["" if x is None else x for x in array.cast(pa.string()).to_pylist()]
+
+
+def times(arrays: Sequence[Any], clock: Clock) -> tuple[Times, Bools]:
+    """Times [ns] of the clock's columns, and which of them hold; shape (n,)."""
+    array = arrays[0]
+    ok = np.asarray(array.is_valid())
+    kind = array.type
+    if pa.types.is_timestamp(kind) or pa.types.is_date(kind) or pa.types.is_duration(kind):
+        to = pa.duration("ns") if pa.types.is_duration(kind) else pa.timestamp("ns")
+        plain = array.cast(pa.timestamp(kind.unit)) if pa.types.is_timestamp(kind) else array
+        return np.asarray(plain.cast(to).cast(pa.int64()).fill_null(0)), ok
+    if pa.types.is_integer(kind) and clock.unit in NS_PER_UNIT:
+        scale = NS_PER_UNIT[clock.unit]
+        ticks = np.asarray(array.cast(pa.int64()).fill_null(0))
+        ok &= np.abs(ticks) < MOST_NS // scale
+        return np.where(ok, ticks, 0) * scale, ok
+    if pa.types.is_floating(kind) and clock.unit in NS_PER_UNIT:
+        value = np.asarray(array.cast(pa.float64()).fill_null(np.nan)) * NS_PER_UNIT[clock.unit]
+        with np.errstate(invalid="ignore"):
+            ok &= np.abs(value) < MOST_NS
+        return np.rint(np.where(ok, value, 0.0)).astype(np.int64), ok
+    t, held = clock.nanoseconds([a.cast(pa.string()) for a in arrays])
+    return t, ok & held
