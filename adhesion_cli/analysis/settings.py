@@ -9,8 +9,8 @@ import dataclasses
 import json
 import re
 import tomllib
+from collections.abc import Iterable, Sequence
 from collections.abc import Mapping as Tree
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args
@@ -113,22 +113,39 @@ def load(
     Raises:
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
-    here = Path("adhesion.toml")
     carried = {k: v for k, v in (base or {}).items() if k not in _ORIGIN}
-    layers = [carried | {"diagnostics": _of_today(carried.get("diagnostics", {}))}]
-    layers += [toml.read(here, _IS)] if folder and here.is_file() else []
+    carried |= {"diagnostics": _of_today(carried.get("diagnostics", {}))}
+    mine = stated(config, assignments, folder)
+    names = frozenset(mine.get("vehicle", {}))
+    return replace(_typed(_merged([_one_spelling(carried), mine]), read), stated=names)
+
+
+def stated(
+    config: Stated | Sequence[Stated] | None = None,
+    assignments: Sequence[str | Tree[str, Any]] = (),
+    folder: bool = True,
+) -> dict[str, Any]:
+    """What files and `--set` state, as tables that `load` takes in place of them.
+
+    Raises:
+        UserError: for an unreadable file, and an unknown vehicle parameter.
+    """
+    here = Path("adhesion.toml")
+    layers = [toml.read(here, _IS)] if folder and here.is_file() else []
     files = [config] if isinstance(config, Path | Tree) else config or ()
     layers += [toml.read(of, _IS) if isinstance(of, Path) else dict(of) for of in files]
     layers.append({})
     for of in assignments:
         _merge(layers[-1], _assignment(of) if isinstance(of, str) else of)
+    return _merged(map(_one_spelling, layers))
+
+
+def _merged(layers: Iterable[Tree[str, Any]]) -> dict[str, Any]:
     tree: dict[str, Any] = {}
-    spelled = [_one_spelling(layer) for layer in layers]
-    for layer in spelled:
+    for layer in layers:
         _forget(tree, layer)
         _merge(tree, layer)
-    stated = {name for layer in spelled[1:] for name in layer.get("vehicle", {})}
-    return replace(_typed(tree, read), stated=frozenset(stated))
+    return tree
 
 
 def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:

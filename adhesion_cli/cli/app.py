@@ -14,8 +14,8 @@ from typer.core import TyperCommand
 from ..core.errors import UserError
 
 _COMMANDS = (
-    "inspect", "analyze", "compare", "slip", "antiskid", "calibrate", "tune", "simulate",
-    "reproduce", "explain", "convert", "recover", "view", "estimators",
+    "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
+    "simulate", "reproduce", "explain", "convert", "recover", "view", "estimators",
 )  # fmt: skip
 app = typer.Typer(
     name="adhesion",

@@ -156,11 +156,16 @@ def loader(shared: Shared) -> Callable[..., Any]:
     """Reads the settings these options state; called again with a result file's own as `base`."""
     from ..analysis.settings import load
 
-    flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
     return functools.partial(
-        load, shared.config, [*shared.set_, *flags], strict=shared.strict,
+        load, shared.config, assignments(shared), strict=shared.strict,
         rejects=shared.rejects is not None,
     )  # fmt: skip
+
+
+def assignments(shared: Shared) -> list[str]:
+    """What `--set` and the flags of settings state."""
+    flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
+    return [*shared.set_, *flags]
 
 
 def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:

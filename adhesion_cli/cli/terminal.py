@@ -2,9 +2,11 @@
 
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
@@ -15,6 +17,9 @@ from ..results.text_tables import folded as folded
 from ..results.text_tables import number as number
 from ..results.text_tables import records as records
 from ..results.text_tables import table as table
+
+if TYPE_CHECKING:
+    from ..fleet.run import State
 
 _WIDEST = 120  # columns of a line on a finding
 _CHANNEL = 28  # of these for names of channels
@@ -194,6 +199,47 @@ def progress(quiet: bool) -> Callable[[str], None]:
         console.print(Text(f"{printable(text)} …"), end="\r", no_wrap=True, overflow="ellipsis")
 
     return tell
+
+
+@contextmanager
+def campaign(quiet: bool, logs: int) -> "Iterator[Callable[[State], None]]":
+    """Shows how far a run over many logs is: on stderr, and only if that is a terminal.
+
+    Args:
+        quiet: whether it is shown at all.
+        logs: how many there are.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich import progress as bars
+    from rich.console import Console
+
+    columns = (
+        bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn(),
+        bars.TextColumn("{task.fields[more]}"), bars.TimeRemainingColumn(),
+    )  # fmt: skip
+    with bars.Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+        reads = shown.add_task("reading", total=logs, more="")
+        works: bars.TaskID | None = None
+        begin, skipped = 0.0, 0
+
+        def tell(state: "State") -> None:
+            nonlocal works, begin, skipped
+            failed = len(state.failed)
+            ended = state.done + state.skipped + failed
+            if state.read < logs:
+                shown.update(reads, completed=state.read)
+                return
+            if works is None:
+                shown.remove_task(reads)
+                works = shown.add_task("analysing", total=logs - ended, more="")
+                begin, skipped = time.monotonic(), ended
+            rate = (ended - skipped) / max(time.monotonic() - begin, 1e-9)
+            more = f"{rate:.1f} logs/s, {failed} failed"
+            shown.update(works, completed=ended - skipped, more=more)
+
+        yield tell
 
 
 def message(text: str, quiet: bool) -> None:

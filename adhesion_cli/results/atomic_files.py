@@ -98,9 +98,15 @@ def outputs(
 
 @contextmanager
 def sets(
-    of: Sequence[Sequence[Path]], force: bool, *, inputs: Sequence[Path] = ()
+    of: Sequence[Sequence[Path]], force: bool, *, inputs: Sequence[Path] = (), sweeps: bool = True
 ) -> Iterator[list[list[Path]]]:
     """Several sets of `outputs`, as there: none appears before all are written and on the disk.
+
+    Args:
+        of: the final names of each set.
+        force: whether existing results may be replaced.
+        inputs: what the run reads, which must survive.
+        sweeps: whether what killed runs left goes first; a folder with many files takes long.
 
     Yields:
         The paths to write to, of each set.
@@ -109,9 +115,8 @@ def sets(
     check(every, force, inputs=inputs)
     folders = list(dict.fromkeys(path.parent for path in every))
     try:
-        with _locked(folders):  # else a sweep could take what another run keeps of older files
-            for folder in folders:
-                _sweep(folder)
+        if sweeps:
+            sweep(folders)
         with ExitStack() as stack:
 
             def hidden(folder: Path) -> Path:
@@ -206,8 +211,14 @@ def _uninterrupted() -> Iterator[None]:
         signal.raise_signal(came[0])
 
 
-def _sweep(folder: Path) -> None:
+def sweep(folders: Sequence[Path]) -> None:
     """Remove the hidden files of killed runs: no process holds them, and they are not new."""
+    with _locked(folders):  # else a sweep could take what another run keeps of older files
+        for folder in folders:
+            _sweep(folder)
+
+
+def _sweep(folder: Path) -> None:
     for path in folder.glob(f"{_HIDDEN}*.part"):
         with suppress(OSError), path.open("rb") as file:
             if time.time() - path.stat().st_mtime > _NEW:

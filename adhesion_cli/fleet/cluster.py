@@ -1,0 +1,101 @@
+"""Workers of a Dask cluster that runs already: the same functions, on other machines."""
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
+from typing import Any
+
+from .. import __version__
+from ..core.errors import UserError
+from ..core.text import printable
+from . import work
+from .locations import EXTRA
+
+_BLOCK = 256  # logs whose hashes are asked for at once
+
+
+class Cluster:
+    """A cluster, by the address of its scheduler; attributes as those of `Processes`.
+
+    The scheduler itself gives a log to another worker when one dies, as often as its setting
+    `allowed-failures` says.
+    """
+
+    tries = 1
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client, KilledWorker
+        except ImportError as error:
+            text = "--scheduler needs dask.distributed, which is not installed"
+            raise UserError(text, EXTRA) from error
+        self.died: type[Exception] = KilledWorker
+        try:
+            self._client = Client(address, timeout="10s", set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            text = f"--scheduler {printable(address)}: no Dask scheduler answers there"
+            hint = "start one with `dask scheduler`, or check host, port and firewall"
+            raise UserError(text, hint) from error
+        try:
+            self._check()
+        except BaseException:
+            self._client.close()
+            raise
+        self._calls = self._client.get_executor(pure=False)
+        self._warm = False
+
+    @property
+    def capacity(self) -> int:
+        """Logs that are in work at once: one for each worker that is there now."""
+        return max(1, len(self._workers()))
+
+    def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
+        """`do` of each, in order, on the cluster."""
+        for first in range(0, len(of), _BLOCK):
+            block = self._client.map(do, of[first : first + _BLOCK], pure=False)
+            yield from self._client.gather(block)
+
+    def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
+        """Calls a function on some worker."""
+        if not self._warm:
+            hosts = {of["host"]: address for address, of in self._workers().items()}
+            ready = [
+                self._client.submit(work.warm, workers=[one], pure=False) for one in hosts.values()
+            ]
+            self._client.gather(ready)
+            self._warm = True
+        future: Future[Any] = self._calls.submit(do, *arguments)
+        return future
+
+    def close(self) -> None:
+        """Leaves the cluster; what is in work there is of no use any more."""
+        self._calls.shutdown(wait=False)
+        self._client.close()
+
+    def _workers(self) -> dict[str, Any]:
+        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return found
+
+    def _check(self) -> None:
+        """The workers are there and have this version.
+
+        Raises:
+            UserError: where they are not, or have not.
+        """
+        hint = f"install adhesion-cli {__version__} with its extras on every worker"
+        try:
+            versions = self._client.run(version)
+        except Exception as error:  # the worker cannot import this module
+            text = f"a worker of the cluster has no adhesion-cli {__version__}"
+            raise UserError(text, hint) from error
+        if not versions:
+            text = "the cluster has no worker"
+            raise UserError(text, "start some, as `dask worker HOST:PORT --nthreads 1`")
+        for worker, other in versions.items():
+            if other != __version__:
+                text = f"worker {printable(worker)} has version {other} of adhesion-cli"
+                raise UserError(text, hint)
+
+
+def version() -> str:
+    """The version of this program, on a worker."""
+    return __version__

@@ -1,0 +1,97 @@
+"""The results of a fleet: a folder of Parquet files for each table.
+
+A file is named by the hash of the log's content, the hash of the settings and the version of the
+program. The file of a log in `logs` appears last: what has one there is done.
+"""
+
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from ..core.errors import UserError
+from ..core.text import printable, utf8
+from ..results import atomic_files, tables
+
+TABLES = ("applications", "estimators", "findings", "logs")
+
+
+class Kept(NamedTuple):
+    """What is written of one log.
+
+    Attributes:
+        key: hash of its content, or what stands for it.
+        names: all names of this content.
+        row: of the table of logs.
+        files: the bytes of the other tables; none of a log that failed.
+    """
+
+    key: str
+    names: tuple[str, ...]
+    row: Mapping[str, Any]
+    files: Mapping[str, bytes]
+
+
+class Dataset:
+    """The part of a folder that belongs to one version and one hash of settings."""
+
+    def __init__(self, folder: Path, settings: str, version: str) -> None:
+        self._folder, self._end = folder, f"-{settings}-{version}.parquet"
+
+    def prepare(self) -> None:
+        """Makes the folders, and removes what killed runs left.
+
+        Raises:
+            UserError: they cannot be made.
+        """
+        folders = [self._folder / name for name in TABLES]
+        try:
+            for folder in folders:
+                folder.mkdir(parents=True, exist_ok=True)
+            atomic_files.sweep(folders)
+        except OSError as error:
+            text = f"{printable(str(self._folder))}: cannot be written ({error.strerror})"
+            raise UserError(text, "choose another folder with --out") from error
+
+    def done(self) -> dict[str, list[dict[str, Any]]]:
+        """The rows of the logs that are there, by key; a file that is damaged is not there."""
+        found = {}
+        for path in sorted((self._folder / "logs").glob(f"*{self._end}")):
+            try:
+                rows = parquet.read_table(path, partitioning=None).to_pylist()
+            except (OSError, pa.ArrowException):
+                continue
+            if rows:
+                found[path.name.removesuffix(self._end)] = rows
+        return found
+
+    def write(self, logs: Iterable[Kept]) -> None:
+        """Writes all tables of these logs, those of the logs last.
+
+        Raises:
+            UserError: the disk is full, fails or refuses.
+        """
+        content: dict[Path, bytes] = {}
+        for log in logs:
+            content |= {self._path(name, log.key): data for name, data in log.files.items()}
+            names = sorted(map(utf8, log.names))
+            rows = [{**log.row, "log": name} for name in names]
+            content[self._path("logs", log.key)] = tables.packed(tables.logs(rows))
+        with atomic_files.sets([[path] for path in content], True, sweeps=False) as places:
+            for (place,), data in zip(places, content.values(), strict=True):
+                place.write_bytes(data)
+
+    def forget(self, key: str) -> None:
+        """Removes a log from the table of logs, if it is there."""
+        self._path("logs", key).unlink(missing_ok=True)
+
+    def _path(self, table: str, key: str) -> Path:
+        return self._folder / table / f"{key}{self._end}"
+
+
+def unread(name: str) -> str:
+    """The key of a log whose content cannot be read."""
+    return "unread-" + sha256(utf8(name).encode()).hexdigest()[:32]

@@ -1,0 +1,133 @@
+"""Where the logs of a fleet are: files, folders, globs, and URLs that fsspec knows."""
+
+import glob
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..core.errors import UserError
+from ..core.text import printable
+
+SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz", ".mcap")
+_RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
+_DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
+EXTRA = "pip install 'adhesion-cli[fleet]'"
+
+
+class Location(NamedTuple):
+    """A log: as the user names it, and where a process with another folder finds it."""
+
+    name: str
+    place: str
+
+
+def find(named: Sequence[str]) -> list[Location]:
+    """The logs that the names stand for, each once, in the order of the names.
+
+    Of a folder these are all files with a suffix of a log, those of its folders too. Results of
+    this program, hidden files and the folders of a fleet's results are left out. A file that is
+    named itself is taken, whatever its suffix.
+
+    Raises:
+        UserError: for a name without a log, and for a URL that cannot be listed.
+    """
+    found: dict[str, Location] = {}
+    for name in named:
+        of = _of_url(name) if _is_url(name) else [_of_file(path) for path in _files(name)]
+        if not of:
+            known = ", ".join(SUFFIXES)
+            raise UserError(f"{printable(name)}: no logs there", f"logs end with {known}")
+        for one in of:
+            found.setdefault(one.place, one)
+    return list(found.values())
+
+
+@contextmanager
+def local(place: str) -> Iterator[Path]:
+    """The file of a log: where it is, or a copy of a URL, which then vanishes.
+
+    Raises:
+        UserError: fsspec, or its part for this kind of URL, is not installed.
+        OSError: the URL cannot be read.
+    """
+    if not _is_url(place):
+        yield Path(place)
+        return
+    system, path = _opened(place)
+    with tempfile.TemporaryDirectory(prefix="adhesion-") as folder:
+        copy = Path(folder) / Path(path).name
+        system.get_file(path, str(copy))
+        yield copy
+
+
+def _is_url(name: str) -> bool:
+    return "://" in name
+
+
+def _of_file(path: Path) -> Location:
+    return Location(str(path), os.path.abspath(path))
+
+
+def _files(name: str) -> list[Path]:
+    path = Path(name)
+    if path.is_dir():
+        return list(_below(path))
+    if path.exists():
+        return [path]
+    if not glob.has_magic(name):
+        raise UserError(f"{printable(name)}: no such file or folder", "check the path")
+    matched = [Path(one) for one in sorted(glob.glob(name, recursive=True))]
+    below = (file for one in matched if one.is_dir() for file in _below(one))
+    return [*below, *(one for one in matched if one.is_file() and not _is_result(one.name))]
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    for where, folders, files in os.walk(folder):
+        if set(folders) >= _DATASET:
+            folders[:] = [x for x in folders if x not in {*_DATASET, "recordings"}]
+        folders[:] = sorted(x for x in folders if not x.startswith("."))
+        yield from (Path(where, file) for file in sorted(files) if _is_log(file))
+
+
+def _is_log(file: str) -> bool:
+    known = file.lower().endswith(SUFFIXES) and not file.startswith(".")
+    return known and not _is_result(file)
+
+
+def _is_result(file: str) -> bool:
+    return file.endswith(_RESULTS)
+
+
+def _of_url(url: str) -> list[Location]:
+    system, path = _opened(url)
+    try:
+        if glob.has_magic(path):
+            paths: Iterable[str] = (x for x in system.glob(path) if not _is_result(x))
+        elif system.isdir(path):
+            paths = (x for x in system.find(path) if _is_log(x.rpartition("/")[2]))
+        else:
+            paths = [path] if system.exists(path) else []
+        urls = sorted(system.unstrip_protocol(x) for x in paths)
+    except Exception as error:  # every kind of URL has its own errors
+        text = f"{printable(url)}: cannot be listed ({printable(str(error))})"
+        raise UserError(text, "check the address and your access rights") from error
+    return [Location(x, x) for x in urls]
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    """The file system of a URL, and the path in it."""
+    kind = url.partition("://")[0]
+    try:
+        from fsspec.core import url_to_fs
+
+        system, path = url_to_fs(url)
+    except ImportError as error:
+        text = f"{printable(url)}: a library for {printable(kind)}:// is not installed"
+        raise UserError(text, f"{EXTRA}; of other kinds of URL {error}") from error
+    except ValueError as error:
+        text = f"{printable(url)}: {printable(str(error))}"
+        raise UserError(text, "use a path, or a URL such as s3://bucket/folder", code=2) from error
+    return system, path

@@ -1,0 +1,171 @@
+"""What a worker does with one log. It gets plain values, and returns the bytes of the tables."""
+
+import gc
+import hashlib
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+
+from ..analysis import settings
+from ..analysis.analyze import analyze
+from ..analysis.json_documents import entry
+from ..analysis.outputs import stem, write_result
+from ..core import bundled
+from ..core.errors import UserError, as_told
+from ..core.model import Result
+from ..core.text import printable
+from ..results import atomic_files, tables
+from .locations import Location, local
+
+_ONE = threading.Lock()  # a process analyses one log at a time, whatever threads it has
+_THRESHOLD = 100_000  # as in `__main__`: what is imported stays
+
+
+class Job(NamedTuple):
+    """What is the same for every log of a run.
+
+    Attributes:
+        stated: settings, from `settings.stated`.
+        strict: whether damaged data is an error.
+        algos: estimators, all if empty.
+        axles: axles, all if empty.
+        window: seconds after each log's start, from and to.
+        version: of this program.
+        settings: hash of all of the above but the version.
+        recordings: folder for recordings, empty for none.
+    """
+
+    stated: dict[str, Any]
+    strict: bool
+    algos: tuple[str, ...]
+    axles: tuple[int, ...]
+    window: tuple[float | None, float | None]
+    version: str
+    settings: str
+    recordings: str = ""
+
+
+class Item(NamedTuple):
+    """A log that is to be analysed: where it is, and the hash of its content."""
+
+    log: Location
+    sha256: str
+
+
+class Done(NamedTuple):
+    """A log that was analysed, or failed.
+
+    Attributes:
+        row: its row of the table of logs.
+        files: the bytes of its other tables by name; none of a log that failed.
+    """
+
+    row: dict[str, Any]
+    files: dict[str, bytes]
+
+
+def identified(log: Location) -> tuple[str, dict[str, str]]:
+    """The hash of a log's content; where it cannot be read, error and hint."""
+    try:
+        with local(log.place) as path, path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest(), {}
+    except Exception as error:  # every kind of URL has its own errors
+        return "", _told(error, log.place, log.name)
+
+
+def analysed(item: Item, job: Job) -> Done:
+    """Analyses one log; an error becomes its row."""
+    with _ONE:
+        begin = time.perf_counter()
+        try:
+            with local(item.log.place) as path:
+                try:
+                    one, files = _tables(path, item, job)
+                except Exception as error:
+                    one, files = failed(item, _told(error, str(path), item.log.name)), {}
+        except Exception as error:  # the copy of a URL
+            one, files = failed(item, _told(error, item.log.place, item.log.name)), {}
+        return Done(row(one, job, time.perf_counter() - begin), files)
+
+
+def failed(item: Item, told: dict[str, str]) -> dict[str, Any]:
+    """The entry of a log that has no result, only error and hint."""
+    return {"log": {"path": item.log.name, "sha256": item.sha256 or None}, **told}
+
+
+def row(one: dict[str, Any], job: Job, seconds: float | None) -> dict[str, Any]:
+    """The row of a log's entry in the table of logs."""
+    return tables.log_row(one, seconds=seconds, version=job.version, settings=job.settings)
+
+
+def loader(job: Job) -> "partial[settings.Settings]":
+    """Gives the settings of a job."""
+    return partial(settings.load, job.stated, folder=False, strict=job.strict)
+
+
+def prepare() -> None:
+    """What a process does once: it computes with one thread, and seldom looks for garbage."""
+    gc.set_threshold(_THRESHOLD)
+    pa.set_cpu_count(1)
+
+
+def warm() -> None:
+    """Loads what an analysis needs, and compiles it where that was not done on this machine."""
+    analyze(bundled.folder("sample_logs") / bundled.SAMPLE, partial(settings.load, folder=False))
+
+
+def recordings(item: Item, job: Job) -> list[Path]:
+    """The recordings of a log, none if not asked for: by the name of the log and its content."""
+    if not job.recordings:
+        return []
+    name = f"{printable(stem(item.log.name))}-{item.sha256[:16]}-{job.settings}"
+    return [Path(job.recordings, f"{name}.adhesion{suffix}") for suffix in (".mcap", ".rrd")]
+
+
+def _tables(path: Path, item: Item, job: Job) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """A log's entry, and the bytes of its tables.
+
+    Raises:
+        UserError: it cannot be analysed, or has changed since it was identified.
+    """
+    result = analyze(
+        path, loader(job), job.algos, job.axles, job.window, train_speed=True
+    )  # fmt: skip
+    if result.log.sha256 != item.sha256:
+        hint = "run again when the logger has closed it"
+        raise UserError(f"{path}: the file changed during the run", hint)
+    result = replace(result, log=replace(result.log, path=item.log.name))
+    one = entry(result, {})
+    _record(result, one, recordings(item, job))
+    made = {
+        "applications": tables.applications([one]),
+        "estimators": tables.estimators([one]),
+        "findings": tables.findings([one]),
+    }
+    return one, {name: tables.packed(_of_run(of, job)) for name, of in made.items()}
+
+
+def _of_run(table: Any, job: Job) -> Any:
+    """A table with version and settings, as one folder may hold results of several."""
+    for name in ("version", "settings"):
+        value = getattr(job, name)
+        table = table.append_column(name, pa.array([value] * len(table), pa.string()))
+    return table
+
+
+def _record(result: Result, one: dict[str, Any], files: list[Path]) -> None:
+    if not files:
+        return
+    with atomic_files.sets([files], True, sweeps=False) as (places,):
+        write_result(places, result, one)
+
+
+def _told(error: Exception, place: str, name: str) -> dict[str, str]:
+    """Error and hint by the log's name, wherever its file is."""
+    told = as_told(error)
+    return {"error": told.text.replace(place, name), "hint": told.hint.replace(place, name)}
