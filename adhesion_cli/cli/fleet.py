@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _FOLDER = Path("fleet-results")
 _SHOWN = 10  # failed logs that are listed
+_DAYS = 14  # that a summary shows
+_WIDTH = 100  # columns of a summary
 _OPTIONS = (
     "config", "set_", "out", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
 )  # fmt: skip
@@ -88,14 +90,13 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
     from .. import __version__
     from ..analysis.settings import stated
     from ..core.errors import UserError
-    from ..fleet.run import hashed
+    from ..fleet.dataset import hashed
     from ..fleet.work import Job
 
     checked(shared)
     tree = stated(shared.config, assignments(shared))
     algos, axles = tuple(dict.fromkeys(shared.algo)), tuple(dict.fromkeys(shared.axle))
     window = (shared.from_, shared.to)
-    made = hashed(stated=tree, strict=shared.strict, algos=algos, axles=axles, window=window)
     folder = ""
     if recordings:
         try:
@@ -105,7 +106,8 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
             text = f"{recordings}: the folder cannot be made ({error.strerror})"
             raise UserError(text, "choose another with --out") from error
         folder = os.path.abspath(recordings)
-    return Job(tree, shared.strict, algos, axles, window, __version__, made, folder)
+    job = Job(tree, shared.strict, algos, axles, window, __version__)
+    return job._replace(settings=hashed(job.depends()), recordings=folder)
 
 
 @contextmanager
@@ -160,4 +162,80 @@ def _show_failed(state: "State", quiet: bool) -> None:
 
 
 def _summary(paths: list[str], shared: Shared) -> int:
-    raise NotImplementedError
+    from ..analysis.json_documents import dumps, tagged
+    from ..core.errors import UserError
+    from ..fleet.summary import summarised
+
+    if len(paths) != 1:
+        text = f"--summary shows one folder of results, not {len(paths)}"
+        raise UserError(text, f"adhesion fleet --summary {_FOLDER}", code=2)
+    found = summarised(Path(paths[0]))
+    print(dumps(tagged("fleet-summary", **found)) if shared.json else _text(found))
+    return 0
+
+
+def _text(found: dict[str, Any]) -> str:
+    """The summary as tables, at most 100 columns wide."""
+    from ..core.text import printable
+    from . import terminal
+
+    def lines(title: str, rows: list[dict[str, str]], left: int = 1) -> list[str]:
+        return ["", title, terminal.records(rows, _WIDTH, left)] if rows else []
+
+    counts, days = found["logs"], found["by_day"]
+    last = f", last {_DAYS} of {len(days)} days" if len(days) > _DAYS else ""
+    speeds = [
+        {"speed [km/h]": f"{row['from_kmh']:.0f} to {row['to_kmh']:.0f}"
+         if row["to_kmh"] else f"from {row['from_kmh']:.0f}", **_spread(row)}
+        for row in found["by_speed"]
+    ]  # fmt: skip
+    vehicles = [
+        {"settings": row["settings"], "vehicle": row["stated"], **_spread(row)}
+        for row in found["by_settings"]
+    ]
+    codes = [
+        {"finding": row["code"], "severity": row["severity"], "example": row["example"],
+         "logs": str(row["logs"])}
+        for row in found["findings"]
+    ]  # fmt: skip
+    slides = [_slid(row) for row in found["worst_slides"]]
+    failed = [
+        f"  {printable(row['log'])}\n    error: {printable(row['error'])}"
+        for row in found["failed"][:_SHOWN]
+    ]
+    more = len(found["failed"]) - _SHOWN
+    return "\n".join([
+        f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
+        f"{counts['error']} failed; {found['applications']} brake applications of an axle",
+        *lines("Mean adhesion coefficient by mean speed of the application:", speeds),
+        *lines("By settings:", vehicles, 2),
+        *lines(f"By day{last}:", [{"day": r["day"], **_spread(r)} for r in days[-_DAYS:]]),
+        *lines("Worst slides (distance times largest slip):", slides),
+        *lines("Findings on the data:", codes, 3),
+        *(["", "Failed logs:", *failed] if failed else []),
+        *([f"  and {more} more"] if more > 0 else []),
+    ])  # fmt: skip
+
+
+def _spread(row: dict[str, Any]) -> dict[str, str]:
+    """The cells of a distribution."""
+    from .terminal import number
+
+    return {
+        "number": str(row["applications"]), "slid": str(row["with_slides"]),
+        "5 %": number(row["p5"], 3), "median": number(row["median"], 3),
+        "95 %": number(row["p95"], 3), "median slid": number(row["median_with_slides"], 3),
+    }  # fmt: skip
+
+
+def _slid(row: dict[str, Any]) -> dict[str, str]:
+    """The cells of a brake application with slides."""
+    from .terminal import number
+
+    heat = row["slide_energy_j"]
+    return {
+        "log": row["log"], "axle": str(row["axle"]), "at [s]": number(row["start_s"], 1),
+        "km/h": number(row["from_mps"] and 3.6 * row["from_mps"], 0),
+        "slid [s]": number(row["slide_s"], 1), "[m]": number(row["slide_distance_m"], 0),
+        "max slip": f"{row['max_slip']:.0%}", "kJ": number(heat and heat / 1e3, 1),
+    }  # fmt: skip

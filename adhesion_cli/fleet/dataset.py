@@ -4,6 +4,7 @@ A file is named by the hash of the log's content, the hash of the settings and t
 program. The file of a log in `logs` appears last: what has one there is done.
 """
 
+import json
 from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from pathlib import Path
@@ -17,6 +18,8 @@ from ..core.text import printable, utf8
 from ..results import atomic_files, tables
 
 TABLES = ("applications", "estimators", "findings", "logs")
+SETTINGS = "settings"  # a file for each hash, with what it is of
+_DIGITS = 16  # of the hash
 
 
 class Kept(NamedTuple):
@@ -39,19 +42,26 @@ class Dataset:
     """The part of a folder that belongs to one version and one hash of settings."""
 
     def __init__(self, folder: Path, settings: str, version: str) -> None:
-        self._folder, self._end = folder, f"-{settings}-{version}.parquet"
+        self._folder, self._settings = folder, settings
+        self._end = f"-{settings}-{version}.parquet"
 
-    def prepare(self) -> None:
-        """Makes the folders, and removes what killed runs left.
+    def prepare(self, settings: Mapping[str, Any]) -> None:
+        """Makes the folders, writes the settings, and removes what killed runs left.
+
+        Args:
+            settings: what the hash is of.
 
         Raises:
             UserError: they cannot be made.
         """
-        folders = [self._folder / name for name in TABLES]
+        folders = [self._folder / name for name in (*TABLES, SETTINGS)]
         try:
             for folder in folders:
                 folder.mkdir(parents=True, exist_ok=True)
             atomic_files.sweep(folders)
+            file = self._folder / SETTINGS / f"{self._settings}.json"
+            with atomic_files.outputs([file], True) as (place,):
+                place.write_text(json.dumps(settings, indent=1, sort_keys=True), encoding="utf-8")
         except OSError as error:
             text = f"{printable(str(self._folder))}: cannot be written ({error.strerror})"
             raise UserError(text, "choose another folder with --out") from error
@@ -90,6 +100,11 @@ class Dataset:
 
     def _path(self, table: str, key: str) -> Path:
         return self._folder / table / f"{key}{self._end}"
+
+
+def hashed(settings: Mapping[str, Any]) -> str:
+    """A hash of all that a result depends on, except the log and the version."""
+    return sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:_DIGITS]
 
 
 def unread(name: str) -> str:

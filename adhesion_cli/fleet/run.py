@@ -1,11 +1,9 @@
 """A run over many logs: what is missing is analysed, and each result is kept at once."""
 
-import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
-from hashlib import sha256
 from typing import Any, NamedTuple, Protocol
 
 from ..core.errors import UserError, as_told
@@ -15,7 +13,6 @@ from .dataset import Dataset, Kept
 from .locations import Location
 from .work import Done, Item, Job
 
-_DIGITS = 16  # of the hash of the settings
 _DEAD = {
     "error": "the process that analysed the log died",
     "hint": "often memory is short: analyse this log alone with `adhesion analyze`",
@@ -69,11 +66,6 @@ class State:
     failed: list[Failed] = field(default_factory=list)
 
 
-def hashed(**settings: Any) -> str:
-    """A hash of all that a result depends on, except the log and the version."""
-    return sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:_DIGITS]
-
-
 def run(
     logs: Sequence[Location],
     job: Job,
@@ -95,7 +87,7 @@ def run(
     Raises:
         UserError: results cannot be written, or the cluster is lost.
     """
-    kept.prepare()
+    kept.prepare(job.depends())
     there, state = kept.done(), State(len(logs))
     named = _identified(logs, job, kept, workers, state, tell)
     items = []

@@ -36,7 +36,7 @@ class Job(NamedTuple):
         axles: axles, all if empty.
         window: seconds after each log's start, from and to.
         version: of this program.
-        settings: hash of all of the above but the version.
+        settings: hash of what `depends` gives.
         recordings: folder for recordings, empty for none.
     """
 
@@ -46,8 +46,13 @@ class Job(NamedTuple):
     axles: tuple[int, ...]
     window: tuple[float | None, float | None]
     version: str
-    settings: str
+    settings: str = ""
     recordings: str = ""
+
+    def depends(self) -> dict[str, Any]:
+        """All that a result depends on, except the log and the version."""
+        own = {"version", "settings", "recordings"}
+        return {name: value for name, value in self._asdict().items() if name not in own}
 
 
 class Item(NamedTuple):

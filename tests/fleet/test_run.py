@@ -1,0 +1,156 @@
+"""A run over many logs, by real processes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import logs_of_fleet
+import pytest
+from pyarrow import dataset, parquet
+
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.json_documents import entry
+from adhesion_cli.analysis.settings import Settings
+from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
+from adhesion_cli.fleet.locations import find
+from adhesion_cli.fleet.processes import Processes
+from adhesion_cli.fleet.run import State, run
+from adhesion_cli.fleet.work import Job
+from adhesion_cli.results import tables
+
+
+class Killed(Processes):
+    """Processes that some logs end."""
+
+    submitted: list[str]
+
+    def submit(self, do: Any, *arguments: Any) -> Any:
+        self.submitted = [*getattr(self, "submitted", []), arguments[0].log.name]
+        return super().submit(logs_of_fleet.killed, *arguments)
+
+
+JOB = Job({}, False, (), (), (None, None), "1.2", "abcd")
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[Killed]:
+    processes = Killed(2)
+    yield processes
+    processes.close()
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two good logs, one of them twice, one that cannot be read, one that is none, two that die."""
+    folder = tmp_path_factory.mktemp("fleet") / "logs"
+    good, dies, once = logs_of_fleet.write(folder, 3)
+    (folder / "copy.csv").write_bytes(good.read_bytes())
+    dies.rename(folder / "dies.csv")
+    once.rename(folder / "once.csv")
+    (folder / "none.csv").write_text("no log\n")
+    (folder / "lost.csv").symlink_to(folder / "nowhere")
+    return folder
+
+
+def of(folder: Path, table: str) -> list[dict[str, Any]]:
+    return dataset.dataset(folder / table, format="parquet").to_table().to_pylist()
+
+
+def campaign(logs: Path, folder: Path, workers: Killed, **more: Any) -> State:
+    workers.submitted = []
+    kept = Dataset(folder, JOB.settings, JOB.version)
+    return run(find([str(logs)]), JOB, kept, workers, **more)
+
+
+@pytest.fixture(scope="module")
+def first(logs: Path, workers: Killed) -> tuple[Path, State]:
+    folder = logs.parent / "results"
+    return folder, campaign(logs, folder, workers)
+
+
+def test_each_log_has_a_row_with_what_became_of_it(logs: Path, first: tuple[Path, State]) -> None:
+    folder, state = first
+    rows = {Path(row["log"]).name: row for row in of(folder, "logs")}
+    assert {name: row["status"] for name, row in rows.items()} == {
+        "stop-000.csv": "ok", "copy.csv": "ok", "once.csv": "ok",
+        "dies.csv": "error", "none.csv": "error", "lost.csv": "error",
+    }  # fmt: skip
+    assert (state.logs, state.done, state.skipped, len(state.failed)) == (6, 3, 0, 3)
+    for name in ("dies.csv", "none.csv", "lost.csv"):
+        assert rows[name]["error"]
+        assert rows[name]["hint"]
+    assert rows["lost.csv"]["sha256"] is None
+    assert rows["copy.csv"]["sha256"] == rows["stop-000.csv"]["sha256"]
+    assert {row["version"] for row in rows.values()} == {"1.2"}
+
+
+def test_two_logs_with_one_content_are_analysed_once(first: tuple[Path, State]) -> None:
+    names = [Path(row["log"]).name for row in of(first[0], "applications")]
+    assert sorted(names) == ["copy.csv", "once.csv"]
+
+
+def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, State]) -> None:
+    log = logs / "once.csv"
+    one = entry(analyze(log, lambda **_: Settings(), train_speed=True), {})
+    for name in ("applications", "estimators", "findings"):
+        expected = getattr(tables, name)([one])
+        mine = [row for row in of(first[0], name) if row["log"] == str(log)]
+        assert expected.num_rows
+        assert [{k: row[k] for k in expected.schema.names} for row in mine] == expected.to_pylist()
+
+
+def test_a_second_run_tries_only_what_failed(
+    logs: Path, first: tuple[Path, State], workers: Killed
+) -> None:
+    folder, _ = first
+    before = {p: (p.read_bytes(), p.stat().st_ino) for p in folder.glob("applications/*")}
+    state = campaign(logs, folder, workers)
+    assert {Path(name).name for name in workers.submitted} == {"dies.csv", "none.csv"}
+    assert (state.done, state.skipped, len(state.failed)) == (0, 3, 3)
+    assert {p: (p.read_bytes(), p.stat().st_ino) for p in folder.glob("applications/*")} == before
+
+
+def test_a_new_name_of_a_known_log_is_added_without_analysis(
+    logs: Path, first: tuple[Path, State], workers: Killed
+) -> None:
+    again = logs.parent / "moved.csv"
+    again.write_bytes((logs / "once.csv").read_bytes())
+    state = campaign(again, first[0], workers)
+    assert not workers.submitted
+    assert state.skipped == 1
+    sums = [row["log"] for row in of(first[0], "logs") if row["log"].endswith("moved.csv")]
+    assert sums == [str(again)]
+
+
+def test_a_log_that_can_be_read_at_last_loses_its_failed_row(
+    logs: Path, first: tuple[Path, State], workers: Killed
+) -> None:
+    (logs / "nowhere").write_bytes((logs / "once.csv").read_bytes())
+    campaign(logs / "lost.csv", first[0], workers)
+    (logs / "nowhere").unlink()
+    rows = [row for row in of(first[0], "logs") if row["log"].endswith("lost.csv")]
+    assert [row["status"] for row in rows] == ["ok"]
+
+
+def test_a_damaged_mark_of_done_is_no_mark(tmp_path: Path) -> None:
+    kept = Dataset(tmp_path, "ab", "1")
+    kept.prepare({})
+    for name, content in (("good-ab-1", None), ("bad-ab-1", b"PAR1"), ("other-cd-1", None)):
+        path = tmp_path / "logs" / f"{name}.parquet"
+        if content:
+            path.write_bytes(content)
+        else:
+            row = tables.log_row({"log": {"path": "x"}}, seconds=1.0)
+            parquet.write_table(tables.logs([row]), path)
+    assert list(kept.done()) == ["good"]
+
+
+def test_settings_decide_the_hash() -> None:
+    one, same = {"friction": 0.3, "discs": 2}, {"discs": 2, "friction": 0.3}
+    assert hashed({"x": one}) == hashed({"x": same}) != hashed({"x": {}})
+
+
+def test_every_table_has_a_file_for_each_log(first: tuple[Path, State]) -> None:
+    files = {name: {p.name for p in (first[0] / name).iterdir()} for name in TABLES}
+    assert files["applications"] == files["estimators"] == files["findings"] < files["logs"]
+    assert all(name.endswith(f"-{JOB.settings}-1.2.parquet") for name in files["logs"])
