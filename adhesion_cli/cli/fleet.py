@@ -19,14 +19,17 @@ _SHOWN = 10  # failed logs that are listed
 _DAYS = 14  # that a summary shows
 _WIDTH = 100  # columns of a summary
 _OPTIONS = (
-    "config", "set_", "out", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
+    "config", "set_", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
 )  # fmt: skip
 
 
 @shared(*_OPTIONS)
-def command(
+def command(  # noqa: PLR0913 (one option each)
     paths: Annotated[list[str], typer.Argument(metavar="PATH", help="Logs, folders, globs, URLs.")],
     shared: Shared,
+    out: Annotated[
+        Path, option("-o --out", "DIR", "Folder for the tables; fleet-results if not given.")
+    ] = _FOLDER,
     workers: Annotated[
         int | None, option("--workers", "N", "Processes; one per processor if not given.", min=1)
     ] = None,
@@ -42,9 +45,8 @@ def command(
 ) -> int:
     """Analyse many logs, and keep the results as tables.
 
-    Writes Parquet files to -o DIR (fleet-results if not given): applications, estimators, findings
-    and logs. A second run analyses what is missing and what failed. A log that fails is a row with
-    error and hint.
+    Writes Parquet files to -o DIR: applications, estimators, findings and logs. A second run
+    analyses what is missing and what failed. A log that fails is a row with error and hint.
 
     Example: adhesion fleet logs/ 'archive/2026-*/*.mcap' -o results
     """
@@ -55,32 +57,30 @@ def command(
     if workers and scheduler:
         text = "--workers is for processes of this machine, --scheduler for a cluster"
         raise UserError(text, "leave out one of them", code=2)
-    return _run(paths, shared, workers, scheduler, recordings)
+    with _workers(workers, scheduler) as on:
+        return _run(paths, shared, out, on, recordings)
 
 
-def _run(
-    paths: list[str], shared: Shared, workers: int | None, scheduler: str | None, records: bool
-) -> int:
+def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bool) -> int:
     import time
 
     from ..analysis.json_documents import dumps, tagged
-    from ..fleet.dataset import Dataset
+    from ..fleet.dataset import RECORDINGS, Dataset
     from ..fleet.locations import find
     from ..fleet.run import run
     from . import terminal
 
     begin = time.perf_counter()
-    folder = shared.out or _FOLDER
-    job, logs = _job(shared, folder if records else None), find(paths)
-    kept = Dataset(folder, job.settings, job.version)
-    with _workers(workers, scheduler) as on, terminal.campaign(shared.quiet, len(logs)) as tell:
+    job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
+    kept = Dataset(out, job.settings, job.version)
+    with terminal.campaign(shared.quiet, len(logs)) as tell:
         state = run(logs, job, kept, on, shared.force, tell)
     seconds = time.perf_counter() - begin
     if shared.json:
         counts = {"done": state.done, "skipped": state.skipped, "failed": len(state.failed)}
         print(dumps(tagged("fleet", logs=state.logs, **counts, seconds=seconds)))
     else:
-        print(_told(state, folder, seconds))
+        print(_told(state, out, seconds))
     _show_failed(state, shared.quiet)
     return 3 if state.failed else 0
 
@@ -89,7 +89,6 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
     """What is the same for every log, after a check of options and settings."""
     from .. import __version__
     from ..analysis.settings import stated
-    from ..core.errors import UserError
     from ..fleet.dataset import hashed
     from ..fleet.work import Job
 
@@ -97,15 +96,7 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
     tree = stated(shared.config, assignments(shared))
     algos, axles = tuple(dict.fromkeys(shared.algo)), tuple(dict.fromkeys(shared.axle))
     window = (shared.from_, shared.to)
-    folder = ""
-    if recordings:
-        try:
-            recordings = recordings / "recordings"
-            recordings.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            text = f"{recordings}: the folder cannot be made ({error.strerror})"
-            raise UserError(text, "choose another with --out") from error
-        folder = os.path.abspath(recordings)
+    folder = os.path.abspath(recordings) if recordings else ""
     job = Job(tree, shared.strict, algos, axles, window, __version__)
     return job._replace(settings=hashed(job.depends()), recordings=folder)
 

@@ -18,6 +18,7 @@ from ..core.text import printable, utf8
 from ..results import atomic_files, tables
 
 TABLES = ("applications", "estimators", "findings", "logs")
+RECORDINGS = "recordings"
 SETTINGS = "settings"  # a file for each hash, with what it is of
 _DIGITS = 16  # of the hash
 
@@ -58,7 +59,7 @@ class Dataset:
         try:
             for folder in folders:
                 folder.mkdir(parents=True, exist_ok=True)
-            atomic_files.sweep(folders)
+            atomic_files.sweep([*folders, *self._folder.glob(RECORDINGS)])
             file = self._folder / SETTINGS / f"{self._settings}.json"
             with atomic_files.outputs([file], True) as (place,):
                 place.write_text(json.dumps(settings, indent=1, sort_keys=True), encoding="utf-8")

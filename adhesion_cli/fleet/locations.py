@@ -10,8 +10,12 @@ from typing import Any, NamedTuple
 
 from ..core.errors import UserError
 from ..core.text import printable
+from ..formats.open import FORMATS
 
-SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz", ".mcap")
+_TEXT = (".csv", ".tsv", ".txt")
+SUFFIXES = (
+    *_TEXT, *(f"{x}.gz" for x in _TEXT), *(x for one in FORMATS for x in one.suffixes)
+)  # fmt: skip
 _RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
 _DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
 EXTRA = "pip install 'adhesion-cli[fleet]'"

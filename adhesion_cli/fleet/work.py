@@ -166,6 +166,7 @@ def _of_run(table: Any, job: Job) -> Any:
 def _record(result: Result, one: dict[str, Any], files: list[Path]) -> None:
     if not files:
         return
+    files[0].parent.mkdir(parents=True, exist_ok=True)
     with atomic_files.sets([files], True, sweeps=False) as (places,):
         write_result(places, result, one)
 

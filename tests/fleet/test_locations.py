@@ -13,7 +13,8 @@ from adhesion_cli.fleet.locations import find
 def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name in (
-        "logs/b.csv", "logs/a.mcap", "logs/day 2/c.CSV", "logs/day 2/d.csv.gz", "logs/read.me",
+        "logs/b.csv", "logs/a.mcap", "logs/z.mf4", "logs/day 2/c.CSV", "logs/day 2/d.csv.gz",
+        "logs/read.me",
         "logs/a.adhesion.mcap", "logs/.hidden/e.csv", "logs/.adhesion-12.part", "logs/odd.log",
         "logs/out/logs/x.csv", "logs/out/applications/x.csv", "logs/out/findings/x.csv",
         "logs/out/estimators/x.csv", "logs/out/recordings/x.mcap",
@@ -30,7 +31,7 @@ def names(*named: str) -> list[str]:
 
 def test_a_folder_gives_the_logs_below_it_but_no_results(tree: Path) -> None:
     assert names("logs") == [
-        "logs/a.mcap", "logs/b.csv", "logs/day 2/c.CSV", "logs/day 2/d.csv.gz"
+        "logs/a.mcap", "logs/b.csv", "logs/z.mf4", "logs/day 2/c.CSV", "logs/day 2/d.csv.gz"
     ]  # fmt: skip
 
 

@@ -1,0 +1,53 @@
+"""`adhesion fleet` as a user runs it."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import logs_of_fleet
+import pytest
+
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+TABLES = ("applications", "estimators", "findings", "logs")
+
+
+def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:
+    logs_of_fleet.write(tmp_path / "logs", 2)
+    (tmp_path / "logs" / "none.csv").write_text("no log\n")
+    made = run("fleet", "logs", "--workers", "2", "--json", "-a", "td")
+    document = json.loads(made.stdout)
+    assert document.pop("seconds") > 0.0
+    assert document == {
+        "schema": "adhesion.fleet/1", "logs": 3, "done": 2, "skipped": 0, "failed": 1
+    }  # fmt: skip
+    assert made.returncode == 3
+    shown = run("fleet", "--summary", "fleet-results")
+    assert shown.returncode == 0
+    assert max(map(len, shown.stdout.splitlines())) <= 100
+    summary = json.loads(run("fleet", "--summary", "fleet-results", "--json").stdout)
+    assert summary["schema"] == "adhesion.fleet-summary/1"
+    assert summary["logs"] == {"ok": 2, "damaged": 0, "error": 1}
+    assert summary["by_speed"][0]["applications"] == summary["applications"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["none.csv"], 1),
+        (["--summary", "empty"], 1),
+        (["--summary", "a", "b"], 2),
+        (["empty", "--workers", "2", "--scheduler", "tcp://localhost:1"], 2),
+        (["empty", "--set", "vehicle.fricton=1"], 2),
+        (["empty", "-a", "nesso"], 2),
+    ],
+)
+def test_wrong_arguments_write_nothing(
+    run: Run, tmp_path: Path, arguments: list[str], code: int
+) -> None:
+    (tmp_path / "empty").mkdir()
+    made = run("fleet", *arguments, "-o", "results")
+    assert made.returncode == code
+    assert made.stderr.startswith("error: ")
+    assert "\nhint: " in made.stderr
+    assert not (tmp_path / "results").exists()
