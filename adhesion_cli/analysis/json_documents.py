@@ -17,6 +17,7 @@ from ..core.text import utf8
 if TYPE_CHECKING:
     from ..core.stop import Stop
     from ..rail.applications import Application
+    from ..rail.events import Slide
     from ..rail.slip import Summary
     from ..reference.budget import Budget
     from ..wsp import wsp_controller
@@ -106,6 +107,7 @@ def _application(x: "Application", start_ns: int) -> dict[str, Any]:
         "force_n": x.force and x.force._asdict(),
         "coefficient": x.coefficient and x.coefficient._asdict(),
         "slides": len(slides),
+        "slide_spans": [_span(s, start_ns) for s in slides],
         "slide_s": sum(s.duration for s in slides),
         "slide_distance_m": sum(s.distance for s in slides),
         "max_slip": max((s.max_slip for s in slides), default=None),
@@ -116,6 +118,11 @@ def _application(x: "Application", start_ns: int) -> dict[str, Any]:
         "budget": x.budget and [row._asdict() for row in x.budget.rows],
         "coverage": x.budget and _coverage(x.budget),
     }
+
+
+def _span(slide: "Slide", start_ns: int) -> list[float]:
+    begin = (slide.start - start_ns) / 1e9
+    return [begin, begin + slide.duration]
 
 
 def _coverage(b: "Budget") -> dict[str, float | None]:

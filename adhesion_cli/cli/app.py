@@ -15,7 +15,8 @@ from ..core.errors import UserError
 
 _COMMANDS = (
     "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
-    "simulate", "reproduce", "explain", "convert", "recover", "view", "estimators",
+    "simulate", "reproduce", "explain", "convert", "recover", "report",
+    "view", "estimators",
 )  # fmt: skip
 app = typer.Typer(
     name="adhesion",

@@ -109,7 +109,7 @@ def _write_results(
             metadata |= {names.SETTINGS: names.flat(result.settings), **_account(result.log)}
         else:
             metadata[f"{names.SETTINGS}/{name}"] = names.flat(result.settings)
-    metadata |= {"adhesion.provenance": provenance, "adhesion.metrics": {"json": metrics}}
+    metadata |= {names.PROVENANCE: provenance, names.METRICS: {"json": metrics}}
     _write(path, streams, metadata, shift)
 
 
@@ -129,7 +129,7 @@ def write_log(path: Path, log: Log) -> None:
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
     shift = _shift([log])
-    _write(path, streams, {"adhesion.provenance": _origin(log, shift), **_account(log)}, shift)
+    _write(path, streams, {names.PROVENANCE: _origin(log, shift), **_account(log)}, shift)
 
 
 def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
@@ -156,14 +156,14 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
     stated = names.flat(settings)
     metadata = {
         names.SETTINGS: stated,
-        "adhesion.provenance": {
+        names.PROVENANCE: {
             "version": __version__,
             "input": printable(f"{name}, controller {stop.controller}"),
             "input_sha256": sha256(repr(stated).encode()).hexdigest(),
             "input_format": "closed loop",
             "sources": "\n".join(sources),
         },
-        "adhesion.metrics": {"json": metrics},
+        names.METRICS: {"json": metrics},
     }
     streams = [
         _computed("/distance", "m", stop.t, stop.distance),
@@ -325,7 +325,11 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
 
 
 def _provenance(result: Result, shift: int) -> dict[str, str]:
-    told = {**_origin(result.log, shift), "sources": "\n".join(result.sources)}
+    told = {
+        **_origin(result.log, shift),
+        "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
+        "sources": "\n".join(result.sources),
+    }
     if any(a.record.train_speed_made for a in result.axles):
         told["train_speed"] = MADE
     return told

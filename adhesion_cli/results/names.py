@@ -9,6 +9,8 @@ from ..core.model import Channel, Log, Meaning, Result
 from ..core.text import distinct, printable
 
 SETTINGS = "adhesion.settings"  # metadata record with every parameter used
+PROVENANCE = "adhesion.provenance"  # version, name and hash of the log, sources
+METRICS = "adhesion.metrics"  # the JSON document of the run
 
 SI: dict[Meaning, str] = {
     "time": "s",

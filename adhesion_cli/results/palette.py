@@ -30,3 +30,11 @@ def of_method(name: str) -> str:
 def rgba(colour: str) -> int:
     """A colour "#rrggbb" as Rerun has it."""
     return int(f"{colour[1:]}ff", 16)
+
+
+_AXLES = (BLUE, ORANGE, GREEN, "#9a63d0", *_OTHERS)
+
+
+def of_axle(place: int) -> str:
+    """The colour of the axle at this place, counted from 0, "#rrggbb"."""
+    return _AXLES[place % len(_AXLES)]

@@ -243,6 +243,7 @@ BAD = {
     "reproduce": ("reproduce -o missing.csv/a", 1, "missing.csv/a"),
     "convert": ("convert missing.csv a.mcap", 1, "missing.csv"),
     "recover": ("recover missing.mcap -o a.mcap", 1, "missing.mcap"),
+    "report": ("report missing.mcap -o a.html", 1, "missing.mcap"),
     "estimators": ("estimators -a nesso", 2, "nesso"),
     "explain": ("explain pressure-dely", 2, "pressure-dely"),
 }

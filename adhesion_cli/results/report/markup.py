@@ -1,0 +1,60 @@
+"""Pieces of HTML; whatever comes from a log is text and never markup."""
+
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from html import escape
+from zlib import compress
+
+from ...core.text import printable, utf8
+
+
+def text(value: object) -> str:
+    """Text of a log, a file's name or a number, for use between tags and in attributes."""
+    return escape(printable(utf8(str(value))))
+
+
+def element(name: str, content: str, css: str = "", **attributes: str) -> str:
+    """An element around content that is HTML already."""
+    every = ({"class": css} if css else {}) | attributes
+    stated = "".join(f' {key}="{escape(value)}"' for key, value in every.items())
+    return f"<{name}{stated}>{content}</{name}>"
+
+
+def paragraph(content: str, css: str = "") -> str:
+    """A paragraph of plain text."""
+    return element("p", text(content), css)
+
+
+def table(
+    rows: Sequence[Mapping[str, str]], left: int = 1, marks: Sequence[tuple[str, str]] = (),
+    css: str = "",
+) -> str:  # fmt: skip
+    """A table of rows that have the same keys, which are its header; nothing without rows.
+
+    Args:
+        rows: plain text.
+        left: how many columns are texts, from the left.
+        marks: of each row its class and the column that has it.
+        css: more classes of the box around it.
+    """
+    if not rows:
+        return ""
+    header = list(rows[0])
+    head = "".join(element("th", text(name), "text" * (i < left)) for i, name in enumerate(header))
+    body = []
+    for k, row in enumerate(rows):
+        cells = []
+        for i, (name, cell) in enumerate(row.items()):
+            css_of = ["text"] * (i < left)
+            css_of += ["mark", marks[k][0]] if marks and marks[k][1] == name else []
+            css_of += ["free"] if i < left and len(cell) > 30 else []
+            cells.append(element("td", text(cell), " ".join(css_of)))
+        body.append(element("tr", "".join(cells)))
+    whole = "\n".join([f"<thead><tr>{head}</tr></thead>\n<tbody>", *body, "</tbody>"])
+    return element("div", element("table", whole), f"table {css}".strip())
+
+
+def packed(place: str, content: str) -> str:
+    """Content that the page's script unpacks; base64 cannot end the element."""
+    data = b64encode(compress(content.encode("utf-8"), 9)).decode("ascii")
+    return f'<script type="text/plain" id="{place}">{data}</script>'

@@ -1,0 +1,271 @@
+"""The page: first the verdict, then every axle, the budget, the findings, and how it was made."""
+
+import json
+from collections.abc import Iterator, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ... import __version__
+from ..verified import verified
+from . import words
+from .markup import element, packed, paragraph, table, text
+from .run import Axle, Run
+
+if TYPE_CHECKING:
+    from .plots import Figures
+
+_MANY = 12  # rows of the first table that are shown without scrolling, about
+_BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
+_LINES = 25  # findings of one code that are listed
+_NOTE = (
+    "± is the expanded uncertainty (95 %): noise and the tolerances of the vehicle's parameters. "
+    "Adhesion coefficient: adhesion force over the weight on the axle; mean from build-up to "
+    "release. Times are seconds after the start of the log."
+)
+_OF_SLIDES = (
+    "Sliding: time of all slides together. Heat: energy of friction between wheel and rail. Used: "
+    "share of the available adhesion that the wheel used while it slid; a dash where the slides "
+    "are too short to show it."
+)
+_AT_LEAST = "≥: the true value is at least this, as the train speed was estimated or is delayed."
+_OF_SCORES = (
+    "Estimators follow the force online, sample by sample. Errors are those in brake applications. "
+    "RMSE: root mean square error. ≈: the noise of the reference explains the difference from the "
+    "best (95 %)."
+)
+_OF_BUDGETS = (
+    "Uncertainty budget of the mean force by JCGM 100 (GUM), the largest share first. Type A: from "
+    "the samples; type B: tolerances of the vehicle as stated, or their defaults."
+)
+
+
+def write(path: Path, runs: Sequence[Run]) -> None:
+    """Writes a report.
+
+    Args:
+        path: file to write; its old content is lost.
+        runs: one, or several to compare.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+    with verified(path) as file:
+        file.write(page(runs).encode("utf-8"))
+
+
+def page(runs: Sequence[Run]) -> str:
+    """The whole page; the same runs give the same text."""
+    from .plots import Figures  # Bokeh is slow to import
+
+    figures = Figures()
+    body = list(_single(runs[0], figures))
+    body += [packed("library", figures.library()), packed("figures", figures.as_json())]
+    here = files(__package__)
+    style, script = (here.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    head = [
+        '<meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f'<meta name="generator" content="adhesion {__version__}">',
+        element("title", text(f"Adhesion report: {', '.join(r.name for r in runs)}")),
+        element("style", style),
+    ]
+    body.append(element("script", script))
+    parts = ['<!DOCTYPE html>\n<html lang="en">\n<head>', *head, "</head>\n<body>", *body]
+    return "\n".join([*parts, "</body>\n</html>\n"])
+
+
+def _single(run: Run, figures: "Figures") -> Iterator[str]:
+    drawn = figures.of_run(run)
+    yield from _first_screen(run, drawn.overview)
+    for axle in run.axles:
+        yield from _axle(axle, drawn.axles[axle.number])
+    if drawn.step:
+        yield paragraph(
+            f"The figures show the lowest and the highest values of parts of the log, about "
+            f"{drawn.step:.2g} s apart in brake applications. The result file has every sample.",
+            "note",
+        )
+    yield from _budgets(run)
+    yield from _findings(run)
+    yield from _about(run)
+
+
+# ---- first screen
+
+
+def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
+    log, start = run.log, run.log["start"]
+    yield element("h1", text(run.name))
+    begun = f", {start.replace('T', ' ').replace('Z', ' UTC')}" if start else ""
+    yield paragraph(f"{log['format']}, {log['duration_s']:.1f} s{begun}", "soft")
+    mark, said = words.headline(run)
+    yield element("p", text(said), f"headline {mark}")
+    cards = []
+    for axle in run.axles:
+        v = words.verdict(axle)
+        cards.append(element("div", "".join([
+            element("b", text(f"{v.title} {v.state}")),
+            element("div", text(f"µ {v.adhesion}"), "value") if v.adhesion != words.NONE else "",
+            paragraph(v.text),
+        ]), f"card {v.mark}"))  # fmt: skip
+    yield element("div", "\n".join(cards), "cards")
+    yield from _care(run)
+    yield element("h2", "Brake applications", id="applications")
+    rows = words.application_rows(run)
+    marks = [(mark, "Slides") for mark, _ in rows]
+    yield table([row for _, row in rows], marks=marks, css="long" * (len(rows) > _MANY))
+    yield element("div", "".join(_places(overview)), "whole")
+    yield paragraph(
+        "Shaded: a wheel slides. Drag over a time to enlarge it: all figures follow. The symbols "
+        "at the right edge of a figure set it back.",
+        "note",
+    )
+    if rows:
+        least = any(one["at_least"] for a in run.axles for one in a.applications if one["slides"])
+        yield paragraph(" ".join([_NOTE, _OF_SLIDES, *[_AT_LEAST] * least]), "note")
+    yield paragraph("This browser is too old to draw the figures. The tables are whole.", "too-old")
+    links = [(f"#axle-{a.number}", f"Axle {a.number}") for a in run.axles]
+    links += [("#budget", "Uncertainty"), ("#findings", "Findings"), ("#about", "How it was made")]
+    yield element("nav", " ".join(element("a", text(name), href=to) for to, name in links))
+
+
+def _care(run: Run) -> Iterator[str]:
+    """Warnings and errors, where a reader who leaves early sees them."""
+    serious = [of for of in words.told(run.findings) if of.severity != "info"]
+    if serious:
+        items = [
+            element("li", element("a", text(_in_short(of)), href=f"#finding-{of.code}"))
+            for of in serious
+        ]
+        head = element("b", "Read the figures with care:")
+        yield element("div", f"{head}<ul>{''.join(items)}</ul>", "care")
+
+
+def _in_short(of: words.Told) -> str:
+    messages = list(dict.fromkeys(message for _, _, message in of.lines))
+    return messages[0] if len(messages) == 1 else f"{of.title}."
+
+
+def _places(names: Sequence[str]) -> Iterator[str]:
+    for name in names:
+        yield element("div", "", "figure", id=name)
+
+
+# ---- behind it
+
+
+def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
+    yield element("h2", f"Axle {axle.number}", "page", id=f"axle-{axle.number}")
+    yield from _places(places)
+    if scores := words.score_rows(axle):
+        heading = element("h3", f"Estimators against the {text(axle.against)}")
+        yield element("div", heading + table(scores) + paragraph(_OF_SCORES, "note"), "whole")
+
+
+def _budgets(run: Run) -> Iterator[str]:
+    yield element("h2", "Uncertainty of the mean force", id="budget")
+    every = [(axle, one) for axle in run.axles for one in axle.applications if one["budget"]]
+    if not every:
+        yield paragraph("No brake application has a force.")
+        return
+    yield paragraph(_OF_BUDGETS, "note")
+    if len(every) > _BUDGETS:
+        yield paragraph(
+            "Of each axle the brake application with the largest uncertainty. `adhesion analyze "
+            "LOG --budget` shows all.", "note",
+        )  # fmt: skip
+        widest = {
+            a.number: (a, o) for a, o in sorted(every, key=lambda of: of[1]["force_n"]["mean_u95"])
+        }
+        every = [widest[number] for number in sorted(widest)]
+    for axle, one in every:
+        when = words.span(one["start_s"], one["end_s"])
+        heading = element("h3", f"Axle {axle.number}, brake application at {when} s")
+        rows = table(words.budget_rows(one), left=2)
+        yield element("div", heading + rows + paragraph(words.combined(one), "note"), "whole")
+
+
+def _findings(run: Run) -> Iterator[str]:
+    yield element("h2", "Findings", id="findings")
+    found = words.told(run.findings)
+    if not found:
+        yield paragraph("None: the checks found nothing in this log.")
+    for of in found:
+        heading = element("h3", f"{text(of.severity.capitalize())}: {text(of.title)}")
+        rows = [
+            {"Channel": channel, "Time": when, "What": message}
+            for channel, when, message in of.lines[:_LINES]
+        ]
+        more = len(of.lines) - len(rows)
+        rest = paragraph(f"And {more} more of this kind.", "note") if more else ""
+        parts = "".join(
+            element("dt", text(name)) + element("dd", text(said)) for name, said in of.parts
+        )
+        code = paragraph(f"Code: {of.code}", "note")
+        inside = [heading, table(rows, left=3), rest, element("dl", parts), code]
+        yield element(
+            "div", "".join(inside), f"finding {text(of.severity)}", id=f"finding-{of.code}"
+        )
+
+
+def _about(run: Run) -> Iterator[str]:
+    yield element("h2", "How this was made", id="about")
+    of = run.provenance
+    facts = {
+        "Log": run.name, "Format": run.log["format"],
+        "Rows": f"{run.log['rows_used']} of {run.log['rows_read']} used",
+        "SHA-256 of the log": run.log["sha256"], "Result file": run.path.name,
+        "Analysed by": f"adhesion {of.get('version', 'unknown')}",
+        "Reference": words.listed(
+            sorted({str(a.document["reference"]["method"]) for a in run.axles}) or ["none"]
+        ),
+    }  # fmt: skip
+    yield table([{"Fact": k, "Value": str(v)} for k, v in facts.items()], left=2)
+    yield element("h3", "Channels")
+    yield table([
+        {
+            "Channel": f"{c['name']} {c['field']}".strip(), "Meaning": str(c["meaning"] or ""),
+            "Axle": str(c["axle"] or "all"), "Unit": str(c["unit"]), "Reason": str(c["reason"]),
+        }
+        for c in run.channels
+    ], left=5)  # fmt: skip
+    yield element("h3", "Vehicle")
+    yield table(_vehicle(run), left=1)
+    settings = [{"Setting": k, "Value": v} for k, v in sorted(run.settings.items())]
+    yield element("details", element("summary", "All settings") + table(settings, left=2))
+    yield element("h3", "Sources of the methods")
+    sources = [element("li", text(line)) for line in of.get("sources", "").splitlines()]
+    yield element("ul", "".join(sources))
+
+
+def _vehicle(run: Run) -> list[dict[str, str]]:
+    """The vehicle's parameters with their standard uncertainties."""
+    found: dict[str, dict[str, str]] = {}
+    for key, value in sorted(run.settings.items()):
+        section, _, name = key.partition(".")
+        if section != "vehicle":
+            continue
+        if name.startswith("correlation"):
+            found[name] = {"value": value}
+        elif name == "wheel_radius":
+            for i, one in enumerate(json.loads(value), 1):
+                found[f"wheel_radius, axle {i}"] = {k: f"{v:g}" for k, v in one.items()}
+        else:
+            parameter, _, part = name.rpartition(".")
+            found.setdefault(parameter, {})[part] = f"{json.loads(value):g}"
+    return [
+        {
+            "Parameter": name.replace("_", " "), "Value": of.get("value", words.NONE),
+            "Standard uncertainty": of.get("tolerance", words.NONE), "Unit": _unit(name),
+        }
+        for name, of in found.items()
+    ]  # fmt: skip
+
+
+def _unit(name: str) -> str:
+    from ...core.model import Vehicle, quantities
+
+    known = quantities(Vehicle).get(name.partition(",")[0])
+    return known.unit if known else words.NONE

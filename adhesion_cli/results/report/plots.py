@@ -1,0 +1,352 @@
+"""The figures of a report, drawn by Bokeh in the browser; the same data give the same bytes."""
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from bokeh.document import Document
+from bokeh.models import (
+    ColumnDataSource,
+    CrosshairTool,
+    HoverTool,
+    Legend,
+    LegendItem,
+    Range1d,
+    Span,
+)
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+from numpy.typing import NDArray
+
+from ...core.finding import merged
+from ...core.model import Floats
+from .. import palette
+from . import decimate
+from .run import Axle, Run
+
+VALUES = 560_000  # numbers of all figures together, about: what 3 MB have room for
+_BITS = 12  # of a number's mantissa that a picture shows
+_POINTS = 2500  # of µ over slip, per axle
+_MARGIN = 1.0  # around a brake application that is drawn in full [s]
+_RARE = 0.002  # share of the samples that may lie outside of a chart of errors
+_ERRORS = "error_"  # column of an estimator's error
+_WEAK = 0.13
+_SHADES = 500  # slides of all axles together that are shaded one by one
+_FONT = "13px"
+_ID = re.compile(r"p\d+")
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """Figures of one run: names of their places on the page."""
+
+    overview: list[str]
+    axles: dict[int, list[str]]
+    step: float  # longest interval between drawn samples inside of brake applications [s]
+
+
+class Figures:
+    """All figures of a page, in one document: what is linked stays linked."""
+
+    def __init__(self) -> None:
+        self._places: dict[str, Any] = {}
+        self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
+
+    def of_run(self, run: Run) -> Drawn:
+        """Overview, then four or five figures per axle, all with one time axis."""
+        first, last = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
+        time = Range1d(first, last, bounds=(first, last))
+        most = VALUES // max(len(run.axles), 1)
+        made = {a.number: _source(a, most) for a in run.axles}
+        sources = {number: source for number, (source, _) in made.items()}
+        overview = self._overview(run, sources, time)
+        axles = {a.number: self._axle(a, sources[a.number], time) for a in run.axles}
+        return Drawn(overview, axles, max((step for _, step in made.values()), default=0.0))
+
+    def library(self) -> str:
+        """BokehJS, which draws them."""
+        return "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw[:1])
+
+    def as_json(self) -> str:
+        """The document and where each of its figures goes, with ids that are always the same."""
+        document = Document()
+        with document.models.freeze():  # else each figure costs a walk through all of them
+            for fig in self._places.values():
+                document.add_root(fig)
+        of = document.to_json(deferred=False)
+        names: dict[str, str] = {}
+        roots = {fig.id: place for place, fig in self._places.items()}
+        packed = _renamed({"doc": of, "roots": roots, "root_ids": list(roots)}, names)
+        return json.dumps(packed, separators=(",", ":"))
+
+    # ---- figures
+
+    def _overview(
+        self, run: Run, sources: Mapping[int, ColumnDataSource], time: Range1d
+    ) -> list[str]:
+        speed = self._figure("Speed of train and wheels [km/h]", 240, time)
+        adhesion = self._figure("Adhesion coefficient [-]", 190, time)
+        items: dict[str, list[Any]] = {}
+        slides = merged([span for axle in run.axles for span in _slides(axle)], _SHADES)
+        for fig in (speed, adhesion):
+            _shade(fig, slides, _WEAK)
+        for i, axle in enumerate(run.axles):
+            colour, source = palette.of_axle(i), sources[axle.number]
+            name = f"axle {axle.number}"
+            style = {"color": colour, "line_width": 1.3, "source": source}
+            items[name] = [
+                speed.line("t", "rim", **style), adhesion.line("t", "mu", **style),
+            ]  # fmt: skip
+            if i == 0 and axle.known("train"):
+                train = speed.line("t", "train", source=source, color=palette.BLACK, line_width=2)
+                items["train"] = [train]
+        speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
+        adhesion.y_range = _range([_column(s, "mu") for s in sources.values()])
+        _legend(speed, items)
+        return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
+
+    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d) -> list[str]:
+        N, slides = axle.number, _slides(axle)
+        speed = self._figure("Speed [km/h]", 180, time)
+        items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
+        if axle.known("train"):
+            items["train"] = [_line(speed, source, "train", palette.BLACK)]
+        speed.y_range = _range([_column(source, "rim"), _column(source, "train")], whole=True)
+        _finish(speed, items, slides, source, "km/h", {"train": "train", "wheel": "rim"})
+
+        by_pressure = axle.known("pressure")
+        name, unit = ("Pressure", "bar") if by_pressure else ("Clamping", "kN")
+        brake = self._figure(f"{name} [{unit}]", 130, time)
+        _line(brake, source, "brake", palette.GREEN)
+        brake.y_range = _range([_column(source, "brake")], whole=True)
+        _finish(brake, {}, slides, source, unit, {name.lower(): "brake"})
+
+        force = self._figure("Adhesion force [kN]", 230, time)
+        band = force.varea("t", "lower", "upper", source=source, color=palette.GREY, alpha=0.35)
+        items = {"95 % band": [band], "reference": [_line(force, source, "force", palette.BLACK)]}
+        if axle.known("truth"):
+            items["truth"] = [_line(force, source, "truth", palette.GREEN)]
+        edges = [_column(source, name) for name in ("lower", "upper", "truth")]
+        force.y_range = _range(edges)
+        shown = {"force": "force", "from": "lower", "to": "upper"}
+        _finish(force, items, slides, source, "kN", shown)
+        figures = [speed, brake, force]
+
+        if axle.errors:
+            errors = self._figure("Estimator error [kN]", 190, time)
+            columns = {algo: f"{_ERRORS}{algo}" for algo in axle.errors}
+            items = {
+                algo: [_line(errors, source, column, palette.of_method(algo), 1.1)]
+                for algo, column in columns.items()
+            }
+            errors.y_range = _range([_braked(axle, e) * 1e-3 for e in axle.errors.values()])
+            _finish(errors, items, slides, source, "kN", columns)
+            figures.append(errors)
+        figures[-1].xaxis.axis_label = "time after the start of the log [s]"
+        figures[-1].height += 20
+        places = [self._place(f, f"axle-{N}-{i}") for i, f in enumerate(figures)]
+        if axle.known("slip"):
+            places.append(self._place(self._curve(axle), f"axle-{N}-curve"))
+        return places
+
+    def _curve(self, axle: Axle) -> figure:
+        """µ over slip while braked: where the wheel rolls, and where it slides."""
+        fig = figure(
+            height=300, sizing_mode="stretch_width", tools="box_zoom,pan,wheel_zoom,reset,save",
+            active_drag="box_zoom", active_scroll=None, output_backend="canvas",
+        )  # fmt: skip
+        _style(fig, "Adhesion coefficient [-]")
+        fig.xaxis.axis_label = "slip [%]"
+        braked = _inside(axle.t, [(o["start_s"], o["end_s"]) for o in axle.applications])
+        sliding = _inside(axle.t, _slides(axle))
+        items = {}
+        for name, where, colour in (
+            ("wheel rolls", braked & ~sliding, palette.BLUE),
+            ("wheel slides", braked & sliding, palette.RED),
+        ):
+            at = np.flatnonzero(where & np.isfinite(axle.slip) & np.isfinite(axle.force))
+            if len(at):
+                at = at[:: -(-len(at) // _POINTS)]
+                points = {"slip": 100.0 * axle.slip[at], "mu": axle.force[at] / axle.weight}
+                source = ColumnDataSource({k: _short(x) for k, x in points.items()})
+                items[name] = [
+                    fig.scatter("slip", "mu", source=source, size=4, color=colour, alpha=0.6)
+                ]
+        _legend(fig, items)
+        return fig
+
+    def _figure(self, label: str, height: int, time: Range1d) -> figure:
+        fig = figure(
+            height=height, sizing_mode="stretch_width", x_range=time,
+            tools="xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save", active_drag="xbox_zoom",
+            active_scroll=None, output_backend="canvas",
+        )  # fmt: skip
+        fig.add_tools(CrosshairTool(overlay=self._cursor))
+        _style(fig, label)
+        return fig
+
+    def _place(self, fig: figure, place: str) -> str:
+        self._places[place] = fig
+        return place
+
+
+def _style(fig: figure, label: str) -> None:
+    fig.yaxis.axis_label = label
+    fig.yaxis.ticker.desired_num_ticks = 5
+    for axis in fig.axis:
+        axis.minor_tick_line_color = None
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = axis.major_label_text_font_size = _FONT
+    fig.min_border_left = 70  # so that time stands at one place in all figures
+    fig.min_border_right = 12
+    fig.toolbar.logo = None
+    fig.toolbar.autohide = True
+    fig.outline_line_color = None
+    fig.grid.grid_line_color = "#e6e6e6"
+
+
+def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
+    if items:
+        made = [LegendItem(label=name, renderers=list(of)) for name, of in items.items()]
+        columns = 4 if max(map(len, items)) < 8 else 3  # as many as a narrow screen has room for
+        legend = Legend(
+            items=made, orientation="horizontal", click_policy="hide", ncols=columns,
+            border_line_color=None, padding=0, margin=2, label_text_font_size=_FONT, spacing=14,
+            location="top_left",
+        )  # fmt: skip
+        fig.add_layout(legend, "above")
+
+
+def _line(
+    fig: figure, source: ColumnDataSource, column: str, colour: str, width: float = 1.4
+) -> Any:
+    return fig.line("t", column, source=source, color=colour, line_width=width)
+
+
+def _finish(
+    fig: figure, items: Mapping[str, Sequence[Any]], slides: Sequence[tuple[float, float]],
+    source: ColumnDataSource, unit: str, shown: Mapping[str, str],
+) -> None:  # fmt: skip
+    """Legend, the slides as shades, and values under the pointer."""
+    lines = list(fig.renderers)
+    _shade(fig, slides, _WEAK)
+    _legend(fig, items)
+    tips = [("time", "@t{0.00} s")]
+    tips += [(name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()]
+    known = [(a, b) for a, b in tips if a != "train" or np.isfinite(_column(source, "train")).any()]
+    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=known, mode="vline"))
+
+
+def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> None:
+    if spans:
+        begin, end = ([span[i] for span in spans] for i in (0, 1))
+        source = ColumnDataSource({"begin": begin, "end": end})
+        fig.vstrip(
+            x0="begin", x1="end", source=source, fill_color=palette.RED, fill_alpha=alpha,
+            line_color=None, level="underlay",
+        )  # fmt: skip
+
+
+# ---- data
+
+
+def _source(axle: Axle, most: int) -> tuple[ColumnDataSource, float]:
+    """The columns of an axle that are drawn over time, as many rows as there is room for.
+
+    Args:
+        axle: with its columns.
+        most: numbers, about.
+
+    Returns:
+        them, and the usual interval between rows in brake applications, 0 if all are there [s].
+    """
+    brake = axle.pressure * 1e-5 if axle.known("pressure") else axle.clamping * 1e-3
+    columns = {
+        "rim": axle.rim * 3.6, "train": axle.train * 3.6, "brake": brake,
+        "force": axle.force * 1e-3, "mu": axle.force / axle.weight,
+        "lower": axle.lower * 1e-3, "upper": axle.upper * 1e-3, "truth": axle.truth * 1e-3,
+        **{f"{_ERRORS}{algo}": error * 1e-3 for algo, error in axle.errors.items()},
+    }  # fmt: skip
+    empty = [name for name, c in columns.items() if not np.isfinite(c).any()]
+    room = most // (1 + len(columns) - len(empty))
+    judged = [
+        columns[n] for n in columns if n not in (*empty, "mu", "lower", "upper", "truth")
+    ]  # what follows from another column, or from noise around it, is left out
+    braked = [(o["start_s"] - _MARGIN, o["end_s"] + _MARGIN) for o in axle.applications]
+    kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
+    at = decimate.with_gaps(axle.t, kept)
+    data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t, at)}
+    for name, column in columns.items():
+        if name not in empty:
+            data[name] = _short(np.where(at < 0, np.nan, column[at]))
+    for name in {"rim", "train"} & set(empty):
+        data[name] = np.full(len(at), np.nan, np.float32)
+    left_out = _inside(axle.t, braked).sum() - _inside(axle.t[kept], braked).sum()
+    steps = np.diff(axle.t[kept])[_inside(axle.t[kept[1:]], braked)]
+    return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if left_out else 0.0
+
+
+def _seconds(t: Floats, at: decimate.Rows) -> Any:
+    """Times, with that of the row before where a line is broken."""
+    places = np.where(at < 0, np.roll(at, 1), at)
+    found = t[places]
+    return found if len(t) and t[-1] > 8192.0 else found.astype(np.float32)  # to the millisecond
+
+
+def _short(values: Floats) -> NDArray[np.float32]:
+    """The values with the digits that a picture shows; what is not shown costs no space."""
+    bits = np.ascontiguousarray(values, np.float32).view(np.uint32)
+    half = np.uint32(1 << (22 - _BITS))
+    mask = np.uint32(0xFFFFFFFF << (23 - _BITS) & 0xFFFFFFFF)
+    known = np.isfinite(values)
+    rounded: NDArray[np.float32] = np.where(known, (bits + half) & mask, bits).view(np.float32)
+    return rounded
+
+
+def _column(source: ColumnDataSource, name: str) -> Floats:
+    found: Floats = np.asarray(source.data.get(name, np.empty(0)), np.float64)
+    return found
+
+
+def _slides(axle: Axle) -> list[tuple[float, float]]:
+    return [(a, b) for one in axle.applications for a, b in one["slide_spans"]]
+
+
+def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
+    found = np.zeros(len(t), np.bool_)
+    for begin, end in spans:
+        found |= (t >= begin) & (t <= end)
+    return found
+
+
+def _braked(axle: Axle, column: Floats) -> Floats:
+    """A column in brake applications, or all of it without one."""
+    found: Floats = column[_inside(axle.t, [(o["start_s"], o["end_s"]) for o in axle.applications])]
+    return found if len(found) else column
+
+
+def _range(columns: Sequence[Floats], whole: bool = False) -> Range1d:
+    """All values but the rarest spikes, and zero; with `whole` all."""
+    known = [c[np.isfinite(c)] for c in columns]
+    ends = [0.0]
+    for values in known:
+        if len(values):
+            ends += np.quantile(values, [0.0, 1.0] if whole else [_RARE, 1.0 - _RARE]).tolist()
+    margin = 0.05 * (max(ends) - min(ends)) or 1.0
+    return Range1d(min(ends) - margin, max(ends) + margin)
+
+
+def _renamed(value: Any, names: dict[str, str]) -> Any:
+    """The document with its models numbered from the first: Bokeh counts on in a process."""
+    if isinstance(value, dict):
+        return {_new(k, names): _renamed(v, names) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_renamed(v, names) for v in value]
+    return _new(value, names) if isinstance(value, str) else value
+
+
+def _new(text: str, names: dict[str, str]) -> str:
+    return names.setdefault(text, f"m{len(names)}") if _ID.fullmatch(text) else text

@@ -1,0 +1,219 @@
+"""A result file as a report shows it: the document it carries, and columns over time."""
+
+import json
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core import physics
+from ...core.errors import UserError
+from ...core.model import Column, Floats, Times
+from ...formats.open import open_source
+from ...formats.source import Field, ReadOptions, Source
+from ..names import METRICS, PROVENANCE, SETTINGS
+
+_TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
+_FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
+_TWO_LOGS = "name the *.adhesion.mcap of each log"
+
+
+@dataclass(frozen=True, slots=True)
+class Axle:
+    """One axle: its entry of the document, and columns of shape (n,); NaN where not known."""
+
+    document: Mapping[str, Any]
+    t: Floats  # seconds after the log's start
+    train: Floats  # speed of the train [m/s]
+    rim: Floats  # speed of the rim, ωR [m/s]
+    pressure: Floats  # [Pa]
+    clamping: Floats  # clamping force K [N]
+    force: Floats  # the reference [N]
+    lower: Floats  # edges of its 95 % band [N]
+    upper: Floats
+    slip: Floats  # [-]
+    truth: Floats  # true force [N]
+    errors: Mapping[str, Floats]  # of each estimator, against truth or reference [N]
+    weight: float  # m g [N]
+
+    @property
+    def number(self) -> int:
+        """As the log counts them."""
+        return int(self.document["axle"])
+
+    @property
+    def applications(self) -> Sequence[Mapping[str, Any]]:
+        """Brake applications, in the order of time."""
+        found: Sequence[Mapping[str, Any]] = self.document["applications"]
+        return found
+
+    @property
+    def against(self) -> str:
+        """What the estimators are measured against."""
+        return next((str(s["against"]) for s in self.document["estimators"]), "reference")
+
+    def known(self, column: str) -> bool:
+        """Whether a column has a value anywhere."""
+        return bool(np.isfinite(getattr(self, column)).any())
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One result file."""
+
+    path: Path
+    log: Mapping[str, Any]
+    axles: tuple[Axle, ...]
+    findings: Sequence[Mapping[str, Any]]
+    channels: Sequence[Mapping[str, Any]]
+    settings: Mapping[str, str]  # dotted keys with JSON values
+    provenance: Mapping[str, str]
+
+    @property
+    def name(self) -> str:
+        """Of the log it was made from."""
+        return Path(str(self.log["path"])).name
+
+
+def read(path: Path) -> Run:
+    """Reads a result file.
+
+    Raises:
+        UserError: for a raw log, a comparison, a damaged file or one of an older version.
+    """
+    source = open_source(path, ReadOptions(strict=True))
+    document = _document(path, source)
+    settings = source.metadata.get(SETTINGS, {})
+    provenance = source.metadata.get(PROVENANCE, {})
+    try:
+        _check(document)
+        start = int(provenance["start_ns"]) + int(provenance.get("time_shift_ns", "0"))
+        axles = _axles(source, document, start, settings)
+        return Run(
+            path, document["log"], axles, document["findings"], document["channels"], settings,
+            provenance,
+        )  # fmt: skip
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        version = provenance.get("version", "an unknown version")
+        raise UserError(
+            f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})",
+            f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`",
+        ) from error
+
+
+def _document(path: Path, source: Source) -> dict[str, Any]:
+    """The entry of the log in the document that a result carries.
+
+    Raises:
+        UserError: where it carries none, or several.
+    """
+    if any(name.startswith(f"{SETTINGS}/") for name in source.metadata):
+        raise UserError(f"{path}: a comparison of several logs, not one result", _TWO_LOGS)
+    carried = source.metadata.get(METRICS, {}).get("json", "{}")
+    try:
+        found = json.loads(carried)
+    except ValueError:
+        found = {}
+    if not isinstance(found, dict) or found.get("schema") != "adhesion.result/1":
+        raise UserError(
+            f"{path}: a log, not a result",
+            f"`adhesion analyze {shlex.quote(str(path))}` makes a *.adhesion.mcap of it, and "
+            "with --report this page",
+        )
+    if len(entries := found.get("results", [])) != 1:
+        raise UserError(f"{path}: not the result of one log", _TWO_LOGS)
+    entry: dict[str, Any] = entries[0]
+    return entry
+
+
+def _check(document: Mapping[str, Any]) -> None:
+    """Refuses what an older version wrote.
+
+    Raises:
+        KeyError: names what is missing.
+    """
+    for axle in document["axles"]:
+        for one in axle["applications"]:
+            for key in ("start_s", "end_s", "force_n", "slides", "slide_spans", "utilisation"):
+                one[key]
+
+
+def _axles(
+    source: Source, document: Mapping[str, Any], start: int, settings: Mapping[str, str]
+) -> tuple[Axle, ...]:
+    """Every axle of the document; the file is read once."""
+    documents = {int(a["axle"]): a for a in document["axles"]}
+    wanted: dict[tuple[int, str, str], Field] = {}
+    for field in source.fields:
+        match = _TOPIC.fullmatch(field.channel)
+        if match and int(match[1]) in documents and field.path in _WANTED.get(match[2], ("force",)):
+            wanted[int(match[1]), match[2], field.path] = field
+    columns = dict(zip(wanted, source.columns([*wanted.values()]), strict=True))
+    axles = []
+    for number, own in documents.items():
+        of = {key[1:]: columns.pop(key) for key in list(columns) if key[0] == number}
+        axles.append(_axle(own, of, start, settings))
+    return tuple(axles)
+
+
+_WANTED = {
+    "input": ("brake_cylinder_pressure", "clamping_force", "wheel_speed", "train_speed"),
+    "reference": ("force", "lower", "upper"),
+    "truth": ("force",),
+    "slip": ("slip",),
+}  # of an estimate: the force
+
+
+def _axle(
+    document: Mapping[str, Any], columns: Mapping[tuple[str, str], Column], start: int,
+    settings: Mapping[str, str],
+) -> Axle:  # fmt: skip
+    wheel = columns["input", "wheel_speed"]
+    t = wheel.t
+
+    def column(topic: str, field: str) -> Floats:
+        found = columns.get((topic, field))
+        return np.full(len(t), np.nan) if found is None else _at(t, found)
+
+    force, truth = column("reference", "force"), column("truth", "force")
+    against = {s["algo"]: s["against"] for s in document["estimators"]}
+    errors = {
+        algo: column(f"estimate/{algo}", "force") - (truth if target == "truth" else force)
+        for algo, target in sorted(against.items())
+    }
+    train, slip = column("input", "train_speed"), column("slip", "slip")
+    radius = _stated_radius(settings, int(document["axle"]))
+    rim = wheel.value * _rolling_radius(wheel.value, train, slip, radius)
+    return Axle(
+        document, (t - start) * np.float64(1e-9), train, rim,
+        column("input", "brake_cylinder_pressure"), column("input", "clamping_force"),
+        force, column("reference", "lower"), column("reference", "upper"), slip, truth, errors,
+        physics.G * float(json.loads(settings["vehicle.axle_mass.value"])),
+    )  # fmt: skip
+
+
+def _at(t: Times, column: Column) -> Floats:
+    """A column at other times: its own values where it has them, else the line between them."""
+    if np.array_equal(t, column.t):
+        return column.value
+    if not len(column.t) or (np.diff(column.t) < 0).any() or (np.diff(t) < 0).any():
+        return np.full(len(t), np.nan)
+    found: Floats = np.interp(t, column.t, column.value, np.nan, np.nan)
+    return found
+
+
+def _stated_radius(settings: Mapping[str, str], axle: int) -> float:
+    """Wheel radius of an axle by the settings [m]."""
+    if several := settings.get("vehicle.wheel_radius"):
+        return float(json.loads(several)[axle - 1]["value"])
+    return float(json.loads(settings["vehicle.wheel_radius.value"]))
+
+
+def _rolling_radius(wheel: Floats, train: Floats, slip: Floats, stated: float) -> float:
+    """The radius that the slip was computed with, by (2), else the stated one [m]."""
+    used = np.flatnonzero(np.isfinite(slip) & (train > _FAST) & (wheel > 1.0) & (slip < 0.5))
+    return float(np.median(train[used] * (1.0 - slip[used]) / wheel[used])) if len(used) else stated

@@ -1,0 +1,212 @@
+"""Reports without a browser: what stands in the page, which samples are drawn, what is refused."""
+
+import json
+import re
+import zlib
+from base64 import b64decode
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import made_results
+import numpy as np
+import pytest
+
+from adhesion_cli.analysis.json_documents import document, dumps, entry
+from adhesion_cli.analysis.settings import Settings, tree
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Result, Vehicle
+from adhesion_cli.results import mcap
+from adhesion_cli.results.report import decimate, page, words
+from adhesion_cli.results.report.run import Run, read
+
+EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
+
+
+def analysed(**of: Any) -> Result:
+    """A made result with the settings of a real one."""
+    return replace(made_results.result(**of), settings=tree(Settings(Vehicle()), []))
+
+
+def written(path: Path, result: Result) -> Path:
+    mcap.write_result(path, result, dumps(document([entry(result, {})])))
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    path = tmp_path_factory.mktemp("report") / "stop.adhesion.mcap"
+    return read(written(path, analysed(axles=2, n=3000)))
+
+
+@pytest.fixture(scope="module")
+def text(run: Run) -> str:
+    return page.page([run])
+
+
+class Elements(HTMLParser):
+    """The elements of a page, and the text between them."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def figures(text: str) -> dict[str, object]:
+    packed = re.search(r'id="figures">([^<]*)<', text)
+    assert packed
+    found: dict[str, object] = json.loads(zlib.decompress(b64decode(packed[1])))
+    return found
+
+
+def test_a_result_is_read_as_it_was_written(run: Run) -> None:
+    made = analysed(axles=2, n=3000)
+    assert [a.number for a in run.axles] == [1, 2]
+    for axle, of in zip(run.axles, made.axles, strict=True):
+        assert axle.t == pytest.approx(np.arange(3000) / 100.0, abs=1e-6)  # after the log's start
+        np.testing.assert_array_equal(axle.force, of.reference.force)
+        np.testing.assert_allclose(axle.upper - axle.force, of.reference.half, rtol=1e-9)
+        np.testing.assert_allclose(axle.errors["td"], of.estimates["td"] - of.record.truth)
+        assert axle.against == "truth"
+        rolling = of.record.train_speed * (1.0 - axle.slip)
+        known = np.isfinite(rolling) & (of.record.train_speed > 3.0)
+        np.testing.assert_allclose(axle.rim[known], rolling[known], rtol=0.01)
+
+
+def test_the_same_result_gives_the_same_bytes(run: Run, text: str, tmp_path: Path) -> None:
+    page.write(tmp_path / "a.html", [run])  # Bokeh counts its models on
+    assert (tmp_path / "a.html").read_text("utf-8") == text
+    assert not re.search(r'"p\d{4}"', json.dumps(figures(text)))
+
+
+def test_nothing_is_loaded_from_anywhere(text: str) -> None:
+    found = Elements(text)
+    for tag, attributes in found.elements:
+        assert tag not in ("link", "iframe", "img", "base")
+        assert "src" not in attributes
+        assert (attributes.get("href") or "#").startswith("#")
+    style = next(t for t in found.texts if "color-scheme" in t)
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+def test_every_figure_has_its_place_and_shares_the_time(text: str) -> None:
+    places = {a["id"] for tag, a in Elements(text).elements if a.get("class") == "figure"}
+    of = figures(text)
+    assert set(of["roots"].values()) == places  # type: ignore[attr-defined]
+    assert len(places) == 2 + 2 * 5
+    axes = [r["attributes"]["x_range"]["id"] for r in of["doc"]["roots"]]  # type: ignore[index]
+    assert len(set(axes)) == 1 + 2  # of time, and of each curve over slip
+
+
+def test_the_axle_that_slid_is_named_and_the_other_is_not(run: Run) -> None:
+    first, second = map(words.verdict, run.axles)
+    assert (first.mark, second.mark) == ("good", "slid")
+    assert words.headline(run)[0] == "slid"
+    marks = {row["Axle"]: (mark, row["Slides"]) for mark, row in words.application_rows(run)}
+    assert marks == {"1": ("good", "0"), "2": ("slid", "1")}
+
+
+def test_without_slip_slides_are_not_denied(tmp_path: Path) -> None:
+    made = analysed(axles=1, n=3000)
+    (axle,) = made.axles
+    blind = replace(axle, slip=None, record=replace(axle.record, train_speed=None))
+    run = read(written(tmp_path / "x.mcap", replace(made, axles=(blind,))))
+    assert words.headline(run)[0] == "unknown"
+    ((mark, row),) = words.application_rows(run)
+    assert (mark, row["Slides"]) == ("unknown", "?")
+
+
+def test_words_of_a_log_never_become_markup(tmp_path: Path) -> None:
+    made = analysed(axles=1, n=1000, name=f"{EVIL}.csv".replace("/", "∕"))
+    (channel,) = made.log.channels
+    evil = replace(channel, name=EVIL, field="\x1b[2J\u202e", unit=EVIL, reason=EVIL, label=EVIL)
+    told = Finding("csv-bad-cells", "warning", EVIL, values={"line": 3}, names={"example": EVIL})
+    log = replace(made.log, channels=(evil,), findings=(told,), format=EVIL, sha256=EVIL)
+    settings = {**made.settings, "csv": {EVIL: EVIL}}
+    result = replace(made, log=log, findings=(told,), settings=settings, sources=(EVIL,))
+    text = page.page([read(written(tmp_path / "x.mcap", result))])
+    found = Elements(text)
+    assert {tag for tag, _ in found.elements}.isdisjoint({"img", "b!", "object"})
+    assert not [a for _, a in found.elements if any(name.startswith("on") for name in a)]
+    assert sum(tag == "script" for tag, _ in found.elements) == 3
+    assert "\x1b" not in text
+    assert "\u202e" not in text
+    assert "onerror" not in json.dumps(figures(text))  # Bokeh would read "$$" in a label as TeX
+    assert any(EVIL in t for t in found.texts)  # it is there, as text
+
+
+def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
+    (told,) = [of for of in words.told(run.findings) if of.code == "gap"]
+    assert told.severity == "warning"
+    assert {name for name, _ in told.parts} >= {"Cause", "Effect on the result", "What to do"}
+    assert told.lines[0][0] == "speed 2"
+    links = {a.get("href") for tag, a in Elements(text).elements if tag == "a"}
+    assert "#finding-gap" in links  # on the first screen, as it is a warning
+    assert "#finding-no-application" not in links
+
+
+def test_the_picture_keeps_every_extreme_and_every_sample_of_a_slide() -> None:
+    rng = np.random.default_rng(1)
+    n, most = 200_000, 4000
+    t = np.arange(n) * 0.01
+    columns = [rng.normal(0, 1, n), np.sin(t)]
+    columns[0][123_456] = 40.0  # one sample
+    columns[1][777] = -9.0
+    slide, braked = (1000.0, 1005.0), (990.0, 1040.0)
+    kept = decimate.rows(t, columns, [[slide], [braked]], most)
+    assert len(kept) <= 1.1 * most
+    assert {123_456, 777, 0, n - 1} <= set(kept.tolist())
+    assert (np.diff(kept) > 0).all()
+    whole = np.flatnonzero((t >= slide[0]) & (t <= slide[1]))
+    assert set(whole.tolist()) <= set(kept.tolist())
+    inside = ((t[kept] >= braked[0]) & (t[kept] <= braked[1])).sum()
+    assert inside > 0.4 * most  # of 50 s in 2000
+    for column in columns:  # of equal parts of the brake application
+        for part in np.array_split(np.arange(99_000, 104_000), 20):
+            mine = kept[(kept >= part[0]) & (kept <= part[-1])]
+            assert column[mine].max() > np.quantile(column[part], 0.99)
+
+
+def test_a_short_log_is_drawn_in_full() -> None:
+    t = np.arange(500) * 0.01
+    assert len(decimate.rows(t, [t], [], 4000)) == 500
+
+
+def test_a_line_is_broken_at_a_gap_and_where_time_was_set_back() -> None:
+    t = np.concatenate([np.arange(100) * 0.01, 5.0 + np.arange(100) * 0.01, np.arange(50) * 0.01])
+    kept = decimate.with_gaps(t, np.arange(len(t)))
+    assert np.flatnonzero(kept < 0).tolist() == [100, 201]
+
+
+@pytest.mark.parametrize("kind", ["log", "comparison", "older", "damaged"])
+def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path) -> None:
+    made, path = analysed(axles=1, n=500), tmp_path / "x.mcap"
+    if kind == "log":
+        mcap.write_log(path, made.log)
+    elif kind == "comparison":
+        mcap.write_comparison(path, [made, made], dumps(document([entry(made, {})])))
+    elif kind == "older":
+        of = entry(made, {})
+        for axle in of["axles"]:
+            axle["applications"] = [{"start_s": 0.0}]
+        mcap.write_result(path, made, dumps(document([of])))
+    else:
+        written(path, made)
+        path.write_bytes(path.read_bytes()[:-3000])
+    with pytest.raises(UserError) as refused:
+        read(path)
+    assert str(path) in refused.value.text
+    assert refused.value.hint
+    if kind in ("log", "older"):
+        assert "adhesion analyze" in refused.value.hint
