@@ -1,3 +1,39 @@
-"""Wheel-rail adhesion from brake-cylinder pressure and wheel speed."""
+"""Wheel-rail adhesion from brake-cylinder pressure and wheel speed.
+
+>>> import adhesion_cli as adhesion
+>>> run = adhesion.analyze("sample_logs/service-brake.csv")  # doctest: +SKIP
+>>> run.applications[0].coefficient.mean  # doctest: +SKIP
+
+A name is loaded when it is first used, so that the import itself takes no time.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api.functions import analyze, calibrate, compare, convert, inspect, simulate, slip
+    from .api.results import Analysis, Axle, Calibration, Comparison, Inspection, SlipAnalysis
+    from .core.errors import UserError
+    from .core.finding import Finding
+    from .formats.memory import Signals
 
 __version__ = "0.1.0"
+__all__ = [
+    "Analysis", "Axle", "Calibration", "Comparison", "Finding", "Inspection", "Signals",
+    "SlipAnalysis", "UserError", "analyze", "calibrate", "compare", "convert", "inspect",
+    "simulate", "slip",
+]  # fmt: skip
+_PLACES = {"UserError": "core.errors", "Finding": "core.finding", "Signals": "formats.memory"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    place = _PLACES.get(name, "api.results" if name[0].isupper() else "api.functions")
+    found = globals()[name] = getattr(import_module(f".{place}", __name__), name)
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

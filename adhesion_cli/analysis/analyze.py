@@ -17,6 +17,7 @@ from ..core.time_axis import spans_of
 from ..diagnostics import diagnosis, noise_model
 from ..dynamics.train_grid import Scene
 from ..evaluation import metrics
+from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
 from ..rail import slip
@@ -74,7 +75,7 @@ def prepared(
 
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)
-    path: Path,
+    path: Path | Signals,
     load: Callable[..., Settings],
     algos: Sequence[str] = (),
     axles: Sequence[int] = (),
@@ -85,7 +86,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     """Analyses one log.
 
     Args:
-        path: raw log or result file; a result file's own settings are its defaults.
+        path: raw log, result file or signals in memory; a result's own settings are its defaults.
         load: gives the settings; takes `base`, which every stated setting overrides.
         algos: estimators to run, all if empty.
         axles: axles to analyse, all if empty.
@@ -130,7 +131,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     )
 
 
-def opened(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Source]:
+def opened(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings, Source]:
     """A log and its settings, see `analyze`.
 
     Raises:
@@ -143,7 +144,7 @@ def opened(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Source]
     return checked(settings), source
 
 
-def _carried(path: Path, source: Source) -> Mapping[str, str]:
+def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
     """The settings that a result file was made with; none of a raw log.
 
     Raises:

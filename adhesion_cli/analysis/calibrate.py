@@ -21,6 +21,7 @@ from ..core.text import by_uncertainty
 from ..diagnostics import diagnosis
 from ..dynamics import longitudinal as model
 from ..evaluation import metrics
+from ..formats.memory import Signals
 from ..reference import calibrated_vehicle as reference
 from ..results.charts import Line, Panel
 from ..results.palette import BLACK, BLUE, GREY, ORANGE
@@ -63,7 +64,9 @@ class Calibration(NamedTuple):
 
 
 def calibrate(
-    paths: Sequence[Path], load: Callable[..., Settings], tell: Callable[[str], None]
+    paths: Sequence[Path | Signals],
+    load: Callable[..., Settings],
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Calibrates one vehicle.
 
@@ -101,7 +104,7 @@ def calibrate(
 # Logs
 
 
-def _used(path: Path, load: Callable[..., Settings]) -> tuple[Settings, Used]:
+def _used(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings, Used]:
     settings, source = opened(path, load)
     vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
@@ -246,12 +249,29 @@ def as_toml(found: Calibration) -> str:
     for name, r in ((name, found.result.rows[name]) for name in others):
         shown = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
         lines.append(f"# - {name} = {shown} {r.unit}")
-    stated, usual = tree(found.settings, []), tree(Settings(), [])
-    for section in ("vehicle", "channels", "csv", "mcap"):
-        if (keys := stated[section]) != usual[section]:
-            lines += ["", f"[{section}]"]
-            lines += [f"{toml.key(k)} = {toml.value(v)}" for k, v in keys.items()]
+    for section, keys in as_tables(found).items():
+        lines += ["", f"[{section}]"]
+        lines += [f"{toml.key(k)} = {toml.value(v)}" for k, v in keys.items()]
     return "\n".join([*lines, ""])
+
+
+def as_tables(found: Calibration) -> dict[str, dict[str, Any]]:
+    """The vehicle, and how its logs were read, as tables of settings."""
+    stated, usual = tree(found.settings, []), tree(Settings(), [])
+    every = ("vehicle", "channels", "csv", "mcap")
+    return {name: of for name in every if (of := stated[name]) != usual[name]}
+
+
+def as_rows(found: Calibration) -> list[dict[str, str]]:
+    """Each parameter before and after with 1 sigma, as text."""
+    return [
+        {
+            "parameter": name.replace("_", " "), "stated by": r.source, "unit": r.unit,
+            "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),
+            "calibrated": " ± ".join(by_uncertainty(r.posterior, r.posterior_u)),
+        }
+        for name, r in found.result.rows.items()
+    ]  # fmt: skip
 
 
 def panels(braked: Sequence[Applied]) -> list[Panel]:

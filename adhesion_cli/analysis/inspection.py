@@ -12,6 +12,7 @@ from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
 from ..diagnostics import diagnosis
+from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .json_documents import channel_document, findings_document, iso
@@ -60,7 +61,7 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
     return Seen(document, code, findings, replace(log, channels=()))
 
 
-def inspected(path: Path, settings: Settings) -> Inspected:
+def inspected(path: Path | Signals, settings: Settings) -> Inspected:
     """One log's entry of the document, its channels, and all that was found.
 
     Raises:
@@ -93,10 +94,11 @@ def inspected(path: Path, settings: Settings) -> Inspected:
     return Inspected(document, findings, log)
 
 
-def _blank(path: Path) -> dict[str, Any]:
+def _blank(path: Path | Signals) -> dict[str, Any]:
     """The entry of a log of which nothing is known."""
+    name = path.name if isinstance(path, Signals) else str(path)
     return {
-        "path": str(path), "format": None, "status": "ok", "error": None, "hint": None,
+        "path": name, "format": None, "status": "ok", "error": None, "hint": None,
         "rows_read": 0, "start": None, "duration_s": 0.0, "time": "", "stated": {},
         "channels": [], "findings": [],
     }  # fmt: skip

@@ -3,10 +3,10 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from ..core.text import utf8
 
 if TYPE_CHECKING:
     from ..core.stop import Stop
-    from ..rail.applications import Application
+    from ..rail.applications import Application, Measured
     from ..rail.events import Slide
     from ..rail.slip import Summary
+    from ..reference import budget
     from ..reference.budget import Budget
     from ..wsp import wsp_controller
     from ..wsp.plant import Track
@@ -27,6 +28,59 @@ if TYPE_CHECKING:
     from ..wsp.sweep import Row
     from .calibrate import Calibration
     from .tune import Errors, Tuned
+
+
+class Coverage(NamedTuple):
+    """The uncertainty of the mean force; names as in the JSON."""
+
+    u_n: float  # combined standard uncertainty [N]
+    k: float  # coverage factor of 95 %
+    degrees_of_freedom: float | None  # effective ones; None where noise has no part
+
+
+@dataclass(frozen=True, slots=True)
+class BrakeApplication:
+    """One brake application of one axle; names as in the JSON. None is what the log does not show.
+
+    Attributes:
+        axle: its number, from 1.
+        start_s: from here, seconds after the start of the log.
+        end_s: to here [s].
+        from_mps: speed at the start: the train's, else that of the wheel's rim [m/s].
+        to_mps: speed at the end [m/s].
+        force_n: adhesion force [N]: mean and highest, each with its expanded uncertainty (95 %).
+        coefficient: adhesion coefficient µ [-], as the force.
+        slides: how many begin in it.
+        slide_spans: from and to of each [s].
+        slide_s: duration of all slides together [s].
+        slide_distance_m: distance of the train in them [m].
+        max_slip: the largest [-].
+        slide_energy_j: energy of friction between wheel and rail [J].
+        at_least: whether the numbers of the slides are lower bounds.
+        utilisation: mean adhesion in the slides over the highest that the rail could give [-].
+        utilisation_ci: its 95 % interval.
+        budget: what each quantity adds to the uncertainty of the mean force.
+        coverage: what they give together.
+    """
+
+    axle: int
+    start_s: float
+    end_s: float
+    from_mps: float | None
+    to_mps: float | None
+    force_n: "Measured | None"
+    coefficient: "Measured | None"
+    slides: int
+    slide_spans: tuple[tuple[float, float], ...]
+    slide_s: float
+    slide_distance_m: float
+    max_slip: float | None
+    slide_energy_j: float | None
+    at_least: bool
+    utilisation: float | None
+    utilisation_ci: tuple[float, float] | None
+    budget: "tuple[budget.Row, ...] | None"
+    coverage: Coverage | None
 
 
 def tagged(kind: str, **body: Any) -> dict[str, Any]:
@@ -39,13 +93,19 @@ def document(entries: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return tagged("result", results=list(entries))
 
 
-def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
+def entry(
+    result: Result,
+    outputs: dict[str, str],
+    braked: Mapping[int, Sequence[BrakeApplication]] | None = None,
+) -> dict[str, Any]:
     """One log's entry; numbers that do not exist are None.
 
     Args:
         result: the analysed log.
         outputs: the files written, by kind.
+        braked: what `brake_applications` gave, if that is known.
     """
+    braked = brake_applications(result) if braked is None else braked
     log = result.log
     used = [c for c in log.channels if c.meaning]
     start = log.start_ns()
@@ -61,7 +121,7 @@ def entry(result: Result, outputs: dict[str, str]) -> dict[str, Any]:
             "rows_used": rows_used(result),
         },
         "outputs": outputs,
-        "axles": [_axle(axle, result) for axle in result.axles],
+        "axles": [_axle(a, result, braked[a.record.axle]) for a in result.axles],
         "channels": [channel_document(c) for c in used],
         "findings": findings_document(result.findings),
     }
@@ -75,60 +135,79 @@ def embedded(entries: Sequence[dict[str, Any]]) -> str:
     return dumps(document(carried))
 
 
-def _axle(axle: AxleResult, result: Result) -> dict[str, Any]:
-    from ..rail.applications import of_axle  # slow to import, and only results need it
-
+def _axle(axle: AxleResult, result: Result, braked: Sequence[BrakeApplication]) -> dict[str, Any]:
     ref = axle.reference
     # While the wheel only rolls, force and errors are almost zero.
-    braked = np.r_[axle.applications] if axle.applications else slice(None)
+    where = np.r_[axle.applications] if axle.applications else slice(None)
     return {
         "axle": axle.record.axle,
         "reference": {
             "method": ref.method,
-            "sigma_n": _median(ref.sigma[braked]),
-            "band_n": _median(ref.half[braked]),
+            "sigma_n": _median(ref.sigma[where]),
+            "band_n": _median(ref.half[where]),
             "nis": ref.nis and asdict(ref.nis),
         },
         "applications": [
-            _application(x, result.log.start_ns()) for x in of_axle(axle, result.vehicle)
+            {f.name: _mapped(getattr(x, f.name)) for f in fields(x) if f.name != "axle"}
+            for x in braked
         ],
         "estimators": [{k: x for k, x in asdict(s).items() if k != "blocks"} for s in axle.scores],
     }
 
 
-def _application(x: "Application", start_ns: int) -> dict[str, Any]:
-    """A brake application; times of its slides are sums."""
-    slides, used = x.slides, x.utilisation
+def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]]:
+    """The brake applications of each axle, by its number, in the order of time."""
+    from ..rail.applications import of_axle  # slow to import, and only results need it
+
+    start = result.log.start_ns()
     return {
-        "start_s": (x.start - start_ns) / 1e9,
-        "end_s": (x.end - start_ns) / 1e9,
-        "from_mps": x.from_mps,
-        "to_mps": x.to_mps,
-        "force_n": x.force and x.force._asdict(),
-        "coefficient": x.coefficient and x.coefficient._asdict(),
-        "slides": len(slides),
-        "slide_spans": [_span(s, start_ns) for s in slides],
-        "slide_s": sum(s.duration for s in slides),
-        "slide_distance_m": sum(s.distance for s in slides),
-        "max_slip": max((s.max_slip for s in slides), default=None),
-        "slide_energy_j": _sum([s.energy for s in slides]),
-        "at_least": any(s.at_least for s in slides),
-        "utilisation": used and used.value,
-        "utilisation_ci": used and [used.low, used.high],
-        "budget": x.budget and [row._asdict() for row in x.budget.rows],
-        "coverage": x.budget and _coverage(x.budget),
+        a.record.axle: tuple(
+            _application(a.record.axle, x, start) for x in of_axle(a, result.vehicle)
+        )
+        for a in result.axles
     }
 
 
-def _span(slide: "Slide", start_ns: int) -> list[float]:
+def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication:
+    slides, used = x.slides, x.utilisation
+    return BrakeApplication(
+        axle=axle,
+        start_s=(x.start - start_ns) / 1e9,
+        end_s=(x.end - start_ns) / 1e9,
+        from_mps=x.from_mps,
+        to_mps=x.to_mps,
+        force_n=x.force,
+        coefficient=x.coefficient,
+        slides=len(slides),
+        slide_spans=tuple(_span(s, start_ns) for s in slides),
+        slide_s=sum(s.duration for s in slides),
+        slide_distance_m=sum(s.distance for s in slides),
+        max_slip=max((s.max_slip for s in slides), default=None),
+        slide_energy_j=_sum([s.energy for s in slides]),
+        at_least=any(s.at_least for s in slides),
+        utilisation=used and used.value,
+        utilisation_ci=used and (used.low, used.high),
+        budget=x.budget and x.budget.rows,
+        coverage=x.budget and _coverage(x.budget),
+    )
+
+
+def _span(slide: "Slide", start_ns: int) -> tuple[float, float]:
     begin = (slide.start - start_ns) / 1e9
-    return [begin, begin + slide.duration]
+    return begin, begin + slide.duration
 
 
-def _coverage(b: "Budget") -> dict[str, float | None]:
-    """Combined standard uncertainty and coverage factor of the mean force."""
-    freedom = b.freedom if math.isfinite(b.freedom) else None
-    return {"u_n": b.u, "k": b.k, "degrees_of_freedom": freedom}
+def _mapped(value: Any) -> Any:
+    """Records as tables and tuples as lists."""
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {k: _mapped(v) for k, v in value.items()}
+    return [_mapped(v) for v in value] if isinstance(value, tuple) else value
+
+
+def _coverage(b: "Budget") -> Coverage:
+    return Coverage(b.u, b.k, b.freedom if math.isfinite(b.freedom) else None)
 
 
 def _sum(values: Sequence[float | None]) -> float | None:

@@ -136,7 +136,7 @@ def stated(
     layers += [toml.read(of, _IS) if isinstance(of, Path) else dict(of) for of in files]
     layers.append({})
     for of in assignments:
-        _merge(layers[-1], _assignment(of) if isinstance(of, str) else of)
+        _merge(layers[-1], assignment(of) if isinstance(of, str) else of)
     return _merged(map(_one_spelling, layers))
 
 
@@ -172,7 +172,7 @@ def _of_today(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
 
 def stated_sections(assignments: Sequence[str]) -> set[str]:
     """The sections of which `--set` states something."""
-    return {name for text in assignments for name in _one_spelling(_assignment(text))}
+    return {name for text in assignments for name in _one_spelling(assignment(text))}
 
 
 def tree(
@@ -243,7 +243,12 @@ def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
     return {keys[0]: value if len(keys) == 1 else _nested(keys[1:], value)}
 
 
-def _assignment(text: str) -> dict[str, Any]:
+def assignment(text: str) -> dict[str, Any]:
+    """The table that one `--set` states.
+
+    Raises:
+        UserError: where it has no name or no value.
+    """
     name, equals, value = text.partition("=")
     if not equals or not name.strip():
         raise UserError(
@@ -279,7 +284,7 @@ def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
 
 def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
     """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
-    keys = _vehicle_keys()
+    keys = vehicle_keys()
     out = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
     given = {k: v for k, v in layer.items() if k in keys}
     vehicle: dict[str, Any] = {}
@@ -317,7 +322,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
     numeric, known = _numeric(), sections()
     for key, value in tree.items():
         if key not in known:
-            raise unknown("setting", key, [*known, *_vehicle_keys()])
+            raise unknown("setting", key, [*known, *vehicle_keys()])
         _table_of(key, value)
     overrides = {
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
@@ -363,7 +368,7 @@ def _numbers(of: methods.Tunable, stated: Any) -> dict[str, float]:
     return numbers
 
 
-def _vehicle_keys() -> dict[str, str]:
+def vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
     names = {name: name for name in quantities(Vehicle)}
     symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}

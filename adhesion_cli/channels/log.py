@@ -9,6 +9,7 @@ from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import MADE, Channel, Column, Log, Meaning, Vehicle
+from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
 from .to_si import channel
@@ -220,12 +221,17 @@ def _log(
         channels.append(one)
         found += ((clock, f) for f in its_findings)
     findings += _joined(found)
-    with source.path.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     return Log(
-        str(source.path), source.format, sha256, source.absolute, source.rows,
+        str(source.path), source.format, _sha256(source), source.absolute, source.rows,
         tuple(channels), (*source.findings, *findings), source.rejects, source.account,
     )  # fmt: skip
+
+
+def _sha256(source: Source) -> str:
+    if isinstance(source, MemorySource):
+        return source.sha256
+    with source.path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _joined(found: Sequence[tuple[int, Finding]]) -> list[Finding]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..results.application_rows import row, slid_row
+from ..results.result_rows import row, slid_row
 from . import terminal
 from .terminal import number
 

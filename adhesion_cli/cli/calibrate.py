@@ -65,18 +65,10 @@ def command(
 
 def report(found: "Calibration") -> str:
     """The table prior → posterior, and the band before and after."""
-    from ..core.text import by_uncertainty
+    from ..analysis.calibrate import as_rows
     from .terminal import folded, records
 
     of = found.result
-    table = [
-        {
-            "parameter": name.replace("_", " "), "stated by": r.source, "unit": r.unit,
-            "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),
-            "calibrated": " ± ".join(by_uncertainty(r.posterior, r.posterior_u)),
-        }
-        for name, r in of.rows.items()
-    ]  # fmt: skip
     before, after = (100.0 * u / x for u, x in zip(of.band, of.force, strict=True))
     ratio, mass = of.rows["force_over_mass"], of.rows["axle_mass"]
     limit = (
@@ -87,7 +79,7 @@ def report(found: "Calibration") -> str:
     return "\n".join([
         f"Brake applications: {len(found.applications)}, logs: {len(found.logs)}; "
         "± is 1 sigma:",
-        "", records(table, left=3), "",
+        "", records(as_rows(found), left=3), "",
         f"95 % band of the force at the mean brake: ±{before:.1f} % as stated, "
         f"±{after:.1f} % calibrated",
         folded(limit),

@@ -3,7 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -117,7 +117,11 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         @functools.wraps(command)
         def run(**given: Any) -> int:
             stated = Shared(**{p.name: given.pop(p.name) for p in extra})
-            with _folder(stated.out):
+            if not stated.out:
+                return command(shared=stated, **given)
+            from ..results import atomic_files
+
+            with atomic_files.folder(stated.out):
                 return command(shared=stated, **given)
 
         run.__signature__ = inspect.Signature([*own, *extra])  # type: ignore[attr-defined]
@@ -126,30 +130,6 @@ def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
         return run
 
     return decorate
-
-
-@contextmanager
-def _folder(out: Path | None) -> Iterator[None]:
-    """Makes the folder of --out; removes it again if it stays empty.
-
-    Raises:
-        UserError: where it cannot be made.
-    """
-    made = [p for p in (out, *out.parents) if not p.exists()] if out else []
-    if out and made:
-        from ..core.errors import UserError
-
-        try:
-            out.mkdir(parents=True)
-        except OSError as error:
-            text = f"{out}: the folder cannot be made ({error.strerror})"
-            raise UserError(text, "choose another with --out") from error
-    try:
-        yield
-    finally:
-        for folder in made:
-            with suppress(OSError):  # it holds the results
-                folder.rmdir()
 
 
 def loader(shared: Shared) -> Callable[..., Any]:
@@ -233,11 +213,9 @@ def settings_file(out: Path | None) -> list[Path]:
     Raises:
         UserError: it has another suffix.
     """
-    from ..core.errors import UserError
+    from ..core import toml
 
-    if out and out.suffix.lower() != ".toml":
-        raise UserError(f"{out}: settings are TOML", "-o FILE.toml", code=2)
-    return [out] if out else []
+    return [toml.target(out)] if out else []
 
 
 def pictures(shared: Shared) -> list[Path]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
 from ..core.text import printable
+from ..results.result_rows import newtons, score_row
 from ..results.text_tables import NARROW as NARROW
 from ..results.text_tables import at_least as at_least
 from ..results.text_tables import folded as folded
@@ -29,11 +30,6 @@ _EXPLAINS = "`adhesion explain CODE` shows cause, effect and remedy."
 _ALIKE = 3  # messages of one code that are shown one by one
 
 
-def _newtons(value: float | None) -> str:
-    """A force's error [N], with one decimal where that says more."""
-    return number(value, 1 if value is not None and value < 10.0 else 0)
-
-
 def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
     """The scores of the estimators, by what they are measured against.
 
@@ -43,13 +39,7 @@ def scores(rows: Sequence[tuple[str, Score]], log: str = "") -> str:
     """
     by_target: dict[str, list[dict[str, str]]] = {}
     for axle, s in rows:
-        by_target.setdefault(s.against, []).append({
-            "axle": axle, "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
-            "RMSE [N]": number(s.rmse_n), "bias [N]": number(s.bias_n),
-            "max [N]": number(s.max_error_n), "lag [s]": number(s.lag_s, 3),
-            "gain": number(s.gain, 3), "t95 [s]": number(s.response_s, 2),
-            "ripple [N]": _newtons(s.ripple_n),
-        })  # fmt: skip
+        by_target.setdefault(s.against, []).append(score_row(axle, s))
     where = f"{printable(log)}, " if log else ""
     tables = [
         f"{where}against {target}:\n{records(_known(of), left=2)}"
@@ -169,8 +159,8 @@ def of_reference(axle: dict[str, Any]) -> str:
     reference = axle["reference"]
     return (
         f"axle {axle['axle']}: reference {reference['method']}, "
-        f"noise ±{_newtons(reference['sigma_n'])} N (1 sigma), "
-        f"95 % band with vehicle tolerances ±{_newtons(reference['band_n'])} N"
+        f"noise ±{newtons(reference['sigma_n'])} N (1 sigma), "
+        f"95 % band with vehicle tolerances ±{newtons(reference['band_n'])} N"
     )
 
 

@@ -20,6 +20,8 @@ class UserError(Exception):
     def __init__(self, text: str, hint: str = "", code: int = 1) -> None:
         super().__init__(text)
         self.text, self.hint, self.code = text, hint, code
+        if hint:
+            self.add_note(f"hint: {hint}")  # a traceback shows it
 
 
 def unknown(kind: str, name: str, known: list[str], listed_by: str = "") -> UserError:

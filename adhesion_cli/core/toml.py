@@ -86,6 +86,17 @@ def _too_deep(where: str, key: str) -> UserError:
     return UserError(f"{where}: {what}", "settings have two or three levels", code=2)
 
 
+def target(path: Path) -> Path:
+    """The file that settings are written to.
+
+    Raises:
+        UserError: it has another suffix.
+    """
+    if path.suffix.lower() != ".toml":
+        raise UserError(f"{path}: settings are TOML", "-o FILE.toml", code=2)
+    return path
+
+
 def quoted(text: str) -> str:
     """A TOML basic string; without apostrophes, which would end a text in a shell."""
     return json.dumps(text, ensure_ascii=False).replace("'", "\\u0027")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..core.errors import UserError
 from .isolated import Library
+from .memory import Signals
 from .source import ReadOptions, Source
 
 _HEAD = 512  # bytes that are looked at
@@ -60,13 +61,15 @@ FORMATS = (
 )  # fmt: skip
 
 
-def open_source(path: Path, options: ReadOptions) -> Source:
-    """Opens a log; what is of no other format is a text log.
+def open_source(path: Path | Signals, options: ReadOptions) -> Source:
+    """Opens a log: signals in memory or a file; what is of no other format is a text log.
 
     Raises:
         UserError: where the file is missing, no log, damaged from the start, or needs a library
             that is not installed.
     """
+    if isinstance(path, Signals):
+        return path.source
     found = _format(path)
     return found.open(path, options) if found else _csv(path, options)
 

@@ -74,6 +74,28 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
 
 
 @contextmanager
+def folder(out: Path) -> Iterator[None]:
+    """Makes a folder for results; removes it again if it stays empty.
+
+    Raises:
+        UserError: where it cannot be made.
+    """
+    made = [p for p in (out, *out.parents) if not p.exists()]
+    try:
+        if made:
+            out.mkdir(parents=True)
+    except OSError as error:
+        text = f"{_shown(out)}: the folder cannot be made ({error.strerror})"
+        raise UserError(text, "choose another with --out") from error
+    try:
+        yield
+    finally:
+        for one in made:
+            with suppress(OSError):  # it holds the results
+                one.rmdir()
+
+
+@contextmanager
 def outputs(
     paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()
 ) -> Iterator[list[Path]]:

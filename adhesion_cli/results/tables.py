@@ -69,6 +69,29 @@ LOGS = pa.schema([
 ])  # fmt: skip
 
 
+SLIDES = pa.schema([
+    _field("log", _TEXT), _field("axle", _WHOLE),
+    *_numbers(start_s="s", duration_s="s", distance_m="m", max_slip="-", energy_j="J"),
+    _field("at_least", _TRUTH),
+])  # fmt: skip
+RAILS = pa.schema([
+    _field("log", _TEXT), _field("axle", _WHOLE),
+    *_numbers(
+        peak_slip="-", peak_slip_below="-", peak_mu="-", peak_speed_mps="m/s", utilisation="-",
+        slip_rmse="-", train_speed_late_s="s", train_speed_late_sigma_s="s",
+    ),
+])  # fmt: skip
+CHANNELS = pa.schema([
+    *(_field(name, _TEXT) for name in ("name", "field", "meaning")), _field("axle", _WHOLE),
+    _field("unit", _TEXT), _field("reason", _TEXT), *_numbers(rate_hz="Hz"),
+    *(_field(name, _WHOLE) for name in ("rows", "valid", "gaps", "duplicates", "backward")),
+])  # fmt: skip
+PARAMETERS = pa.schema([
+    _field("parameter", _TEXT), _field("unit", _TEXT), _field("source", _TEXT),
+    *(_field(name, _NUMBER) for name in ("prior", "prior_u", "posterior", "posterior_u")),
+])  # fmt: skip
+
+
 def applications(entries: Iterable[Mapping[str, Any]]) -> Any:
     """A row per log, axle and brake application.
 
@@ -102,6 +125,42 @@ def findings(entries: Iterable[Mapping[str, Any]]) -> Any:
     """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
     rows = ({**_log(entry), **one} for entry in entries for one in entry.get("findings", ()))
     return _table(rows, FINDINGS)
+
+
+def slides(document: Mapping[str, Any]) -> Any:
+    """A row per axle and slide of the `adhesion.slip/1` document; the schema is `SLIDES`."""
+    rows = (
+        {"log": axle["log"], "axle": axle["axle"], **one}
+        for axle in document["axles"]
+        for one in axle["slides"]
+    )
+    return _table(rows, SLIDES)
+
+
+def rails(document: Mapping[str, Any]) -> Any:
+    """A row per axle of the `adhesion.slip/1` document; the schema is `RAILS`."""
+    return _table(document["axles"], RAILS)
+
+
+def channels(document: Mapping[str, Any]) -> Any:
+    """A row per channel of a log's entry of `adhesion.inspect/1`; the schema is `CHANNELS`."""
+    return _table(document["channels"], CHANNELS)
+
+
+def parameters(document: Mapping[str, Any]) -> Any:
+    """A row per parameter of the `adhesion.calibrate/1` document; the schema is `PARAMETERS`."""
+    rows = ({"parameter": name, **of} for name, of in document["parameters"].items())
+    return _table(rows, PARAMETERS)
+
+
+def series(columns: Mapping[str, tuple[Any, str]]) -> Any:
+    """Arrays of one length as a table, a field each.
+
+    Args:
+        columns: by name, the array of shape (n,) and its unit.
+    """
+    fields = [_field(name, pa.array(x[:0]).type, unit) for name, (x, unit) in columns.items()]
+    return pa.table([pa.array(x) for x, _ in columns.values()], schema=pa.schema(fields))
 
 
 def log_row(entry: Mapping[str, Any], **run: str | float | None) -> dict[str, Any]:

@@ -1,14 +1,15 @@
-"""Brake applications as rows of text, for the screen and for pages; keys as in the JSON."""
+"""Brake applications and scores as rows of text, for the screen and for pages."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from ..core.model import Score
 from ..core.text import by_uncertainty
 from .text_tables import at_least, number
 
 
 def row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
-    """A brake application: when, how fast, adhesion coefficient and force."""
+    """A brake application: when, how fast, adhesion coefficient and force; keys as in the JSON."""
     mu, force = one["coefficient"] or {}, one["force_n"] or {}
     speeds = [number(one[key], 1) for key in ("from_mps", "to_mps")]
     return {
@@ -30,7 +31,7 @@ def _with_u95(of: Mapping[str, float], key: str, factor: float, digits: int | No
 
 
 def slid_row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
-    """The slides of a brake application, together."""
+    """The slides of a brake application, together; keys as in the JSON."""
     energy, used, bound = one["slide_energy_j"], one["utilisation"], one["at_least"]
     highest = min(100.0 * one["max_slip"], 100.0)
     return {
@@ -41,3 +42,19 @@ def slid_row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
         "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
         "used [%]": number(used and 100.0 * used, 0),
     }  # fmt: skip
+
+
+def score_row(axle: str, s: Score) -> dict[str, str]:
+    """How well one estimator follows, on one axle or over all."""
+    return {
+        "axle": axle, "method": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
+        "RMSE [N]": number(s.rmse_n), "bias [N]": number(s.bias_n),
+        "max [N]": number(s.max_error_n), "lag [s]": number(s.lag_s, 3),
+        "gain": number(s.gain, 3), "t95 [s]": number(s.response_s, 2),
+        "ripple [N]": newtons(s.ripple_n),
+    }  # fmt: skip
+
+
+def newtons(value: float | None) -> str:
+    """A force's error [N], with one decimal where that says more."""
+    return number(value, 1 if value is not None and value < 10.0 else 0)

@@ -1,0 +1,1 @@
+"""The functions that a program or a notebook calls, and what they return."""

@@ -1,0 +1,177 @@
+"""Keywords of a call: the settings and options of the command line, in the words of Python."""
+
+import functools
+import os
+import re
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any, NamedTuple, ParamSpec, TypeVar
+
+import numpy as np
+
+from ..analysis import settings
+from ..analysis.analyze import prepared
+from ..core import toml
+from ..core.errors import UserError, unknown
+from ..formats.memory import Signals
+
+Source = str | os.PathLike[str] | Signals | Any
+"""A log: the path of a file, `Signals`, or a table of pandas, pyarrow or polars."""
+File = str | os.PathLike[str]
+Stated = File | Mapping[str, Any] | Sequence[File | Mapping[str, Any]] | None
+"""Settings: a TOML file or its tables, or several, of which the later ones count."""
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+_OPTION = re.compile(r"`?--set ('(?:[^']|'\"'\"')*'|[^\s;,`)]+)`?")
+_VALUE = re.compile(r"--(from|to|axle|dt|seed) (\d[\d.]*)")
+_WORDS = {
+    "--from": "from_s", "--to": "to_s", "--axle": "axles", "--algo": "algos",
+    "--strict": "strict=True", "--force": "force=True", "--out": "folder",
+    "-c FILE.toml": "settings='FILE.toml'",
+}  # fmt: skip
+_KEYWORD = {"from": "from_s", "to": "to_s", "axle": "axles"}
+
+
+class Choices(NamedTuple):
+    """What a run is asked for, checked."""
+
+    load: Callable[..., settings.Settings]
+    algos: list[str]
+    axles: list[int]
+    window: tuple[float | None, float | None]
+
+
+def choices(  # noqa: PLR0913 (the keywords of a call)
+    stated: Stated,
+    sections: Mapping[str, Any],
+    *,
+    algos: str | Iterable[str] = (),
+    reference: str | None = None,
+    axles: int | Iterable[int] = (),
+    span: tuple[float | None, float | None] = (None, None),
+    strict: bool = False,
+    keywords: Sequence[str] = (),
+) -> Choices:
+    """Settings and options from the keywords of a call.
+
+    Args:
+        stated: files or tables of settings.
+        sections: further keywords: each a section of the settings, or a vehicle parameter.
+        algos: names of estimators.
+        reference: name of the offline reference.
+        axles: numbers of axles.
+        span: seconds after the log's start, from and to.
+        strict: whether damaged data is an error.
+        keywords: other keywords of the call, which an unknown one may have meant.
+
+    Raises:
+        UserError: for an unknown name, a value out of range.
+    """
+    known = settings.sections()
+    vehicle = settings.vehicle_keys()
+    for name in sections:
+        if name not in known and name not in vehicle:
+            raise unknown("keyword", name, [*keywords, *known])
+    tables = [_table(name, value) for name, value in sections.items() if value is not None]
+    if reference is not None:
+        tables.append({"analysis": {"reference": reference}})
+    many = [stated] if isinstance(stated, str | os.PathLike | Mapping) else list(stated or ())
+    files = [_plain(of) if isinstance(of, Mapping) else Path(of) for of in many]
+    load = functools.partial(settings.load, files, tables, strict=strict)
+    found = Choices(
+        load, [algos] if isinstance(algos, str) else list(algos), _axles(axles), _span(span)
+    )
+    prepared(load, found.algos, found.window)
+    return found
+
+
+def log_of(source: Source) -> Path | Signals:
+    """What a call was given as a log.
+
+    Raises:
+        UserError: where it is neither a path nor a table.
+    """
+    if isinstance(source, Signals):
+        return source
+    if isinstance(source, str | os.PathLike):
+        return Path(source)
+    return Signals.from_table(source)
+
+
+def logs_of(sources: Any) -> list[Path | Signals]:
+    """The logs of a call that takes several: one, or a list or tuple of them.
+
+    Raises:
+        UserError: as `log_of`, and where there is none.
+    """
+    many = list(sources) if isinstance(sources, list | tuple) else [sources]
+    if not many:
+        raise UserError("no log given", "give the path of a log, or a list of paths", code=2)
+    return [log_of(source) for source in many]
+
+
+def in_python(function: Callable[_P, _T]) -> Callable[_P, _T]:
+    """The same function, whose errors name keywords in place of options of the command line."""
+
+    @functools.wraps(function)
+    def run(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        try:
+            return function(*args, **kwargs)
+        except UserError as error:
+            raise UserError(words(error.text), words(error.hint), error.code) from None
+
+    return run
+
+
+def words(text: str) -> str:
+    r"""A message of the command line with its options as keywords.
+
+    >>> words("state it, as --set 'csv.decimal = \",\"', or leave out --strict")
+    "state it, as csv={'decimal': ','}, or leave out strict=True"
+    """
+    text = _OPTION.sub(_keywords, text)
+    text = _VALUE.sub(lambda m: f"{_KEYWORD.get(m[1], m[1])}={m[2]}", text)
+    for option, word in _WORDS.items():
+        text = text.replace(option, word)
+    return text
+
+
+def _keywords(option: re.Match[str]) -> str:
+    """One `--set` as keywords; what is no line of TOML stays."""
+    try:
+        tables = settings.assignment(" ".join(shlex.split(option[1])))
+    except (UserError, ValueError):
+        return option[0]
+    return ", ".join(f"{name}={value!r}" for name, value in tables.items())
+
+
+def _table(name: str, value: Any) -> dict[str, Any]:
+    return toml.bounded({name: _plain(value)}, "keyword")
+
+
+def _plain(value: Any) -> Any:
+    """Tables, lists and numbers as TOML has them."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(of) for key, of in value.items()}
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return [_plain(of) for of in value] if isinstance(value, list | tuple) else value
+
+
+def _axles(stated: Any) -> list[int]:
+    many: list[Any] = [stated] if isinstance(stated, Real) else list(stated)
+    if not all(isinstance(of, int | np.integer) and of >= 1 for of in many):
+        raise UserError(f"axles={stated!r} are no axles", "axles count from 1, as [1, 3]", code=2)
+    return [int(of) for of in many]
+
+
+def _span(stated: tuple[Any, Any]) -> tuple[float | None, float | None]:
+    for name, value in zip(("from_s", "to_s"), stated, strict=True):
+        if value is not None and not isinstance(value, Real):
+            hint = "seconds after the log's start, as 12.5"
+            raise UserError(f"{name}={value!r} is no number", hint, code=2)
+    first, last = (None if x is None else float(x) for x in stated)
+    return first, last

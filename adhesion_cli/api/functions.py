@@ -1,0 +1,238 @@
+"""The commands as functions: what is on the command line, in a program or a notebook.
+
+Keywords that all of them share:
+
+- `settings`: a TOML file, or a mapping with its tables, or a list of these. Later ones count.
+- Any section of the settings, as ``vehicle={"phi": 0.28}``, ``channels={...}`` or
+  ``neso={"beta1": 100}``. These count more than `settings`, as ``--set`` on the command line.
+- ``./adhesion.toml`` is read where there is one. It counts less than `settings`.
+- `strict`: damaged data is an error, not a finding.
+
+A log is the path of a file, `Signals`, or a table of pandas, pyarrow or polars. Nothing is printed,
+and nothing is written to the disk, except by `convert` and by `write` of a result.
+"""
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..analysis import analyze as analysis
+from ..analysis import calibrate as calibration
+from ..analysis.inspection import inspected
+from ..analysis.slip_of_log import slip_of
+from ..channels.log import unchanged
+from ..formats.memory import Signals
+from ..formats.open import open_source
+from ..results import atomic_files
+from ..results.log_writer import writer
+from ..wsp import simulate as simulation
+from .choices import Choices, File, Source, Stated, choices, in_python, log_of, logs_of
+from .results import Analysis, Calibration, Comparison, Inspection, SlipAnalysis
+
+_OF_LOG = ("settings", "strict")
+_OF_SPAN = (*_OF_LOG, "reference", "axles", "from_s", "to_s")
+_EVERY = (*_OF_SPAN, "algos")
+
+
+@in_python
+def analyze(  # noqa: PLR0913 (the options of the command, each with a default)
+    log: Source,
+    *,
+    settings: Stated = None,
+    algos: str | Iterable[str] = (),
+    reference: str | None = None,
+    axles: int | Iterable[int] = (),
+    from_s: float | None = None,
+    to_s: float | None = None,
+    strict: bool = False,
+    **sections: Any,
+) -> Analysis:
+    """Adhesion force and coefficient of one log, with their uncertainty.
+
+    Args:
+        log: path, `Signals` or table; also a result file.
+        settings: TOML file or its tables; a list of them where the later ones count.
+        algos: names of online estimators; all if empty.
+        reference: ``"smoother"`` (default) or ``"butterworth"``.
+        axles: numbers of axles, from 1; all if empty.
+        from_s: seconds after the log's start [s].
+        to_s: as `from_s` [s].
+        strict: whether damaged data is an error.
+        sections: any section of the settings, as ``vehicle={"phi": 0.28}``.
+
+    Raises:
+        UserError: what is wrong, with `text` and `hint`.
+
+    >>> run = analyze("sample_logs/service-brake.csv", vehicle={"phi": 0.28})  # doctest: +SKIP
+    >>> [(one.axle, one.coefficient.mean, one.coefficient.mean_u95) for one in run.applications]
+    ... # doctest: +SKIP
+    """
+    chosen = choices(
+        settings, sections, algos=algos, reference=reference, axles=axles, span=(from_s, to_s),
+        strict=strict, keywords=_EVERY,
+    )  # fmt: skip
+    return _analysed(log_of(log), chosen, train_speed=True)
+
+
+@in_python
+def inspect(
+    log: Source, *, settings: Stated = None, strict: bool = False, **sections: Any
+) -> Inspection:
+    """Channels of a log with meaning, unit and reason, its rates, gaps and findings.
+
+    Args:
+        log: path, `Signals` or table.
+        settings: see `analyze`.
+        strict: whether damaged data is an error.
+        sections: see `analyze`.
+
+    Raises:
+        UserError: where the log cannot be read.
+    """
+    chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
+    return Inspection(inspected(log_of(log), chosen.load()))
+
+
+@in_python
+def compare(  # noqa: PLR0913 (the options of the command, each with a default)
+    logs: Source | Sequence[Source],
+    *,
+    settings: Stated = None,
+    algos: str | Iterable[str] = (),
+    reference: str | None = None,
+    axles: int | Iterable[int] = (),
+    from_s: float | None = None,
+    to_s: float | None = None,
+    strict: bool = False,
+    **sections: Any,
+) -> Comparison:
+    """Ranks online estimators against the true force, or the reference where none is known.
+
+    Args:
+        logs: one log or a list of logs and results.
+        settings: see `analyze`, as all others.
+        algos: names of online estimators; all if empty.
+        reference: name of the offline reference.
+        axles: numbers of axles.
+        from_s: seconds after each log's start [s].
+        to_s: as `from_s` [s].
+        strict: whether damaged data is an error.
+        sections: any section of the settings.
+
+    Raises:
+        UserError: see `analyze`.
+    """
+    chosen = choices(
+        settings, sections, algos=algos, reference=reference, axles=axles, span=(from_s, to_s),
+        strict=strict, keywords=_EVERY,
+    )  # fmt: skip
+    return Comparison(tuple(_analysed(log, chosen) for log in logs_of(logs)))
+
+
+@in_python
+def slip(  # noqa: PLR0913 (the options of the command, each with a default)
+    log: Source,
+    *,
+    settings: Stated = None,
+    reference: str | None = None,
+    axles: int | Iterable[int] = (),
+    from_s: float | None = None,
+    to_s: float | None = None,
+    strict: bool = False,
+    **sections: Any,
+) -> SlipAnalysis:
+    """Slip, slides and the adhesion curve of every axle.
+
+    Args:
+        log: path, `Signals` or table; also a result file.
+        settings: see `analyze`, as all others.
+        reference: name of the offline reference.
+        axles: numbers of axles.
+        from_s: seconds after the log's start [s].
+        to_s: as `from_s` [s].
+        strict: whether damaged data is an error.
+        sections: any section of the settings.
+
+    Raises:
+        UserError: see `analyze`.
+    """
+    chosen = choices(
+        settings, sections, reference=reference, axles=axles, span=(from_s, to_s), strict=strict,
+        keywords=_OF_SPAN,
+    )  # fmt: skip
+    found = _analysed(log_of(log), chosen, train_speed=True)
+    return SlipAnalysis(found, slip_of(found.result))
+
+
+@in_python
+def calibrate(
+    logs: Source | Sequence[Source], *, settings: Stated = None, strict: bool = False,
+    **sections: Any,
+) -> Calibration:  # fmt: skip
+    """The vehicle's force from the deceleration of its own logs.
+
+    Args:
+        logs: one log or a list of logs, all of one vehicle.
+        settings: see `analyze`.
+        strict: whether damaged data is an error.
+        sections: see `analyze`.
+
+    Raises:
+        UserError: where the logs do not determine the vehicle, or contradict each other.
+    """
+    chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
+    return Calibration(calibration.calibrate(logs_of(logs), chosen.load))
+
+
+@in_python
+def simulate(scenario: File, *, seed: int | None = None, dt: float | None = None) -> Signals:
+    """The log of a simulated stop: what the sensors measure, and the true force.
+
+    Args:
+        scenario: name of a bundled scenario, or the path of a scenario TOML.
+        seed: of the noise, in place of the scenario's.
+        dt: time step [s], in place of the scenario's.
+
+    Raises:
+        UserError: for an unknown scenario, a value out of range.
+    """
+    simulated = simulation.run(simulation.load(os.fspath(scenario)), seed, dt)
+    return Signals.of_log(simulation.as_log(simulated))
+
+
+@in_python
+def convert(
+    log: Source, target: File, *, settings: Stated = None, strict: bool = False,
+    force: bool = False, **sections: Any,
+) -> Path:  # fmt: skip
+    """Writes a log in the format of the target's suffix; units survive.
+
+    Args:
+        log: path, `Signals` or table.
+        target: the file to write.
+        settings: see `analyze`.
+        strict: whether damaged data is an error.
+        force: whether an older file is replaced.
+        sections: see `analyze`.
+
+    Returns:
+        The file.
+
+    Raises:
+        UserError: where it exists already, the log cannot be read, or the disk refuses.
+    """
+    path, source = Path(target), log_of(log)
+    write = writer(path)
+    stated = choices(settings, sections, strict=strict, keywords=(*_OF_LOG, "force")).load()
+    inputs = [source] if isinstance(source, Path) else []
+    atomic_files.check([path], force, inputs=inputs)
+    read = unchanged(open_source(source, stated.read), stated.mappings)
+    with atomic_files.outputs([path], force, inputs=inputs) as (place,):
+        write(place, read)
+    return path
+
+
+def _analysed(log: Path | Signals, chosen: Choices, train_speed: bool = False) -> Analysis:
+    load, algos, axles, window = chosen
+    return Analysis(analysis.analyze(log, load, algos, axles, window, train_speed=train_speed))

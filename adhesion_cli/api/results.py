@@ -1,0 +1,504 @@
+"""What the functions return: records, arrays with units, and tables of them."""
+
+import importlib.util
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from ..analysis import calibrate, json_documents, outputs
+from ..analysis.inspection import Inspected
+from ..analysis.json_documents import BrakeApplication
+from ..analysis.slip_of_log import SlipOfLog, carried
+from ..core import physics, toml
+from ..core.errors import UserError, unknown
+from ..core.finding import Finding
+from ..core.model import (
+    AxleResult,
+    Channel,
+    Floats,
+    Log,
+    Quantity,
+    Result,
+    Score,
+    Times,
+    Vehicle,
+    quantities,
+)
+from ..evaluation.metrics import overall
+from ..rail.slip import Summary
+from ..rail.slope import REGIONS
+from ..reference.calibrated_vehicle import Row
+from ..results import atomic_files, result_rows, slip_text, tables
+from ..results.text_tables import number, records
+from . import shown
+from .choices import File, in_python
+
+_Rows = Sequence[Mapping[str, str]]
+
+
+class _Tables(ABC):
+    """A result that gives tables, and shows itself as text or in a notebook."""
+
+    _tables: ClassVar[tuple[str, ...]]  # the names; the first is the usual one
+
+    @abstractmethod
+    def _table(self, name: str) -> Any:
+        """The arrow table of this name."""
+
+    @abstractmethod
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        """What is shown: a title, and rows by the caption of their table."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data: code, severity, place, values."""
+        return ()
+
+    @in_python
+    def to_arrow(self, table: str | None = None) -> Any:
+        """A `pyarrow.Table`; the metadata of each field states its ``unit``.
+
+        Args:
+            table: which of its tables, as the class lists them; the first if none is named.
+
+        Raises:
+            UserError: for a table that it does not have.
+        """
+        name = table or self._tables[0]
+        if name not in self._tables:
+            raise unknown("table", name, list(self._tables))
+        return self._table(name)
+
+    @in_python
+    def to_pandas(self, table: str | None = None) -> Any:
+        """The same as a `pandas.DataFrame`; its ``attrs["units"]`` has the units by column.
+
+        Raises:
+            UserError: where pandas is not installed, and as `to_arrow`.
+        """
+        if importlib.util.find_spec("pandas") is None:
+            hint = "pip install pandas, or use to_arrow()"
+            raise UserError("pandas is not installed", hint)
+        arrow = self.to_arrow(table)
+        frame = arrow.to_pandas()
+        units = {f.name: (f.metadata or {}).get(b"unit", b"").decode() for f in arrow.schema}
+        frame.attrs["units"] = {name: unit for name, unit in units.items() if unit}
+        return frame
+
+    def __repr__(self) -> str:
+        title, of = self._shown()
+        parts = [f"{caption}\n{records(rows)}" for caption, rows in of.items() if rows]
+        lines = [f"{f.severity}: {f.message} ({f.code}) {f.channel}" for f in self.findings]
+        return "\n\n".join(filter(None, [title, *parts, "\n".join(lines)]))
+
+    def _repr_html_(self) -> str:
+        title, of = self._shown()
+        parts = [shown.table(rows, caption) for caption, rows in of.items()]
+        return shown.page(title, *parts, shown.findings(self.findings))
+
+
+_N = Annotated[Floats, Quantity("N", "")]
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Axle(_Tables):
+    """One axle over time: arrays of shape (n,), NaN where a value is not known.
+
+    `to_arrow` gives one table, ``series``: a column each, and ``estimate_NAME`` [N] and
+    ``sigma_NAME`` [N] of each estimator.
+
+    Attributes:
+        number: of the axle, from 1.
+        time_ns: time stamps [ns], since 1970 where the log has a calendar.
+        t_s: seconds after the start of the log [s].
+        clamping_force: K, of the last pressure before each stamp [N].
+        wheel_speed: ω [rad/s].
+        force: adhesion force, the offline reference [N].
+        sigma: standard uncertainty of the force by noise [N].
+        lower: lower edge of the 95 % band of the force [N].
+        upper: upper edge [N].
+        coefficient: adhesion coefficient µ = force / (m g) [-].
+        estimates: force by each online estimator [N], by its name.
+        sigmas: its own standard uncertainty [N], of the estimators that have one.
+        pressure: in the brake cylinder [Pa]; None without one.
+        train_speed: [m/s]; None without one.
+        slip: [-]; None without a train speed, as the next three.
+        slope: dµ/ds [-].
+        slope_confidence: from 0 to 1 [-].
+        region: index into `regions`.
+        truth: true force of a simulation [N]; None without one.
+        method: of the reference.
+        applications: its brake applications.
+        estimators: scores of the online estimators, best first.
+    """
+
+    number: int
+    method: str
+    applications: tuple[BrakeApplication, ...]
+    estimators: tuple[Score, ...]
+    time_ns: Annotated[Times, Quantity("ns", "")]
+    t_s: Annotated[Floats, Quantity("s", "")]
+    clamping_force: _N
+    wheel_speed: Annotated[Floats, Quantity("rad/s", "")]
+    force: _N
+    sigma: _N
+    lower: _N
+    upper: _N
+    coefficient: Annotated[Floats, Quantity("-", "")]
+    estimates: Mapping[str, Floats]
+    sigmas: Mapping[str, Floats]
+    pressure: Annotated[Floats | None, Quantity("Pa", "")] = None
+    train_speed: Annotated[Floats | None, Quantity("m/s", "")] = None
+    slip: Annotated[Floats | None, Quantity("-", "")] = None
+    slope: Annotated[Floats | None, Quantity("-", "")] = None
+    slope_confidence: Annotated[Floats | None, Quantity("-", "")] = None
+    region: Annotated[Any, Quantity("-", "")] = None
+    truth: Annotated[Floats | None, Quantity("N", "")] = None
+
+    regions: ClassVar[tuple[str, ...]] = tuple(REGIONS)
+    _tables = ("series",)
+
+    def _table(self, name: str) -> Any:
+        columns = {n: (getattr(self, n), q.unit) for n, q in quantities(Axle).items()}
+        columns |= {f"estimate_{n}": (x, "N") for n, x in self.estimates.items()}
+        columns |= {f"sigma_{n}": (x, "N") for n, x in self.sigmas.items()}
+        return tables.series({n: of for n, of in columns.items() if of[0] is not None})
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        rows = [result_rows.score_row(str(self.number), s) for s in self.estimators]
+        title = f"axle {self.number}: {len(self.t_s)} samples, reference {self.method}"
+        return title, {"Estimators": rows}
+
+
+def _axle(axle: AxleResult, result: Result, braked: tuple[BrakeApplication, ...]) -> Axle:
+    record, ref = axle.record, axle.reference
+    return Axle(
+        number=record.axle, method=ref.method, applications=braked, estimators=axle.scores,
+        time_ns=record.t, t_s=(record.t - result.log.start_ns()).astype(np.float64) * 1e-9,
+        clamping_force=record.clamping_force, wheel_speed=record.wheel_speed,
+        force=ref.force, sigma=ref.sigma, lower=ref.lower, upper=ref.upper,
+        coefficient=physics.coefficient(ref.force, result.vehicle),
+        estimates=axle.estimates, sigmas=axle.sigmas, pressure=record.pressure,
+        train_speed=record.train_speed, slip=axle.slip, slope=axle.slope,
+        slope_confidence=axle.slope_confidence, region=axle.region, truth=record.truth,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Analysis(_Tables):
+    """One analysed log.
+
+    `to_arrow` and `to_pandas` give the tables ``applications``, ``estimators`` and ``findings``.
+
+    Attributes:
+        result: all that was computed, as the rest of the program has it.
+    """
+
+    result: Result
+    _tables = ("applications", "estimators", "findings")
+
+    @property
+    def log(self) -> Log:
+        """The log as read: its path, format and channels in SI."""
+        return self.result.log
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data: code, severity, place, values."""
+        return self.result.findings
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Every parameter that was used, as tables of a settings file."""
+        return self.result.settings
+
+    @cached_property
+    def axles(self) -> Mapping[int, Axle]:
+        """Every axle with its time series, by its number."""
+        of = {a.record.axle: a for a in self.result.axles}
+        return {n: _axle(a, self.result, self._braked[n]) for n, a in of.items()}
+
+    @property
+    def applications(self) -> tuple[BrakeApplication, ...]:
+        """Every brake application of every axle, with force, adhesion coefficient and slides."""
+        return tuple(one for of in self._braked.values() for one in of)
+
+    @property
+    def estimators(self) -> tuple[Score, ...]:
+        """How well each online estimator follows, over all axles; best first."""
+        scores = [a.scores for a in self.result.axles]
+        return scores[0] if len(scores) == 1 else overall(scores)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `adhesion analyze --json` prints."""
+        return json_documents.document([self._entry])
+
+    @cached_property
+    def _braked(self) -> dict[int, tuple[BrakeApplication, ...]]:
+        return json_documents.brake_applications(self.result)
+
+    @cached_property
+    def _entry(self) -> dict[str, Any]:
+        return json_documents.entry(self.result, {}, self._braked)
+
+    def _table(self, name: str) -> Any:
+        return getattr(tables, name)([self._entry])
+
+    @in_python
+    def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
+        """Writes ``<log>.adhesion.mcap`` and ``.rrd``, the same as `adhesion analyze` does.
+
+        Args:
+            folder: made if it is missing.
+            force: whether existing results are replaced.
+
+        Returns:
+            The files.
+
+        Raises:
+            UserError: where they exist already, or the disk refuses.
+        """
+        with _written(self.log, folder, "adhesion", force) as (places, files):
+            outputs.write_result(places, self.result, self._entry)
+        return files
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        every = [(str(a["axle"]), one) for a in self._entry["axles"] for one in a["applications"]]
+        return self.log.path, {
+            "Brake applications (± is 95 %)": [result_rows.row(*of) for of in every],
+            "Slides": [result_rows.slid_row(*of) for of in every if of[1]["slides"]],
+        }
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Comparison(_Tables):
+    """Estimators compared over one or several logs.
+
+    `to_arrow` and `to_pandas` give the tables ``estimators``, ``applications`` and ``findings``.
+
+    Attributes:
+        analyses: of the logs.
+    """
+
+    analyses: tuple[Analysis, ...]
+    _tables = ("estimators", "applications", "findings")
+
+    @property
+    def estimators(self) -> tuple[Score, ...]:
+        """Scores over all axles of all logs, best first."""
+        scores = [a.scores for one in self.analyses for a in one.result.axles]
+        return scores[0] if len(scores) == 1 else overall(scores)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data of all logs."""
+        return tuple(f for one in self.analyses for f in one.findings)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `adhesion compare --json` prints."""
+        return json_documents.document([one._entry for one in self.analyses])
+
+    def _table(self, name: str) -> Any:
+        return getattr(tables, name)([one._entry for one in self.analyses])
+
+    @in_python
+    def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
+        """Writes ``<first log>.compare.mcap`` and ``.rrd``; see `Analysis.write`.
+
+        Raises:
+            UserError: as there.
+        """
+        logs = [one.log for one in self.analyses]
+        with _written(logs[0], folder, "compare", force, logs) as (places, files):
+            every = [one.result for one in self.analyses]
+            outputs.write_comparison(places, every, [one._entry for one in self.analyses])
+        return files
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        by_target: dict[str, list[dict[str, str]]] = {}
+        for s in self.estimators:
+            rows = by_target.setdefault(f"Against {s.against}", [])
+            rows.append(result_rows.score_row("all", s))
+        return ", ".join(one.log.path for one in self.analyses), dict(by_target)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SlipAnalysis(_Tables):
+    """Slip, slides and the adhesion curve of one log.
+
+    `to_arrow` and `to_pandas` give the tables ``slides`` and ``axles``.
+
+    Attributes:
+        analysis: of the log.
+    """
+
+    analysis: Analysis
+    _of: SlipOfLog
+    _tables = ("slides", "axles")
+
+    @property
+    def axles(self) -> Mapping[int, Summary]:
+        """By its number, what the log shows of the rail under each axle."""
+        return {s.axle: s for s in self._of.axles}
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the log and about the rails."""
+        return tuple(self._of.findings)
+
+    @cached_property
+    def document(self) -> dict[str, Any]:
+        """What `adhesion slip --json` prints."""
+        of, files = self._of, dict[str, str]()
+        return json_documents.slip_document([of.result.log], [of.axles], [of.findings], [files])
+
+    def _table(self, name: str) -> Any:
+        return tables.slides(self.document) if name == "slides" else tables.rails(self.document)
+
+    @in_python
+    def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
+        """Writes ``<log>.slip.mcap`` and ``.rrd``; see `Analysis.write`.
+
+        Raises:
+            UserError: as there.
+        """
+        with _written(self.analysis.log, folder, "slip", force) as (places, files):
+            entry = self.analysis._entry
+            outputs.write_result(places, self._of.result, entry, *carried(self._of))
+        return files
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        axles, log = self._of.axles, self.analysis.log
+        known = [{"axle": str(s.axle)} | slip_text.rail_row(s.rail) for s in axles if s.rail]
+        slides = slip_text.slide_rows(axles, log.start_ns())
+        return log.path, {"Rail": known, "Slides": slides}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Inspection(_Tables):
+    """What is in a log.
+
+    `to_arrow` and `to_pandas` give the tables ``channels`` and ``findings``.
+    """
+
+    _of: Inspected
+    _tables = ("channels", "findings")
+
+    @property
+    def log(self) -> Log:
+        """The log with every numeric channel; SI where the unit is known."""
+        return self._of.log
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every channel with its meaning, its unit and the reason, and its samples."""
+        return self.log.channels
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data."""
+        return tuple(self._of.findings)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `adhesion inspect --json` prints."""
+        return json_documents.tagged("inspect", logs=[self._of.document])
+
+    def _table(self, name: str) -> Any:
+        if name == "channels":
+            return tables.channels(self._of.document)
+        sha256 = {"path": self.log.path, "sha256": self.log.sha256}
+        return tables.findings([{"log": sha256, "findings": self._of.document["findings"]}])
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        rows = [
+            {
+                "channel": c.title, "meaning": c.meaning or "-", "axle": number(c.axle),
+                "unit": c.unit or "-", "Hz": number(c.rate_hz, 2), "rows": str(c.rows),
+                "why": c.reason,
+            }
+            for c in self.channels
+        ]  # fmt: skip
+        return self.log.path, {"Channels": rows}
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Calibration(_Tables):
+    """A vehicle from its own logs.
+
+    `to_arrow` and `to_pandas` give the table ``parameters``.
+    """
+
+    _of: calibrate.Calibration
+    _tables = ("parameters",)
+
+    @property
+    def parameters(self) -> Mapping[str, Row]:
+        """By name: `prior`, `prior_u`, `posterior`, `posterior_u` (1 sigma) and `unit`."""
+        return self._of.result.rows
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The calibrated vehicle."""
+        return self._of.settings.vehicle
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Tables that `analyze(log, settings=...)` takes."""
+        return calibrate.as_tables(self._of)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found about the data of all logs."""
+        return self._of.findings
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What `adhesion calibrate --json` prints."""
+        return json_documents.calibrate_document(self._of, {})
+
+    def _table(self, name: str) -> Any:
+        return tables.parameters(self.document)
+
+    @in_python
+    def write(self, file: File, *, force: bool = False) -> Path:
+        """Writes the settings file that ``settings=`` and ``-c`` take.
+
+        Args:
+            file: its name ends with ``.toml``.
+            force: whether an older file is replaced.
+
+        Raises:
+            UserError: where it exists already, or the disk refuses.
+        """
+        path = toml.target(Path(file))
+        read = [Path(u.log.path) for u in self._of.logs]
+        with atomic_files.outputs([path], force, inputs=read) as (place,):
+            place.write_text(calibrate.as_toml(self._of), encoding="utf-8")
+        return path
+
+    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+        title = f"Calibration by {len(self._of.applications)} brake applications"
+        return title, {"± is 1 sigma": calibrate.as_rows(self._of)}
+
+
+@contextmanager
+def _written(
+    log: Log, folder: File, kind: str, force: bool, read: Sequence[Log] = ()
+) -> Iterator[tuple[list[Path], tuple[Path, ...]]]:
+    """Where to write the two files of a log, and what they are called when all is written."""
+    files = outputs.pair(Path(folder), log.path, kind)
+    inputs = [Path(of.path) for of in read or [log]]
+    with (
+        atomic_files.folder(Path(folder)),
+        atomic_files.outputs(files, force, inputs=inputs) as places,
+    ):
+        yield places, files

@@ -1,0 +1,43 @@
+"""A short HTML table, which a notebook shows of a result."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+
+from ..core.finding import Finding
+from ..core.text import printable
+
+_LEFT = ("axle", "method", "channel", "meaning", "parameter", "unit", "why")  # columns of text
+
+
+def page(title: str, *parts: str) -> str:
+    """A title above tables and lists."""
+    return "\n".join([f"<p><b>{_text(title)}</b></p>", *filter(None, parts)])
+
+
+def table(rows: Sequence[Mapping[str, str]], caption: str = "") -> str:
+    """A table of rows with the same keys, which are its header; "" without rows."""
+    if not rows:
+        return ""
+    header = list(dict.fromkeys(key for row in rows for key in row))
+    cells = ["".join(_cell("th", key, key) for key in header)]
+    cells += ["".join(_cell("td", key, row.get(key, "-")) for key in header) for row in rows]
+    title = f"<caption>{_text(caption)}</caption>" if caption else ""
+    return f"<table>{title}{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+
+
+def findings(found: Sequence[Finding]) -> str:
+    """A line for each finding; "" without."""
+    lines = (
+        f"<li>{f.severity}: {_text(f.message)} <code>{_text(f.code)}</code> {_text(f.channel)}</li>"
+        for f in found
+    )
+    return f"<ul>{''.join(lines)}</ul>" if found else ""
+
+
+def _cell(tag: str, column: str, text: str) -> str:
+    side = "left" if column in _LEFT else "right"
+    return f'<{tag} style="text-align:{side}">{_text(text)}</{tag}>'
+
+
+def _text(text: str) -> str:
+    return escape(printable(text))
