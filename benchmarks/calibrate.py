@@ -10,7 +10,9 @@ The error of a log is the rms error of the force over all its brake applications
 of the true force. The table has its rms over the held-back logs. The error of the mean is that of
 the mean force of each brake application, divided by the true one; its rms is over all of them. A
 brake application is inside if its true mean force lies in its 95 % interval. The rows `true` have
-the vehicle without any error: what is left there are the sensors and the slides.
+the vehicle without any error: what is left there are the sensors and the slides. The column
+`vehicle alone` has the rms difference from the force by that vehicle: no sensor and no slide is in
+it.
 """
 
 import argparse
@@ -44,6 +46,7 @@ class Held(NamedTuple):
     """One log that was not used: squares of the relative error, and applications inside."""
 
     squares: float
+    of_vehicle: float  # the same of the difference from the force by the true vehicle
     means: list[float]  # relative error of the mean force of each brake application
     inside: list[bool]
     bands: list[float]  # relative half-width of its 95 % interval
@@ -57,31 +60,37 @@ def true_force(ride: drawn.Ride, car: drawn.Car) -> np.ndarray:
     return force + car.inertia * turns / car.radius[:, None]
 
 
-def judged(path: Path, true_of: np.ndarray, vehicle: Vehicle) -> Held | None:
+def judged(
+    path: Path, true_of: np.ndarray, vehicle: Vehicle, exact: Vehicle
+) -> Held | None:  # fmt: skip
     """The force of a log by a vehicle, against the true one; None without a brake application."""
     log = read(open_source(path, ReadOptions()), (), vehicle)
-    errors, forces = [], []
-    found = Held(0.0, [], [], [])
-    for record in axle_records.prepare(log, vehicle).records:
+    errors, forces, apart = [], [], []
+    found = Held(0.0, 0.0, [], [], [])
+    by_true = axle_records.prepare(read(open_source(path, ReadOptions()), (), exact), exact).records
+    for record, other in zip(axle_records.prepare(log, vehicle).records, by_true, strict=True):
         ref = force.compute(faded(record, vehicle), vehicle)
+        of_true = ref if vehicle is exact else force.compute(faded(other, exact), exact)
         own = drawn.STEP * np.arange(true_of.shape[1])
         true = np.interp(record.t * 1e-9, own, true_of[record.axle - 1])
         for s in metrics.applications(record):
-            known = np.isfinite(ref.force[s])
+            known = np.isfinite(ref.force[s]) & np.isfinite(of_true.force[s])
             if known.sum() < 2:
                 continue
             off = (ref.force[s] - true[s])[known]
             mean = [float(np.mean(x[s][known])) for x in (ref.sigma, ref.tolerance, true)]
             half = Z95 * float(np.hypot(*mean[:2]))
             errors.append(off)
+            apart.append((ref.force[s] - of_true.force[s])[known])
             forces.append(true[s][known])
             found.means.append(float(np.mean(off)) / mean[2])
             found.inside.append(abs(float(np.mean(off))) <= half)
             found.bands.append(half / mean[2])
     if not errors:
         return None
-    squares = float(np.sum(np.concatenate(errors) ** 2) / np.sum(np.concatenate(forces) ** 2))
-    return found._replace(squares=squares)
+    whole = np.sum(np.concatenate(forces) ** 2)
+    squares, own = (float(np.sum(np.concatenate(x) ** 2) / whole) for x in (errors, apart))
+    return found._replace(squares=squares, of_vehicle=own)
 
 
 def true_vehicle(v: Vehicle, car: drawn.Car) -> Vehicle:
@@ -117,8 +126,9 @@ def vehicle(seed: int, fit: int, held: int, mass: float) -> list[list[Held]] | s
         except UserError as error:
             return error.text
         both = list(zip(paths[fit:], forces[fit:], strict=True))
-        every = (stated, done.settings.vehicle, true_vehicle(stated, car))
-        found = ([judged(path, true, v) for path, true in both] for v in every)
+        exact = true_vehicle(stated, car)
+        every = (stated, done.settings.vehicle, exact)
+        found = ([judged(path, true, v, exact) for path, true in both] for v in every)
         return [[h for h in of if h] for of in found]
 
 
@@ -130,7 +140,8 @@ def row(name: str, held: list[Held]) -> str:
         np.array([x for h in held for x in getattr(h, name)])
         for name in ("means", "inside", "bands")
     )
-    shown = [f"{x:.3f}" for x in (rms, median, np.sqrt(np.mean(means**2)), inside.mean())]
+    own = np.sqrt(np.mean([h.of_vehicle for h in held]))
+    shown = [f"{x:.3f}" for x in (rms, median, own, np.sqrt(np.mean(means**2)), inside.mean())]
     return f"| {name} | {' | '.join(shown)} | {100.0 * np.median(bands):.1f} % |"
 
 
@@ -148,8 +159,9 @@ def main() -> None:
         f"{options.vehicles} vehicles, each with {options.fit} logs to calibrate and "
         f"{options.held} held back.",
         "",
-        "| mass known to | vehicle | rms error | median | error of the mean | inside | band ± |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        "| mass known to | vehicle | rms error | median | vehicle alone | error of the mean "
+        "| inside | band ± |",
+        "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     refused: list[str] = []
     seeds = range(options.seed, options.seed + options.vehicles)

@@ -19,8 +19,20 @@ def true(friction: float = 1.0, mass: float = 1.0, **more: Parameter) -> Vehicle
     )
 
 
-def log(path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3) -> Path:
-    """A train that rolls, braked several times on gradients that change; no train speed."""
+def log(
+    path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3, drag: float = 0.0,
+    before: float = 7.0,
+) -> Path:  # fmt: skip
+    """A train that rolls, braked several times on gradients that change; no train speed.
+
+    Args:
+        path: file to write.
+        vehicle: as it truly is.
+        seed: of pressures, gradients and noise.
+        applications: how many.
+        drag: of the air, over the square of speed [1/m].
+        before: from a change of the gradient to the next brake application [s].
+    """
     rng, h = np.random.default_rng(seed), 0.05
     t = np.arange(0.0, 10.0 + 26.0 * applications, h)
     p, slope = np.zeros(len(t)), np.zeros(len(t))
@@ -28,13 +40,13 @@ def log(path: Path, vehicle: Vehicle, seed: int = 1, applications: int = 3) -> P
         begin = 8.0 + 26.0 * i
         up = np.minimum((t - begin) / 1.5, (begin + 12.0 - t) / 1.5)
         p = np.maximum(p, np.clip(up, 0.0, 1.0) * rng.uniform(1.5e5, 3.5e5))
-        slope[t > begin - 7.0] = rng.normal(0.0, 0.02)
+        slope[t > begin - before] = rng.normal(0.0, 0.02)
     v, speed = np.empty(len(t)), 42.0
     w, K = wheelset(vehicle, 1), clamping_force(p, vehicle)
     for i in range(len(t)):
         v[i] = speed
         fade = vehicle.friction_fade.value * (speed - vehicle.friction_speed.value)
-        speed -= h * (float(braked(K[i], w)) * (1.0 + fade) + 0.012 + slope[i])
+        speed -= h * (float(braked(K[i], w)) * (1.0 + fade) + 0.012 + slope[i] + drag * v[i] ** 2)
     rim = v + rng.normal(0.0, 0.004, len(t))
     rows = [f"{a:.2f},{b / 1e5:.4f},{3.6 * c:.4f}" for a, b, c in zip(t, p, rim, strict=True)]
     path.write_text("time [s],bc pressure [bar],wheel speed [km/h]\n" + "\n".join(rows) + "\n")

@@ -230,7 +230,8 @@ def _applied(u: Used, d: model.Design, found: model.Posterior, slopes: Floats) -
         def slope(y: Floats, at: Any = at) -> float:
             return float(np.polyfit(t[at] - t[at].mean(), y[at], 1)[0])
 
-        before, after = (slope(y) + float(x[model.RESISTANCE]) for y in lost)
+        drag = float(x[model.DRAG]) * float(np.mean(d.speed[at] ** 2))
+        before, after = (slope(y) + float(x[model.RESISTANCE]) + drag for y in lost)
         rows.append(Applied(
             Path(u.log.path).name, begin, float(d.measured[at].mean()), -slope(d.measured),
             before, after, float(piece[at].mean()),
@@ -245,7 +246,7 @@ def as_toml(found: Calibration) -> str:
     lines += ["# the tolerance of all. Do not change one of them, or friction, alone.", "# Logs:"]
     lines += [f"# - {Path(u.log.path).name!r}, sha256 {u.log.sha256}" for u in found.logs]
     lines += ["# Found as well, and not part of the vehicle:"]
-    others = ("pressure_delay", "creep_stiffness", "running_resistance")
+    others = ("pressure_delay", "creep_stiffness", "running_resistance", "air_drag")
     for name, r in ((name, found.result.rows[name]) for name in others):
         shown = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
         lines.append(f"# - {name} = {shown} {r.unit}")

@@ -3,7 +3,7 @@
 While every wheel rolls, the wheelset equation and the force line give the rim speed from the
 pressure. In each piece of a log, up to 12 s long,
 
-    u(t) = α + γt² + (β − r) t − s c ∫ k dt − u s c k / (g κ),
+    u(t) = α + γt² + (β − r) t − C ∫ u² dt − s c ∫ k dt − u s c k / (g κ),
     k(t) = (1 + f (u − ū)) max(K(t + τ) − o, 0).
 
 K is the clamping force as a share of its highest value, c the deceleration by that.
@@ -14,11 +14,15 @@ K is the clamping force as a share of its highest value, c the deceleration by t
 | τ | delay of the pressure |
 | κ = dµ/ds | creep stiffness: a braked wheel that rolls turns slower than the train by µ/κ |
 | f | change of the friction with speed |
-| r, β | running resistance of the train, gradient of the piece |
+| r, C | running resistance of the train at low speed, its air drag over u² |
+| β | gradient of the piece |
 
 Delay and creep look the same within one application: both make the wheel react earlier. So each
 parameter has a prior, and the fit gives the posterior of all together. Its maximum is found by
 Gauss and Newton's method, its covariance is Laplace's. α and γ are eliminated in every piece.
+
+A calibration takes shorter pieces without γ, and a gradient that changes along the track. Without
+that a gradient that begins with a brake application is taken for force.
 
 Every piece has its own error variance, which is estimated as well. A slide that was not recognised
 gives its piece a large variance and so little weight. Errors that are correlated from sample to
@@ -26,7 +30,9 @@ sample count as fewer samples.
 
 The rows are pieces, the parameters are shared: `fit` takes the designs of one or many logs.
 
-Sources: wheelset equation (1), force line (15); creep stiffness of 20 to 100 % of Kalker's.
+Sources: wheelset equation (1), force line (15); creep stiffness of 20 to 100 % of Kalker's. Air
+drag: Rochard and Schmid, Proc. IMechE F 214 (2000) 185: 1.7e-5 1/m (long high-speed train); single
+vehicles have up to 7e-5 1/m, by 0.6 kg/m³ times 10 m² over 80 t.
 """
 
 import math
@@ -41,18 +47,23 @@ from ..core.model import Bools, Floats, Parameter, Vehicle
 from ..core.physics import CRAWL, FREE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from .train_grid import LEAST, Axle, Explanation, Grid, Line, Piece, far, grid
+from .train_grid import Design as Design
 
 UNITS = {
     "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",
-    "resistance": "m/s²",
+    "resistance": "m/s²", "drag": "1/m",
 }  # fmt: skip
-SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE = range(len(UNITS))
+SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE, DRAG = range(len(UNITS))
 _SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 _RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
+_DRAG = Parameter(3e-5, 2e-5)  # [1/m]
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _CHANGES = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
+_SLOPES = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
+_ALONG = 1000.0  # they are correlated by exp(-x) over so many [m], assumed
+_OWN = 0.005  # 1 sigma of what is not correlated: curves, wind [m/s²]
 _SMALL = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 
@@ -60,6 +71,7 @@ _FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
 _AROUND = 6.0  # before and after a change [s]
 _PIECE = 12.0  # longest piece [s]
+_SHORT = 3.0  # the same where gradients are along the track [s]
 _BENT = 20  # samples: with fewer, γ is not known from what happens between two
 _REACH = 5.0  # the largest delay that is looked for [s]
 _MOST = 0.9  # the largest offset looked for, of the highest K
@@ -86,35 +98,11 @@ _ANY = 25.0  # times as steep: no other vehicle's line
 AS_STATED = Explanation(Parameter(0.0, 0.0), None)
 
 
-class Design(NamedTuple):
-    """The pieces of one log, and its clamping force all along."""
-
-    t: Floats  # even, (n,) [s]
-    K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
-    faster: Floats  # u − ū (n,) [m/s]
-    top: float  # the highest K [N]
-    at: NDArray[np.int64]  # samples of the pieces, (m,)
-    first: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
-    size: Floats  # how many each has, (p,)
-    run: NDArray[np.int64]  # which uninterrupted run each piece is of, (p,)
-    time: Floats  # from the piece's middle, (m,) [s]
-    measured: Floats  # speed (m,) [m/s]
-    v: Floats  # speed without α and γ (m,) [m/s]
-    speed: Floats  # that itself, smooth (m,) [m/s]
-    c: float  # deceleration by the highest K [m/s²]
-    noise: float  # 1 sigma of v's white noise [m/s]
-    floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
-    seen: bool  # whether a train speed would show that all wheels slide
-    interval: float  # the longer one of speed and pressure [s]
-    mean: float  # ū, at which c holds [m/s]
-    creeps: bool  # whether the speed is that of wheels
-
-
 class Posterior(NamedTuple):
     """What designs and prior say together of the shared parameters, in the order of `UNITS`."""
 
-    prior: Floats  # means (6,)
-    prior_sigma: Floats  # (6,), inf where free
+    prior: Floats  # means (7,)
+    prior_sigma: Floats  # (7,), inf where free
     mean: Floats  # of the shared parameters, then of every piece's gradient [m/s²]
     covariance: Floats  # of the same
     cost: float  # −2 log of posterior density, but for a constant
@@ -156,6 +144,7 @@ def stated(design: Design, vehicle: Vehicle) -> dict[int, Parameter]:
         STIFFNESS: CREEP,
         FADE: Parameter(fade.value / at, fade.tolerance or _FADE.tolerance),
         RESISTANCE: _RESISTANCE,
+        DRAG: _DRAG,
     }
 
 
@@ -194,9 +183,9 @@ def design(
     pieces, run = _pieces(np.maximum(K, 0.0), np.nan_to_num(v), known, coarse, fine)
     if not pieces:
         return None
-    size = np.array([len(p) for p in pieces])
-    at, first = np.concatenate(pieces), np.cumsum(size) - size
-    since = np.concatenate([t[p] - t[p].mean() for p in pieces])
+    at, first = np.concatenate(pieces), np.cumsum([0, *map(len, pieces[:-1])])
+    same = np.array(run)[:, None] == np.array(run)
+    doubt = _GRADIENT**2 * same + _CHANGES**2 * np.eye(len(run))
     noise = math.sqrt(white_noise((t[p], v[p]) for p in pieces))
     interval = max(between(a) for a in axles)
     rounding = max(_stands(a) * vehicle.radius(a.record.axle).value for a in axles)
@@ -205,20 +194,33 @@ def design(
     floor = math.hypot(_FLOOR, rounding, c * _unseen(t, np.maximum(K, 0.0), interval))
     whole = np.interp(t, t[np.isfinite(v)], v[np.isfinite(v)])
     d = Design(
-        t, K, whole - mean, top, at, first, size.astype(np.float64), np.array(run), since, v[at],
-        v[at], v[at], c, noise, floor, fine.train is not None, interval, mean,
+        t, K, whole - mean, top, at, first, first, doubt, True, v[at], v[at], v[at], v[at], v[at],
+        c, noise, floor, fine.train is not None, interval, mean,
         not (train and fine.train is not None),
     )  # fmt: skip
-    flat = _flat(d, d.v)
-    return d._replace(v=flat, speed=d.speed - _sloped(d, flat))
+    return _cut(d, first)
 
 
-def of_log(axles: Sequence[Axle], coarse: Grid, vehicle: Vehicle) -> Design | None:
-    """The pieces of a log, by its train speed, else by its wheels; None where none roll."""
-    if (fine := grid(axles, vehicle, _FINE)) is None:
-        return None
-    train = design(axles, vehicle, coarse, fine, True) if fine.train is not None else None
-    return train or design(axles, vehicle, coarse, fine)
+def _cut(d: Design, first: NDArray[np.int64]) -> Design:
+    """The design with pieces that begin at these places in `at`."""
+    d = d._replace(first=first, size=np.diff(first, append=len(d.at)).astype(np.float64))
+    t, u = d.t[d.at], d.faster + d.mean
+    d = d._replace(time=t - _spread(d, _sums(d, t) / d.size))
+    flat = _flat(d, d.measured)
+    smooth = d.measured - _sloped(d, flat)
+    return d._replace(v=flat, speed=smooth, squared=_flat(d, _area(d, u * u)[d.at]))
+
+
+def along_track(d: Design) -> Design:
+    """The design in short pieces, whose gradients are correlated along the track."""
+    step = float(d.t[1] - d.t[0])
+    runs = [0, *(np.flatnonzero(np.diff(d.at) > 1) + 1), len(d.at)]
+    many = [max(1, min(round(n * step / _SHORT), n // LEAST)) for n in np.diff(runs)]
+    edges = [np.linspace(*ends, n + 1)[:-1] for ends, n in zip(pairwise(runs), many, strict=True)]
+    d = _cut(d._replace(bends=False), np.concatenate(edges).astype(np.int64))
+    way = _sums(d, _area(d, d.faster + d.mean)[d.at]) / d.size
+    apart = np.abs(way[:, None] - way) / _ALONG
+    return d._replace(doubt=_SLOPES**2 * np.exp(-apart) + _OWN**2 * np.eye(len(way)))
 
 
 def joined(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:
@@ -304,6 +306,8 @@ def _spread(d: Design, x: Floats) -> Floats:
 
 def _flat(d: Design, x: Floats) -> Floats:
     """What is left of x without α and γ of its piece, (m,): gradients change within it."""
+    if not d.bends:
+        return x - _spread(d, _sums(d, x) / d.size)
     bent = d.time**2
     bent -= _spread(d, _sums(d, bent) / d.size)  # times are even: a straight line leaves it
     x = x - _spread(d, _sums(d, x) / d.size)
@@ -343,12 +347,12 @@ def _lost(d: Design, x: Floats) -> Floats:
 def left(d: Design, x: Floats, gradients: Floats) -> Floats:
     """What the model leaves of the speed, (m,) [m/s]."""
     slope = _spread(d, gradients - x[RESISTANCE])
-    rest: Floats = d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time
+    rest: Floats = d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time + x[DRAG] * d.squared
     return rest
 
 
 def _columns(d: Design, x: Floats) -> Floats:
-    """How what is left changes with each shared parameter, (6, m)."""
+    """How what is left changes with each shared parameter, (7, m)."""
     s = math.exp(x[SCALE])
     J = np.empty((_SHARED, len(d.at)))
     J[SCALE] = s * _lost(d, x)
@@ -359,7 +363,7 @@ def _columns(d: Design, x: Floats) -> Floats:
         J[i] = s * (_lost(d, high) - _lost(d, low)) / (2.0 * step)
     crept = d.creeps * d.c * d.speed * _applied(d, x)[d.at] / (G * math.exp(x[STIFFNESS]))
     J[STIFFNESS] = -s * _flat(d, crept)
-    J[RESISTANCE] = d.time
+    J[RESISTANCE], J[DRAG] = d.time, d.squared
     return J
 
 
@@ -391,9 +395,8 @@ def _problem(
         mean[i], weight[i, i] = p.value, p.tolerance**-2.0
     begin = _SHARED
     for d in designs:
-        same = d.run[:, None] == d.run
         own = slice(begin, begin + len(d.size))
-        weight[own, own] = np.linalg.inv(_GRADIENT**2 * same + _CHANGES**2 * np.eye(len(d.size)))
+        weight[own, own] = np.linalg.inv(d.doubt)
         begin = own.stop
     return _Problem(designs, telling, mean, weight)
 
@@ -449,7 +452,7 @@ def fit(
     best, cost = points[int(np.argmin(costs))], min(costs)
     most = np.full(len(best), 2.0)
     reach = min(_REACH, *(float(d.t[-1]) / 4.0 for d in designs))
-    most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5
+    most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5, 5e-4
     for _ in range(15):
         A, b = _normal(p, best)
         change = np.linalg.pinv(A, hermitian=True) @ b
@@ -550,15 +553,14 @@ def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> E
     if coarse is None or fine is None:
         return AS_STATED
     rims = design(axles, vehicle, coarse, fine)
+    train = design(axles, vehicle, coarse, fine, True) if fine.train is not None else None
     if rims is None:
-        return AS_STATED
+        return AS_STATED._replace(design=train)
     e = _explained(rims, vehicle)
     # A wheel on its way into a slide slows harder than it should; the train does not.
-    if e.line and fine.train is not None:
-        train = design(axles, vehicle, coarse, fine, True)
-        if train is None or _explained(train, vehicle).line is None:
-            e = e._replace(line=None, late=AS_STATED.late if e.either else e.late, either=False)
-    return e
+    if e.line and fine.train is not None and not (train and _explained(train, vehicle).line):
+        e = e._replace(line=None, late=AS_STATED.late if e.either else e.late, either=False)
+    return e._replace(design=train or rims)
 
 
 def _explained(d: Design, vehicle: Vehicle) -> Explanation:

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.finding import Finding, Severity, merged
 from ..core.model import (
@@ -149,6 +150,32 @@ class Piece(NamedTuple):
     value: Parameter
 
 
+class Design(NamedTuple):
+    """The pieces of one log, and its clamping force all along."""
+
+    t: Floats  # even, (n,) [s]
+    K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
+    faster: Floats  # u − ū (n,) [m/s]
+    top: float  # the highest K [N]
+    at: NDArray[np.int64]  # samples of the pieces, (m,)
+    first: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
+    size: Floats  # how many each has, (p,)
+    doubt: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
+    bends: bool  # whether pieces have γ
+    time: Floats  # from the piece's middle, (m,) [s]
+    measured: Floats  # speed (m,) [m/s]
+    v: Floats  # speed without α and γ (m,) [m/s]
+    speed: Floats  # that itself, smooth (m,) [m/s]
+    squared: Floats  # ∫u² dt without α and γ (m,) [m²/s]
+    c: float  # deceleration by the highest K [m/s²]
+    noise: float  # 1 sigma of v's white noise [m/s]
+    floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
+    seen: bool  # whether a train speed would show that all wheels slide
+    interval: float  # the longer one of speed and pressure [s]
+    mean: float  # ū, at which c holds [m/s]
+    creeps: bool  # whether the speed is that of wheels
+
+
 class Explanation(NamedTuple):
     """What differs from the stated vehicle, as far as the log shows."""
 
@@ -158,6 +185,8 @@ class Explanation(NamedTuple):
     # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
     # where it drives the train [m/s²].
     pieces: tuple[Piece, ...] = ()
+    # The brake applications of wheels that roll, by the train speed, else by the wheels.
+    design: Design | None = None
 
 
 class Scene(NamedTuple):

@@ -45,6 +45,7 @@ _SOURCES = {
     "pressure_delay": "calipers, hoses, transducers: 0.03 s; sampling",
     "creep_stiffness": "20 to 100 % of Kalker's, per unit of slip",
     "running_resistance": "0.015 m/s² of a train that coasts",
+    "air_drag": "1e-5 1/m of long trains to 7e-5 1/m of single vehicles",
 }
 
 
@@ -100,8 +101,8 @@ def evidence(
         return Evidence(None, (), 0.0)
     seconds = (record.t - scene.grid.first) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
-    design = model.of_log(scene.axles, scene.grid, vehicle)
-    return Evidence(design, spans, scene.explanation.late.value)
+    why = scene.explanation
+    return Evidence(model.along_track(why.design) if why.design else None, spans, why.late.value)
 
 
 def narrowed(
@@ -173,7 +174,7 @@ def prior(designs: Sequence[model.Design], vehicle: Vehicle, late: float) -> dic
 
 
 def point(designs: Sequence[model.Design]) -> Floats:
-    """How ln of the force at the mean brake changes with each shared parameter, (6,)."""
+    """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
     on = [np.maximum(d.K[d.at], 0.0) > FREE for d in designs]
     K = np.concatenate([d.K[d.at][x] for d, x in zip(designs, on, strict=True)])
     faster = np.concatenate([d.faster[d.at][x] for d, x in zip(designs, on, strict=True)])
@@ -234,6 +235,7 @@ def _vehicle(
         "running_resistance": (
             model.RESISTANCE, 1.0, *prior[model.RESISTANCE], float(x[model.RESISTANCE]), "m/s²",
         ),
+        "air_drag": (model.DRAG, 1.0, *prior[model.DRAG], float(x[model.DRAG]), "1/m"),
     }  # fmt: skip
     places = [place for place, *_ in table.values()]
     sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))

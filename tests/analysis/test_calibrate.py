@@ -98,6 +98,30 @@ def test_analyze_takes_the_toml_and_has_that_band(
     assert np.median(shared) > 0.8 * (mass.posterior_u / mass.posterior) ** 2
 
 
+def test_air_drag_is_no_friction(tmp_path: Path) -> None:
+    """Drag grows with speed, as friction that rises with speed would."""
+    drag = 6e-5
+    logs = [log(tmp_path / f"{i}.csv", true(friction=0.9), i, drag=drag) for i in range(3)]
+    rows = found(*logs).result.rows
+    fade, air = rows["friction_fade"], rows["air_drag"]
+    assert abs(fade.posterior) < 2.0 * fade.posterior_u < 0.002
+    assert air.posterior == pytest.approx(drag, abs=2.0 * air.posterior_u)
+    assert air.posterior_u < 0.6 * air.prior_u
+
+
+def test_a_gradient_that_begins_with_the_brake_is_in_the_uncertainty(tmp_path: Path) -> None:
+    """It looks like force: one that is constant or bends slowly is too sure of it by far."""
+    errors = []
+    for k in range(4):
+        of = [log(tmp_path / f"{k}{i}.csv", true(), 10 * k + i, before=0.0) for i in range(2)]
+        row = found(*of).result.rows["force_over_mass"]
+        again = 0.02**2 * (1.0 + 1.0 / len(of))  # from log to log
+        sigma = math.sqrt((row.posterior_u / row.posterior) ** 2 - again)
+        assert sigma < 0.01
+        errors.append(math.log(row.posterior) / sigma)
+    assert math.sqrt(np.mean(np.square(errors))) < 1.5
+
+
 def test_analyze_says_what_calibrate_would_give(
     logs: list[Path], calibrated: calibrate.Calibration
 ) -> None:

@@ -80,7 +80,7 @@ def axle(
 
 def told(one: Axle) -> Explanation:
     e = longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
-    return e._replace(pieces=())
+    return e._replace(pieces=(), design=None)
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
