@@ -1,5 +1,7 @@
 """`adhesion analyze`: the main job."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from . import results
@@ -10,18 +12,31 @@ if TYPE_CHECKING:
 
 
 @shared(*EVERY)
-def command(
+def command(  # noqa: PLR0913 (one option each)
     logs: Logs,
     shared: Shared,
     scores: Annotated[bool, option("--scores", None, "Score the estimators axle by axle.")] = False,
     budget: Annotated[
         bool, option("--budget", None, "Show what each quantity adds to the uncertainty.")
     ] = False,
+    report: Annotated[
+        bool, option("--report", None, "Also write <log>.adhesion.html, a page to forward.")
+    ] = False,
+    table: Annotated[
+        Path | None,
+        option("--table", "FILE", "Also write brake applications: FILE.csv or FILE.parquet."),
+    ] = None,
+    decimal: Annotated[
+        str | None, option("--decimal", "MARK", "Decimal mark of --table FILE.csv: . or ,")
+    ] = None,
 ) -> int:
     """Compute adhesion force and coefficient of each log.
 
     Shows each brake application with its uncertainty, the slides, and how well each online
     estimator follows. Writes <log>.adhesion.mcap and <log>.adhesion.rrd.
+
+    --table writes one row per log, axle and brake application. With --decimal , semicolons part the
+    cells, as spreadsheets with decimal commas expect.
 
     Of several logs, those that fail are listed, and the others are written. With --strict, none is
     written if one fails.
@@ -30,13 +45,21 @@ def command(
     """
     from ..analysis.json_documents import document, dumps, entry
 
-    pairs = [results.pair(shared, log, "adhesion") for log in logs]
-    paths = [path for pair in pairs for path in pair]
-    found = results.analysed_or_failed(shared, logs, paths)
+    _check_table(table, decimal)
+    sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
+    if report:
+        sets = [[*of, of[0].with_suffix(".html")] for of in sets]
+    paths = [path for of in sets for path in of]
+    found = results.analysed_or_failed(shared, logs, [*paths, *([table] if table else [])])
     failed = [f for f in found if isinstance(f, results.Failed)]
-    done = [(f, p) for f, p in zip(found, pairs, strict=True) if not isinstance(f, results.Failed)]
-    entries = [entry(r, results.named(pair)) for r, pair in done]
-    results.write(shared, [result for result, _ in done], [pair for _, pair in done], entries)
+    done = [(f, p) for f, p in zip(found, sets, strict=True) if not isinstance(f, results.Failed)]
+    if table:
+        done[0][1].append(table)
+    entries = [entry(r, results.named(of)) for r, of in done]
+    more: dict[Path, results.More] = {of[2]: _page(of[0]) for _, of in done if report}
+    if table:
+        more[table] = lambda place, _: _write_table(place, table, decimal, entries)
+    results.write(shared, [r for r, _ in done], [of for _, of in done], entries, more=more)
     if shared.json:
         of = iter(entries)
         every = (f.entry() if isinstance(f, results.Failed) else next(of) for f in found)
@@ -47,6 +70,40 @@ def command(
         results.show_failed(failed)
     code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
     return 3 if failed else code
+
+
+def _check_table(table: Path | None, decimal: str | None) -> None:
+    """Refuses another format, and a decimal mark without a table."""
+    from ..core.errors import UserError
+    from ..results.tables import kind
+
+    if table:
+        kind(table, decimal)
+    elif decimal:
+        raise UserError("--decimal is for a table", "add --table FILE.csv", code=2)
+
+
+def _page(record: Path) -> results.More:
+    """What writes the report of a record that will have this name."""
+
+    def write(place: Path, written: Path) -> None:
+        from ..results.report import page, run
+
+        page.write(place, [run.read(written, record.name)])
+
+    return write
+
+
+def _write_table(
+    place: Path, name: Path, decimal: str | None, entries: Sequence[dict[str, Any]]
+) -> None:
+    from ..results import tables
+
+    rows = tables.applications(entries)
+    if tables.kind(name, decimal) == ".csv":
+        tables.write_csv(place, rows, decimal or ".")
+    else:
+        tables.write(place, rows)
 
 
 def _show(

@@ -1,20 +1,23 @@
 """Shared by the commands that analyse logs: analyse all, then write everything."""
 
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..analysis import outputs
 from ..analysis.outputs import Entry, Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
-from .options import Shared, check, checked, pictures, places
+from .options import Shared, check, checked, places
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
     from ..core.model import Result
     from ..results.rrd.results import Note
+
+More = Callable[[Path, Path], None]
 
 
 class Failed(NamedTuple):
@@ -104,28 +107,27 @@ def _analyzer(
 
 
 def write(
-    shared: Shared, results: "Sequence[Result]", pairs: Sequence[Pair], entries: Sequence[Entry],
-    slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
-    draw: "Callable[[Path], None]" = lambda _: None,
+    shared: Shared, results: "Sequence[Result]", sets: Sequence[Sequence[Path]],
+    entries: Sequence[Entry], slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
+    more: Mapping[Path, More] = MappingProxyType({}),
 ) -> None:  # fmt: skip
-    """Writes both files of each result, and a picture; names appear when all are written.
+    """Writes the files of each result; names appear when all are written.
 
     Args:
         shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
-        pairs: the files of each.
+        sets: the files of each: record, recording, and those of `more`.
         entries: of each in the document, from `json_documents.entry`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
-        draw: writes the picture of `--figure` to the path given.
+        more: by its name, what writes a file; takes the place to write to and the record's.
     """
     read = [Path(result.log.path) for result in results]
-    sets = [[*of, *pictures(shared)] for of in pairs]
     with places(shared, sets, (r.log for r in results), read) as found:
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
             outputs.write_result(of[:2], result, entries[i], slip, notes)
-            for place in of[2:]:
-                draw(place)
+            for name, place in zip(sets[i][2:], of[2:], strict=True):
+                more[name](place, of[0])
 
 
 def finished(shared: Shared, recording: Path, findings: "Sequence[Finding]") -> int:

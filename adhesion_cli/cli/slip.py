@@ -9,6 +9,7 @@ from .options import EVERY, Logs, Shared, draw, pictures, shared
 
 if TYPE_CHECKING:
     from ..rail.slip import Summary
+    from ..results.charts import Panel
 
 
 @shared(*(name for name in EVERY if name != "algo"), "figure")
@@ -42,18 +43,23 @@ def command(logs: Logs, shared: Shared) -> int:
         every.append(slip_of(result))
     first, title = every[0], f"Slip of {Path(analysed[0].log.path).name}"
     bands = Bands(**first.result.settings["bands"])
+    sets = [[*pair, *pictures(shared)] for pair in pairs]
+
+    def panels() -> "list[Panel]":
+        return of_slip(first.result, first.axles, bands)
+
     results.write(
-        shared, analysed, pairs, [entry(r, {}) for r in analysed], [carried(of) for of in every],
-        lambda place: draw(shared, place, title, of_slip(first.result, first.axles, bands)),
+        shared, analysed, sets, [entry(r, {}) for r in analysed], [carried(of) for of in every],
+        {name: lambda place, _: draw(shared, place, title, panels()) for name in pictures(shared)},
     )  # fmt: skip
     if shared.json:
-        files = [results.named([*pair, *pictures(shared)]) for pair in pairs]
+        files = [results.named(of) for of in sets]
         summaries, findings = [of.axles for of in every], [of.findings for of in every]
         print(dumps(slip_document([r.log for r in analysed], summaries, findings, files)))
     else:
-        for (result, axles, told), pair in zip(every, pairs, strict=True):
+        for (result, axles, told), files_of in zip(every, sets, strict=True):
             print(f"{printable(result.log.path)}\n{table(axles, result.log.start_ns())}")
-            print(terminal.wrote(*pair, *pictures(shared)))
+            print(terminal.wrote(*files_of))
             terminal.show(told, shared.quiet)
     return results.finished(shared, pairs[-1][1], [f for of in every for f in of.findings])
 

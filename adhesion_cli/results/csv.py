@@ -5,7 +5,6 @@ Rows that reading left out, too.
 
 import csv
 import io
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -33,7 +32,7 @@ def write_log(path: Path, log: Log) -> None:
     """
     headers = ["time" if log.absolute else "time [s]"]
     for name, unit in names.channels(log):
-        headers.append(_cell(name if not unit or name.endswith((f"[{unit}]", f"({unit})"))
+        headers.append(names.cell(name if not unit or name.endswith((f"[{unit}]", f"({unit})"))
                              else f"{name} [{unit}]"))  # fmt: skip
     schema = pa.schema(list(zip(headers, wide_table.types(log), strict=True)))
     with verified(path) as file, CSVWriter(file, schema) as writer:
@@ -59,18 +58,8 @@ def write_rejects(path: Path, logs: Iterable[Log]) -> int:
         for log in logs:
             for reject in log.rejects:
                 cells = (log.path, *reject)
-                table.writerow([_cell(printable(c)) if isinstance(c, str) else c for c in cells])
+                table.writerow(
+                    [names.cell(printable(c)) if isinstance(c, str) else c for c in cells]
+                )
                 count += 1
     return count
-
-
-# Where a formula may begin: at the start of a cell, and, as programs differ in what parts cells,
-# behind any separator, but for a number with its sign.
-_FORMULA = re.compile(
-    r"""^(?=[=+\-@＝＋－＠])|(?<=[;,\t|"])(?=[=@＝＠]|[-+－＋](?![\d.eE+-]+([;,\t|"]|$)))"""
-)
-
-
-def _cell(text: str) -> str:
-    """A cell that no spreadsheet takes for a formula, or for several cells with one."""
-    return _FORMULA.sub("'", text)

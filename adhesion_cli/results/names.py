@@ -1,6 +1,7 @@
 """What channels and logs are called in a written file, and the unit of what is written."""
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import PurePath
 from typing import Any
@@ -21,6 +22,13 @@ SI: dict[Meaning, str] = {
     "truth": "N",
     "true_slip": "-",
 }
+
+
+# Where a formula may begin: at the start of a cell, and, as programs differ in what parts cells,
+# behind any separator, but for a number with its sign.
+_FORMULA = re.compile(
+    r"""^(?=[=+\-@＝＋－＠])|(?<=[;,\t|"])(?=[=@＝＠]|[-+－＋](?![\d.eE+-]+([;,\t|"]|$)))"""
+)
 
 
 def channels(log: Log) -> list[tuple[str, str]]:
@@ -57,3 +65,8 @@ def _name(channel: Channel, unit: str) -> str:
     if channel.label:  # whose axle an element of a list is, only its label may say
         name = f"{name} {channel.label}"
     return printable(name)
+
+
+def cell(text: str) -> str:
+    """A cell that no spreadsheet takes for a formula, or for several cells with one."""
+    return _FORMULA.sub("'", text)

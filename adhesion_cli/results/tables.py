@@ -5,6 +5,7 @@ joined with `_`, as `force_n` and `mean` to `force_n_mean`. Lists are left out, 
 `utilisation_ci`. What a log does not show is null.
 """
 
+import csv
 import io
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import datetime
@@ -14,7 +15,9 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from ..core.text import utf8
+from ..core.errors import UserError
+from ..core.text import printable, utf8
+from . import names
 from .verified import verified
 
 _TEXT, _WHOLE, _NUMBER, _TRUTH = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -50,7 +53,7 @@ ESTIMATORS = pa.schema([
     _field("algo", _TEXT), _field("against", _TEXT),
     *_numbers(
         rmse_n="N", bias_n="N", max_error_n="N", lag_s="s", gain="-", response_s="s",
-        ripple_n="N", relative="-", band_n="N", within="-",
+        ripple_n="N", relative="-", band_n="N", within="-", nis="-",
     ),
     _field("alike", _TRUTH),
 ])  # fmt: skip
@@ -193,6 +196,48 @@ def write(path: Path, table: Any) -> None:
     """
     with verified(path) as file:
         file.write(packed(table))
+
+
+def kind(path: Path, decimal: str | None) -> str:
+    """The format that a table's name states: its suffix.
+
+    Raises:
+        UserError: for another suffix, and a decimal mark that it cannot have.
+    """
+    found = path.suffix.lower()
+    if found not in (".csv", ".parquet"):
+        raise UserError(
+            f"{path}: a table is CSV or Parquet", "--table FILE.csv or FILE.parquet", code=2
+        )
+    if decimal not in (None, ".", ","):
+        raise UserError(f"--decimal {decimal}: not a decimal mark", '"." or ","', code=2)
+    if decimal and found != ".csv":
+        raise UserError("--decimal is for CSV", "--table FILE.csv", code=2)
+    return found
+
+
+def write_csv(path: Path, table: Any, decimal: str = ".") -> None:
+    """Write a table as CSV for a spreadsheet; a cell without a value is empty.
+
+    Args:
+        path: file to write; its old content is lost.
+        table: a `pyarrow.Table`.
+        decimal: the mark of decimals; with a comma, semicolons part the cells.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+
+    def shown(value: Any) -> str:
+        if isinstance(value, str):
+            return names.cell(printable(value))
+        return "" if value is None else str(value).replace(".", decimal)
+
+    with verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as out:
+        rows = csv.writer(out, delimiter=";" if decimal == "," else ",", lineterminator="\n")
+        rows.writerow(table.column_names)
+        rows.writerows([shown(x) for x in row.values()] for row in table.to_pylist())
 
 
 def packed(table: Any) -> bytes:

@@ -1,10 +1,13 @@
 """`adhesion report` as users run it: real processes, real files."""
 
+import csv
+import hashlib
 import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+from pyarrow import parquet
 from trains import rows
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
@@ -36,3 +39,62 @@ def test_a_raw_log_and_another_suffix_are_refused(run: Run, tmp_path: Path) -> N
     assert wrong.returncode == 2
     assert ".html" in wrong.stderr
     assert {p.name for p in tmp_path.iterdir()} == {"a.csv"}
+
+
+def test_analyze_writes_report_and_table_as_one_set(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "=a;b.csv").write_text(rows())
+    options = ("-a", "td", "--report", "--table", "t.csv", "--decimal", ",", "--json")
+    done = run("analyze", "=a;b.csv", *options)
+    assert done.returncode == 0, done.stderr
+    (entry,) = json.loads(done.stdout)["results"]
+    names = {"mcap", "rrd", "html"}
+    assert entry["outputs"] == {k: f"=a;b.adhesion.{k}" for k in names} | {"csv": "t.csv"}
+    told = (tmp_path / "=a;b.adhesion.sha256").read_text().splitlines()[1:]
+    for line in told:
+        digest, name = line.split("  ")
+        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
+    assert len(told) == 4
+
+    page = (tmp_path / "=a;b.adhesion.html").read_bytes()
+    again = run("report", "=a;b.adhesion.mcap", "-o", "again.html")
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again.html").read_bytes() == page
+
+    with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+        (row,) = csv.DictReader(file, delimiter=";")
+    (axle,) = entry["axles"]
+    (one,) = axle["applications"]
+    assert row["log"] == "'=a;b.csv"  # no formula, and one cell
+    assert (row["sha256"], row["axle"]) == (entry["log"]["sha256"], "1")
+    assert float(row["force_n_mean"].replace(",", ".")) == one["force_n"]["mean"]
+    assert "." not in row["force_n_mean"] + row["start_s"]
+    assert row["utilisation"] == ""
+
+    refused = run("analyze", "=a;b.csv", "-a", "td", "-o", "new", "--table", "t.csv")
+    assert refused.returncode == 1
+    assert "t.csv" in refused.stderr
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_table_of_several_logs_is_parquet_with_units(run: Run, tmp_path: Path) -> None:
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(rows())
+    (tmp_path / "c.csv").write_text("no log")
+    done = run("analyze", "c.csv", "b.csv", "a.csv", "-a", "td", "--table", "t.parquet")
+    assert done.returncode == 3, done.stderr
+    table = parquet.read_table(tmp_path / "t.parquet")
+    assert table["log"].to_pylist() == ["b.csv", "a.csv"]
+    assert table.schema.field("force_n_mean").metadata == {b"unit": b"N"}
+    assert "t.parquet" in (tmp_path / "b.adhesion.sha256").read_text()
+
+
+def test_what_a_table_cannot_be_is_refused_before_the_work(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(rows())
+    for wrong in ("--table t.xlsx", "--decimal ,", "--table t.csv --decimal ;",
+                  "--table t.parquet --decimal ,"):  # fmt: skip
+        done = run("analyze", "a.csv", *wrong.split())
+        assert done.returncode == 2, wrong
+        assert "hint:" in done.stderr
+    done = run("analyze", "a.csv", "--table", "a.csv", "--force")
+    assert done.returncode == 1
+    assert (tmp_path / "a.csv").read_text() == rows()

@@ -216,7 +216,7 @@ def _about(run: Run) -> Iterator[str]:
     facts = {
         "Log": run.name, "Format": run.log["format"],
         "Rows": f"{run.log['rows_used']} of {run.log['rows_read']} used",
-        "SHA-256 of the log": run.log["sha256"], "Result file": run.path.name,
+        "SHA-256 of the log": run.log["sha256"], "Result file": run.file,
         "Analysed by": f"adhesion {of.get('version', 'unknown')}",
         "Reference": words.listed(
             sorted({str(a.document["reference"]["method"]) for a in run.axles}) or ["none"]

@@ -65,7 +65,7 @@ class Axle:
 class Run:
     """One result file."""
 
-    path: Path
+    file: str  # its name
     log: Mapping[str, Any]
     axles: tuple[Axle, ...]
     findings: Sequence[Mapping[str, Any]]
@@ -79,8 +79,12 @@ class Run:
         return Path(str(self.log["path"])).name
 
 
-def read(path: Path) -> Run:
+def read(path: Path, name: str = "") -> Run:
     """Reads a result file.
+
+    Args:
+        path: of the file.
+        name: that it will have, if it has none yet.
 
     Raises:
         UserError: for a raw log, a comparison, a damaged file or one of an older version.
@@ -94,8 +98,8 @@ def read(path: Path) -> Run:
         start = int(provenance["start_ns"]) + int(provenance.get("time_shift_ns", "0"))
         axles = _axles(source, document, start, settings)
         return Run(
-            path, document["log"], axles, document["findings"], document["channels"], settings,
-            provenance,
+            name or path.name, document["log"], axles, document["findings"], document["channels"],
+            settings, provenance,
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
