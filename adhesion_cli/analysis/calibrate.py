@@ -16,7 +16,7 @@ from ..channels.log import read
 from ..core import toml
 from ..core.errors import UserError
 from ..core.finding import Finding
-from ..core.model import AxleRecord, Floats, Log, Parameter, Vehicle
+from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
 from ..core.text import by_uncertainty
 from ..diagnostics import diagnosis
 from ..dynamics import longitudinal as model
@@ -29,19 +29,28 @@ from .analyze import opened
 from .settings import Settings, tree
 
 _FALSE = 0.01  # probability that logs of one vehicle are refused
-_DOT = 4.5  # diameter of a point in the picture
+_DOT = 4.0  # diameter of a point in the picture
+_ASIDE = 0.22  # what one application shows in several points is drawn so far aside
+_NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
 
 
 class Applied(NamedTuple):
-    """One brake application: deceleration measured, and by the brake as stated and calibrated."""
+    """One brake application: deceleration measured, and by the brake as stated and calibrated.
 
-    log: str
+    `_u` is 1 sigma: by the tolerances, by the posterior and what changes from log to log, and of
+    the gradient that was fitted.
+    """
+
+    log: str  # its path
     begin_s: float  # after the log's start
     speed_mps: float
     measured_mps2: float
     stated_mps2: float
+    stated_u_mps2: float
     calibrated_mps2: float
+    calibrated_u_mps2: float
     gradient_mps2: float  # above 0 where it drives the train
+    gradient_u_mps2: float
 
 
 class Used(NamedTuple):
@@ -94,8 +103,7 @@ def calibrate(
     found = model.joint(designs, prior)
     _agree(rolling, designs, prior, found)
     calibrated = reference.calibrated(vehicle, rolling[0].record, designs, prior, found)
-    each = zip(rolling, designs, model.gradients(designs, found.mean), strict=True)
-    applications = tuple(a for u, d, slopes in each for a in _applied(u, d, found, slopes))
+    applications = _applications(rolling, designs, found)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     settings = replace(stated[0], vehicle=calibrated.vehicle)
     return Calibration(settings, tuple(logs), calibrated, applications, findings)
@@ -215,28 +223,80 @@ def _agree(
 # Report
 
 
-def _applied(u: Used, d: model.Design, found: model.Posterior, slopes: Floats) -> list[Applied]:
+def _applications(
+    logs: Sequence[Used], designs: Sequence[model.Design], found: model.Posterior
+) -> tuple[Applied, ...]:
+    """All brake applications, in the order of the logs."""
+    rows: list[Applied] = []
+    place = n = len(model.UNITS)
+    again = np.zeros(n)
+    again[[*reference.AGAIN]] = [sigma**2 for sigma in reference.AGAIN.values()]
+    stated = np.diag(found.prior_sigma**2)
+    after = found.covariance[:n, :n] + np.diag(again)
+    for used, d in zip(logs, designs, strict=True):
+        own = slice(place, place + len(d.size))
+        of = _Fitted(found.mean[own], found.covariance[own, own], stated, after)
+        rows += _applied(used, d, found, of)
+        place = own.stop
+    return tuple(rows)
+
+
+class _Fitted(NamedTuple):
+    """What a posterior says of one log."""
+
+    gradients: Floats  # (p,) [m/s²]
+    their: Floats  # covariance of these
+    stated: Floats  # covariance of the shared parameters before, of the brake only
+    after: Floats  # the same of the posterior
+
+
+def _applied(u: Used, d: model.Design, found: model.Posterior, of: _Fitted) -> list[Applied]:
     """The decelerations of each brake application, by straight lines through its samples."""
     x = found.mean[: len(model.UNITS)]
+    of_brake = [model.SCALE, model.OFFSET, model.FADE]
     as_stated = x.copy()
-    as_stated[[model.SCALE, model.OFFSET, model.FADE]] = found.prior[
-        [model.SCALE, model.OFFSET, model.FADE]
-    ]
-    t, piece = d.t[d.at], np.repeat(slopes, d.size.astype(int))
-    lost = [math.exp(y[model.SCALE]) * model.lost(d, y) for y in (as_stated, x)]
+    as_stated[of_brake] = found.prior[of_brake]
+    t, piece = d.t[d.at], np.repeat(np.arange(len(d.size)), d.size.astype(int))
+    before, after = (_predicted(d, y) for y in (as_stated, x))
     rows = []
     for (begin, _), at in u.evidence.braked():
 
-        def slope(y: Floats, at: Any = at) -> float:
-            return float(np.polyfit(t[at] - t[at].mean(), y[at], 1)[0])
+        def slopes(y: Floats, at: Any = at) -> Floats:
+            return np.asarray(np.polyfit(t[at] - t[at].mean(), y[..., at].T, 1)[0])
 
-        drag = float(x[model.DRAG]) * float(np.mean(d.speed[at] ** 2))
-        before, after = (slope(y) + float(x[model.RESISTANCE]) + drag for y in lost)
+        (old, *by), (new, *moves) = (slopes(y) for y in (before, after))
+        share = np.bincount(piece[at], minlength=len(d.size)) / len(at)
+        by_brake, own = np.array(by)[of_brake], of.stated[np.ix_(of_brake, of_brake)]
         rows.append(Applied(
-            Path(u.log.path).name, begin, float(d.measured[at].mean()), -slope(d.measured),
-            before, after, float(piece[at].mean()),
+            u.log.path, begin, float(d.measured[at].mean()),
+            -float(slopes(d.measured[None])[0]), float(old), _sigma(by_brake, own),
+            float(new), _sigma(np.array(moves), of.after),
+            float(share @ of.gradients), _sigma(share, of.their),
         ))  # fmt: skip
     return rows
+
+
+def _sigma(moves: Floats, covariance: Floats) -> float:
+    return math.sqrt(max(float(moves @ covariance @ moves), 0.0))
+
+
+def _predicted(d: model.Design, x: Floats) -> Floats:
+    """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
+    t, u = d.t[d.at], d.faster + d.mean
+    way = np.cumsum(u * u)[d.at] * (d.t[1] - d.t[0])
+
+    def taken(y: Floats) -> Floats:
+        of_brake = math.exp(y[model.SCALE]) * model.lost(d, y)
+        found: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * way
+        return found
+
+    rows = [taken(x)]
+    for i, step in enumerate((0.01, 0.002, 0.005, 0.01, 1e-4, 1e-3, 1e-6)):
+        high, low = x.copy(), x.copy()
+        high[i] += step
+        low[i] -= step
+        rows.append((taken(high) - taken(low)) / (2.0 * step))
+    return np.array(rows)
 
 
 def as_toml(found: Calibration) -> str:
@@ -276,17 +336,43 @@ def as_rows(found: Calibration) -> list[dict[str, str]]:
 
 
 def panels(braked: Sequence[Applied]) -> list[Panel]:
-    """Deceleration as predicted over the measured one, and their difference, by application."""
+    """Deceleration as predicted over the measured one, and their difference, by application.
+
+    Bars are expanded uncertainties (95 %). The first application of each log names the log.
+    """
     measured = np.array([a.measured_mps2 for a in braked])
-    number, ends = np.arange(1.0, len(braked) + 1.0), np.array([0.0, 1.1 * float(np.max(measured))])
+    place, ends = np.arange(float(len(braked))), np.array([0.0, 1.1 * float(np.max(measured))])
     over, off = [Line("equal", ends, ends, BLACK, dashed=True)], []
-    for name, colour in (("stated", GREY), ("calibrated", BLUE)):
-        predicted = np.array([getattr(a, f"{name}_mps2") for a in braked])
-        over.append(Line(name, measured, predicted, colour, dots=_DOT))
-        off.append(Line(name, number, predicted - measured, colour, dots=_DOT))
-    gradient = np.array([a.gradient_mps2 for a in braked])
-    off.append(Line("fitted gradient", number, gradient, ORANGE, dots=0.5 * _DOT))
+    for aside, (name, colour) in zip(
+        (-_ASIDE, 0.0), (("stated", GREY), ("calibrated", BLUE)), strict=True
+    ):
+        predicted, u = (
+            np.array([getattr(a, f"{name}{kind}_mps2") for a in braked]) for kind in ("", "_u")
+        )
+        over.append(Line(name, measured, predicted, colour, dots=_DOT, bars=Z95 * u))
+        off.append(Line(name, place + aside, predicted - measured, colour, dots=_DOT, bars=Z95 * u))
+    gradient, u = (
+        np.array([getattr(a, f"gradient{kind}_mps2") for a in braked]) for kind in ("", "_u")
+    )
+    off.append(
+        Line("fitted gradient", place + _ASIDE, gradient, ORANGE, dots=0.7 * _DOT, bars=Z95 * u)
+    )
     return [
-        Panel("Deceleration of each application", "measured [m/s²]", "predicted [m/s²]", over),
-        Panel("Predicted less measured", "brake application", "difference [m/s²]", off),
-    ]
+        Panel("Deceleration of each application, ± 95 %", "measured [m/s²]", "predicted [m/s²]",
+              over),
+        Panel("Predicted less measured, ± 95 %", "brake applications, log by log",
+              "difference [m/s²]", off, x_names=_named(braked)),
+    ]  # fmt: skip
+
+
+def _named(braked: Sequence[Applied]) -> list[str]:
+    """The log of each brake application, where it is the log's first one; at most `_NAMES`."""
+    first = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
+    paths = {i: Path(braked[i].log) for i in first}
+    stems = [path.stem for path in paths.values()]
+    names = [""] * len(braked)
+    for i in first[:: -(-len(first) // _NAMES)]:
+        of = paths[i]
+        name = of.stem if stems.count(of.stem) == 1 else f"{of.parent.name}/{of.stem}"
+        names[i] = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
+    return names

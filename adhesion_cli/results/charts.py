@@ -50,6 +50,7 @@ class Line:
     colour: str
     dashed: bool = False
     dots: float = 0.0  # diameter of its points, which are then not joined
+    bars: Floats | None = None  # half the length of each point's vertical bar; None for none
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,12 @@ def _draw(axes: "Axes", panel: Panel) -> None:
         span(band.low, band.high, color=band.colour, alpha=0.16, linewidth=0, label=band.name)
     for line in panel.lines:
         name = line.name or "_"  # matplotlib leaves such names out of the legend
-        if line.dots:
+        if line.bars is not None:
+            axes.errorbar(
+                line.x, line.y, line.bars, fmt="o", color=line.colour, label=name,
+                markersize=line.dots, markeredgewidth=0, elinewidth=0.9, capsize=1.5, capthick=0.9,
+            )  # fmt: skip
+        elif line.dots:
             axes.plot(
                 line.x, line.y, "o", color=line.colour, label=name, markersize=line.dots,
                 markeredgewidth=0, rasterized=len(line.x) > _MANY,
