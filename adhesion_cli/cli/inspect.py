@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from ..core.finding import Finding
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
+_TO_STATE = ("not-analysable", "unit-unknown")  # findings that a setting ends
 
 
 @shared("config", "set_", "json", "force", "strict", "rejects")
@@ -53,7 +54,10 @@ def _text(doc: dict[str, Any], findings: "Sequence[Finding]") -> str:
         if value not in ("", None)
     ]
     lines += _channels(doc["channels"])
-    return "\n".join([*lines, terminal.findings(findings)] if findings else lines)
+    lines += [terminal.findings(findings)] if findings else []
+    # What has to be stated is shown as it can be pasted, without line breaks.
+    remedies = dict.fromkeys(f.hint for f in findings if f.code in _TO_STATE and f.hint)
+    return "\n".join([*lines, *(f"hint: {printable(remedy)}" for remedy in remedies)])
 
 
 def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
@@ -69,7 +73,8 @@ def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
     rows = [
         {
             "channel": f"{c['name']} {c['field']}".strip(), "meaning": c["meaning"] or "-",
-            "axle": terminal.number(c["axle"]), "unit": c["unit"] or "-",
+            "axle": terminal.number(c["axle"]),
+            "unit": c["unit"] or ("not stated" if c["meaning"] else "-"),
             "Hz": terminal.number(c["rate_hz"], 2), "rows": str(c["rows"]),
             **{name: str(faults[name][i]) for name in some},
         }

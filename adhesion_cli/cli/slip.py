@@ -66,7 +66,8 @@ def command(logs: Logs, shared: Shared) -> int:
 
 _OF_REGIONS = """\
 Share of the braked time in each region:
-  unknown  slip hardly changes, so that its slope cannot be measured
+  unknown  the slope of µ over slip cannot be measured: slip changes too little, too
+           briefly (a short slide), or no more than its noise
   below    below the peak: µ rises with slip, or slip is small
   flat     µ hardly changes with slip: the peak, or a flat part beyond it
            (`optimal` in files: slip and slope in the bands of the AND-test)

@@ -36,7 +36,8 @@ def command(
 
     The rmse over brake applications becomes least on some logs, and is checked on the others, which
     are held back. It is against the true force where a log has it, else against the reference.
-    Parameters that are not better on the logs held back are refused.
+    Parameters that are not better on the logs held back are refused. The file of -o holds these
+    parameters only: name it after the file of the vehicle, as -c train.toml -c my-neso.toml.
 
     Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
     """

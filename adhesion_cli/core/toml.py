@@ -5,6 +5,7 @@ import re
 import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from .errors import UserError
 _MOST = 1 << 20  # bytes of a file
 _LONGEST = 4_000  # characters of a line; the parser's memory is the square of a key's dots
 DEEPEST = 16  # tables and lists inside each other
+_SHOWN = 5  # names of files in a hint
 _LARGEST = 1e18  # no number of a setting is larger
 
 
@@ -29,11 +31,24 @@ def read(path: Path, hint: str) -> dict[str, Any]:
         if len(data) > _MOST:
             raise UserError(f"{path}: is larger than {_MOST >> 20} MiB", hint, code=2)
         return parsed(data.decode(), str(path))
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file", _nearby(path), code=2) from None
     except OSError as error:
-        text = "no such file" if isinstance(error, FileNotFoundError) else error.strerror
-        raise UserError(f"{path}: {text}", hint, code=2) from error
+        raise UserError(f"{path}: {error.strerror}", hint, code=2) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(f"{path}: {error}", hint, code=2) from error
+
+
+def _nearby(path: Path) -> str:
+    """What there is in place of a missing file: the nearest TOML file, or those of its folder."""
+    folder = path.parent
+    if not folder.is_dir():
+        return f"there is no folder {str(folder)!r}"
+    known = {p.stem: p.name for p in sorted(folder.glob("*.toml"))}
+    if near := get_close_matches(path.stem, known, n=1, cutoff=0.5):
+        return f"did you mean {str(folder / known[near[0]])!r}?"
+    shown = ", ".join([*known.values()][:_SHOWN] + ["…"] * (len(known) > _SHOWN))
+    return f"TOML files in {str(folder)!r}: {shown or 'none'}"
 
 
 def parsed(text: str, where: str) -> dict[str, Any]:

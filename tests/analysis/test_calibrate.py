@@ -157,6 +157,29 @@ def test_each_application_has_its_decelerations(calibrated: calibrate.Calibratio
         assert a.stated_mps2 > a.calibrated_mps2
 
 
+def test_the_picture_names_each_log_once_and_has_bars(
+    calibrated: calibrate.Calibration,
+) -> None:
+    over, off = calibrate.panels(calibrated.applications)
+    assert off.x_names == ["0", "", "", "1", "", "", "2", "", ""]
+    stated, after, gradient = off.lines
+    assert all(x.bars is not None and (x.bars > 0.0).all() for x in (*over.lines[1:], *off.lines))
+    assert stated.bars is not None
+    assert after.bars is not None
+    assert gradient.bars is not None
+    assert (after.bars < 0.5 * stated.bars).all()
+    # What the brake does not explain is the gradient, within the bars of both.
+    assert (np.abs(after.y - gradient.y) < np.hypot(after.bars, gradient.bars)).all()
+
+
+def test_logs_of_one_name_are_named_with_their_folders(
+    calibrated: calibrate.Calibration,
+) -> None:
+    one = calibrated.applications[0]
+    two = [one._replace(log=f"day{i}/stop.csv") for i in (1, 1, 2)]
+    assert calibrate.panels(two)[1].x_names == ["day1/stop", "", "day2/stop"]
+
+
 def test_logs_that_contradict_each_other_are_refused(logs: list[Path], tmp_path: Path) -> None:
     other = log(tmp_path / "other.csv", true(friction=1.1), seed=7)
     with pytest.raises(UserError, match="other") as caught:

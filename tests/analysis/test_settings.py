@@ -130,8 +130,20 @@ def test_a_broken_file_is_named() -> None:
     Path("bad.toml").write_text("vehicle = [")
     with pytest.raises(UserError, match=r"bad\.toml"):
         settings.load(Path("bad.toml"))
-    with pytest.raises(UserError, match="no such file"):
-        settings.load(Path("missing.toml"))
+
+
+def test_a_missing_file_has_the_nearest_one_as_its_hint(tmp_path: Path) -> None:
+    def hint(path: Path) -> str:
+        with pytest.raises(UserError, match="no such file") as error:
+            settings.load(path)
+        assert error.value.code == 2
+        return error.value.hint
+
+    for name in ("my-train", "fleet"):
+        (tmp_path / f"{name}.toml").write_text("")
+    assert str(tmp_path / "my-train.toml") in hint(tmp_path / "mytrain.toml")
+    assert "fleet.toml, my-train.toml" in hint(tmp_path / "x.toml")
+    assert repr(str(tmp_path / "none")) in hint(tmp_path / "none" / "my-train.toml")
 
 
 def test_numbers_as_people_write_them() -> None:
