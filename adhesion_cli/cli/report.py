@@ -22,15 +22,19 @@ def command(
     It shows verdict, figures, uncertainty, findings and settings. It needs no network and no other
     file, and prints on A4. Without -o it is <log>.adhesion.html in the current folder.
 
+    Several results are compared with the first one: overlaid from the start of braking, with
+    differences and their uncertainty. The page is then <log>.compare.html.
+
     Example: adhesion report service-brake.adhesion.mcap -o brake.html
     """
     from ..analysis.json_documents import dumps, tagged
     from ..core.errors import UserError
     from ..results import atomic_files
-    from ..results.report import page, run
+    from ..results.report import differences, page, run
     from . import terminal
 
-    target = out or Path(f"{results.stem(paths[0])}.adhesion.html")
+    kind = "adhesion" if len(paths) == 1 else "compare"
+    target = out or Path(f"{results.stem(paths[0])}.{kind}.html")
     if target.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"{target}: a report is an HTML page", "-o FILE.html", code=2)
     atomic_files.check([target], shared.force, inputs=paths)
@@ -43,7 +47,8 @@ def command(
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
         page.write(place, runs)
     if shared.json:
-        print(dumps(tagged("report", outputs={"html": str(target)})))
+        found = [d._asdict() for d in differences.every(runs)]
+        print(dumps(tagged("report", outputs={"html": str(target)}, differences=found)))
     else:
         print(terminal.wrote(target))
     return 0

@@ -32,9 +32,9 @@ def rgba(colour: str) -> int:
     return int(f"{colour[1:]}ff", 16)
 
 
-_AXLES = (BLUE, ORANGE, GREEN, "#9a63d0", *_OTHERS)
+_IN_ORDER = (BLUE, ORANGE, GREEN, "#9a63d0", *_OTHERS)
 
 
-def of_axle(place: int) -> str:
-    """The colour of the axle at this place, counted from 0, "#rrggbb"."""
-    return _AXLES[place % len(_AXLES)]
+def nth(place: int) -> str:
+    """The colour of the axle or the run at this place, counted from 0, "#rrggbb"."""
+    return _IN_ORDER[place % len(_IN_ORDER)]

@@ -8,27 +8,15 @@ from typing import TYPE_CHECKING
 
 from ... import __version__
 from ..verified import verified
-from . import words
+from . import comparison, sections, words
 from .markup import element, packed, paragraph, table, text
 from .run import Axle, Run
 
 if TYPE_CHECKING:
     from .plots import Figures
 
-_MANY = 12  # rows of the first table that are shown without scrolling, about
 _BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _LINES = 25  # findings of one code that are listed
-_NOTE = (
-    "± is the expanded uncertainty (95 %): noise and the tolerances of the vehicle's parameters. "
-    "Adhesion coefficient: adhesion force over the weight on the axle; mean from build-up to "
-    "release. Times are seconds after the start of the log."
-)
-_OF_SLIDES = (
-    "Sliding: time of all slides together. Heat: energy of friction between wheel and rail. Used: "
-    "share of the available adhesion that the wheel used while it slid; a dash where the slides "
-    "are too short to show it."
-)
-_AT_LEAST = "≥: the true value is at least this, as the train speed was estimated or is delayed."
 _OF_SCORES = (
     "Estimators follow the force online, sample by sample. Errors are those in brake applications. "
     "RMSE: root mean square error. ≈: the noise of the reference explains the difference from the "
@@ -60,7 +48,8 @@ def page(runs: Sequence[Run]) -> str:
     from .plots import Figures  # Bokeh is slow to import
 
     figures = Figures()
-    body = list(_single(runs[0], figures))
+    made = _single(runs[0], figures) if len(runs) == 1 else comparison.body(runs, figures)
+    body = list(made)
     body += [packed("library", figures.library()), packed("figures", figures.as_json())]
     here = files(__package__)
     style, script = (here.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
@@ -92,65 +81,26 @@ def _single(run: Run, figures: "Figures") -> Iterator[str]:
     yield from _about(run)
 
 
-# ---- first screen
-
-
 def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
     log, start = run.log, run.log["start"]
     yield element("h1", text(run.name))
     begun = f", {start.replace('T', ' ').replace('Z', ' UTC')}" if start else ""
     yield paragraph(f"{log['format']}, {log['duration_s']:.1f} s{begun}", "soft")
-    mark, said = words.headline(run)
-    yield element("p", text(said), f"headline {mark}")
-    cards = []
-    for axle in run.axles:
-        v = words.verdict(axle)
-        cards.append(element("div", "".join([
-            element("b", text(f"{v.title} {v.state}")),
-            element("div", text(f"µ {v.adhesion}"), "value") if v.adhesion != words.NONE else "",
-            paragraph(v.text),
-        ]), f"card {v.mark}"))  # fmt: skip
-    yield element("div", "\n".join(cards), "cards")
-    yield from _care(run)
+    yield from sections.verdict(run)
+    yield from sections.care(run)
     yield element("h2", "Brake applications", id="applications")
-    rows = words.application_rows(run)
-    marks = [(mark, "Slides") for mark, _ in rows]
-    yield table([row for _, row in rows], marks=marks, css="long" * (len(rows) > _MANY))
-    yield element("div", "".join(_places(overview)), "whole")
+    yield sections.applications(run)
+    yield element("div", "".join(sections.places(overview)), "whole")
     yield paragraph(
         "Shaded: a wheel slides. Drag over a time to enlarge it: all figures follow. The symbols "
         "at the right edge of a figure set it back.",
         "note",
     )
-    if rows:
-        least = any(one["at_least"] for a in run.axles for one in a.applications if one["slides"])
-        yield paragraph(" ".join([_NOTE, _OF_SLIDES, *[_AT_LEAST] * least]), "note")
-    yield paragraph("This browser is too old to draw the figures. The tables are whole.", "too-old")
+    yield sections.notes([run])
+    yield paragraph(sections.TOO_OLD, "too-old")
     links = [(f"#axle-{a.number}", f"Axle {a.number}") for a in run.axles]
     links += [("#budget", "Uncertainty"), ("#findings", "Findings"), ("#about", "How it was made")]
     yield element("nav", " ".join(element("a", text(name), href=to) for to, name in links))
-
-
-def _care(run: Run) -> Iterator[str]:
-    """Warnings and errors, where a reader who leaves early sees them."""
-    serious = [of for of in words.told(run.findings) if of.severity != "info"]
-    if serious:
-        items = [
-            element("li", element("a", text(_in_short(of)), href=f"#finding-{of.code}"))
-            for of in serious
-        ]
-        head = element("b", "Read the figures with care:")
-        yield element("div", f"{head}<ul>{''.join(items)}</ul>", "care")
-
-
-def _in_short(of: words.Told) -> str:
-    messages = list(dict.fromkeys(message for _, _, message in of.lines))
-    return messages[0] if len(messages) == 1 else f"{of.title}."
-
-
-def _places(names: Sequence[str]) -> Iterator[str]:
-    for name in names:
-        yield element("div", "", "figure", id=name)
 
 
 # ---- behind it
@@ -158,7 +108,7 @@ def _places(names: Sequence[str]) -> Iterator[str]:
 
 def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
     yield element("h2", f"Axle {axle.number}", "page", id=f"axle-{axle.number}")
-    yield from _places(places)
+    yield from sections.places(places)
     if scores := words.score_rows(axle):
         heading = element("h3", f"Estimators against the {text(axle.against)}")
         yield element("div", heading + table(scores) + paragraph(_OF_SCORES, "note"), "whole")

@@ -34,6 +34,7 @@ _MARGIN = 1.0  # around a brake application that is drawn in full [s]
 _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
 _WEAK = 0.13
+_BEFORE = 3.0  # shown before and after braking, where runs are compared [s]
 _SHADES = 500  # slides of all axles together that are shaded one by one
 _FONT = "13px"
 _ID = re.compile(r"p\d+")
@@ -66,6 +67,39 @@ class Figures:
         axles = {a.number: self._axle(a, sources[a.number], time) for a in run.axles}
         return Drawn(overview, axles, max((step for _, step in made.values()), default=0.0))
 
+    def of_runs(self, runs: Sequence[Run]) -> dict[int, list[str]]:
+        """Speed and adhesion coefficient of each axle, all runs from the start of their braking.
+
+        Returns:
+            places of the figures, by axle.
+        """
+        time = Range1d(*_common_time(runs))
+        numbers = sorted({axle.number for run in runs for axle in run.axles})
+        most = VALUES // max(sum(len(run.axles) for run in runs), 1)
+        found = {}
+        for N in numbers:
+            speed = self._figure("Speed of the wheel [km/h]", 230, time)
+            adhesion = self._figure("Adhesion coefficient [-]", 190, time)
+            adhesion.xaxis.axis_label = "time after the start of braking [s]"
+            items: dict[str, list[Any]] = {}
+            columns: dict[str, list[Floats]] = {"rim": [], "mu": []}
+            for i, run in enumerate(runs):
+                for axle in (a for a in run.axles if a.number == N):
+                    source, _ = _source(axle, most, run.brake_s)
+                    colour = palette.nth(i)
+                    items[f"run {i + 1}"] = [
+                        _line(speed, source, "rim", colour),
+                        _line(speed, source, "train", palette.GREY, 0.8),
+                        _line(adhesion, source, "mu", colour),
+                    ]
+                    for name, of in columns.items():
+                        of.append(_column(source, name))
+            speed.y_range = _range(columns["rim"], whole=True)
+            adhesion.y_range = _range(columns["mu"])
+            _legend(speed, items)
+            found[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
+        return found
+
     def library(self) -> str:
         """BokehJS, which draws them."""
         return "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw[:1])
@@ -94,7 +128,7 @@ class Figures:
         for fig in (speed, adhesion):
             _shade(fig, slides, _WEAK)
         for i, axle in enumerate(run.axles):
-            colour, source = palette.of_axle(i), sources[axle.number]
+            colour, source = palette.nth(i), sources[axle.number]
             name = f"axle {axle.number}"
             style = {"color": colour, "line_width": 1.3, "source": source}
             items[name] = [
@@ -253,12 +287,20 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> N
 # ---- data
 
 
-def _source(axle: Axle, most: int) -> tuple[ColumnDataSource, float]:
+def _common_time(runs: Sequence[Run]) -> tuple[float, float]:
+    """Before and after the start of braking, as far as brake applications reach [s]."""
+    ends = [o["end_s"] - r.brake_s for r in runs for a in r.axles for o in a.applications]
+    latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
+    return -_BEFORE, max(ends or latest, default=1.0) + _BEFORE
+
+
+def _source(axle: Axle, most: int, zero: float = 0.0) -> tuple[ColumnDataSource, float]:
     """The columns of an axle that are drawn over time, as many rows as there is room for.
 
     Args:
         axle: with its columns.
         most: numbers, about.
+        zero: where time counts from, after the log's start [s].
 
     Returns:
         them, and the usual interval between rows in brake applications, 0 if all are there [s].
@@ -278,7 +320,7 @@ def _source(axle: Axle, most: int) -> tuple[ColumnDataSource, float]:
     braked = [(o["start_s"] - _MARGIN, o["end_s"] + _MARGIN) for o in axle.applications]
     kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
     at = decimate.with_gaps(axle.t, kept)
-    data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t, at)}
+    data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, at)}
     for name, column in columns.items():
         if name not in empty:
             data[name] = _short(np.where(at < 0, np.nan, column[at]))

@@ -78,6 +78,11 @@ class Run:
         """Of the log it was made from."""
         return Path(str(self.log["path"])).name
 
+    @property
+    def brake_s(self) -> float:
+        """Start of the first brake application [s]; 0 without one."""
+        return min((o["start_s"] for a in self.axles for o in a.applications), default=0.0)
+
 
 def read(path: Path, name: str = "") -> Run:
     """Reads a result file.

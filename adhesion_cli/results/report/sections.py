@@ -1,0 +1,79 @@
+"""Sections of a page that a single run and a comparison have in common."""
+
+from collections.abc import Iterator, Sequence
+
+from . import words
+from .markup import element, paragraph, table, text
+from .run import Run
+
+MANY = 12  # rows of a table that are shown without scrolling, about
+NOTE = (
+    "± is the expanded uncertainty (95 %): noise and the tolerances of the vehicle's parameters. "
+    "Adhesion coefficient: adhesion force over the weight on the axle; mean from build-up to "
+    "release. Times are seconds after the start of the log."
+)
+OF_SLIDES = (
+    "Sliding: time of all slides together. Heat: energy of friction between wheel and rail. Used: "
+    "share of the available adhesion that the wheel used while it slid; a dash where the slides "
+    "are too short to show it."
+)
+_AT_LEAST = "≥: the true value is at least this, as the train speed was estimated or is delayed."
+TOO_OLD = "This browser is too old to draw the figures. The tables are whole."
+
+
+def verdict(run: Run) -> Iterator[str]:
+    """One line, a card for each axle, and what to take care of."""
+    mark, said = words.headline(run)
+    yield element("p", text(said), f"headline {mark}")
+    cards = []
+    for axle in run.axles:
+        v = words.verdict(axle)
+        cards.append(element("div", "".join([
+            element("b", text(f"{v.title} {v.state}")),
+            element("div", text(f"µ {v.adhesion}"), "value") if v.adhesion != words.NONE else "",
+            paragraph(v.text),
+        ]), f"card {v.mark}"))  # fmt: skip
+    yield element("div", "\n".join(cards), "cards")
+
+
+def applications(run: Run) -> str:
+    """One row per axle and brake application."""
+    rows = words.application_rows(run)
+    marks = [(mark, "Slides") for mark, _ in rows]
+    return table([row for _, row in rows], marks=marks, css="long" * (len(rows) > MANY))
+
+
+def notes(runs: Sequence[Run]) -> str:
+    """What the columns of `applications` mean."""
+    slid = [one for r in runs for a in r.axles for one in a.applications if one["slides"]]
+    least = any(one["at_least"] for one in slid)
+    return paragraph(" ".join([NOTE, OF_SLIDES, *[_AT_LEAST] * least]), "note")
+
+
+def care(run: Run, title: str = "") -> Iterator[str]:
+    """Warnings and errors, where a reader who leaves early sees them.
+
+    Args:
+        run: with findings.
+        title: above them, where the page does not list the findings; else they are links.
+    """
+    serious = [of for of in words.told(run.findings) if of.severity != "info"]
+    if serious:
+        items = [
+            element("li", element("a", said, href=f"#finding-{of.code}") if not title else said)
+            for of in serious
+            for said in [text(_in_short(of))]
+        ]
+        head = element("b", text(title or "Read the figures with care:"))
+        yield element("div", f"{head}<ul>{''.join(items)}</ul>", "care")
+
+
+def _in_short(of: words.Told) -> str:
+    messages = list(dict.fromkeys(message for _, _, message in of.lines))
+    return messages[0] if len(messages) == 1 else f"{of.title}."
+
+
+def places(names: Sequence[str]) -> Iterator[str]:
+    """Where figures go."""
+    for name in names:
+        yield element("div", "", "figure", id=name)

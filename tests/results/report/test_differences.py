@@ -1,0 +1,102 @@
+"""Differences of runs: what they share cancels, and their uncertainty is that of drawn errors."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import made_results
+import numpy as np
+import pytest
+from test_report import EVIL, Elements, figures, written
+
+from adhesion_cli.analysis.settings import Settings, tree
+from adhesion_cli.core.model import Z95, Parameter, Vehicle
+from adhesion_cli.results.report import differences, page
+from adhesion_cli.results.report.run import Run, read
+
+RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
+
+
+def made(path: Path, vehicle: Vehicle = RELATED, **of: Any) -> Run:
+    result = made_results.result(**of)
+    settings = tree(Settings(vehicle), [])
+    return read(written(path, replace(result, vehicle=vehicle, settings=settings)))
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> list[Run]:
+    """The same train twice; axle 2 slides, and brakes for another time."""
+    folder = tmp_path_factory.mktemp("runs")
+    return [made(folder / f"{n}.mcap", axles=2, n=n) for n in (3000, 4500)]
+
+
+def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
+    for d in differences.every([pair[0], pair[0]]):
+        assert (d.difference, d.alike) == (0.0, True)
+        one = pair[0].axles[d.axle - 1].applications[0]
+        noise = next(r["contribution_n"] for r in one["budget"] if r["quantity"] == "noise")
+        if d.quantity == "force":
+            assert d.u95 == pytest.approx(Z95 * np.sqrt(2.0) * noise, rel=0.01)
+            assert d.u95_apart == pytest.approx(np.sqrt(2.0) * one["force_n"]["mean_u95"], rel=0.01)
+            assert d.u95 < 0.5 * d.u95_apart
+
+
+def test_the_uncertainty_is_that_of_drawn_errors(pair: list[Run]) -> None:
+    """Errors of the parameters are drawn once for both runs, those of noise for each."""
+    rng, n = np.random.default_rng(5), 400_000
+    found = {(d.axle, d.quantity): d for d in differences.every(pair)}
+    for axle in (1, 2):
+        ones = [run.axles[axle - 1].applications[0] for run in pair]
+        of = [{row["quantity"]: row for row in one["budget"]} for one in ones]
+        assert of[0].keys() == of[1].keys()
+        unit = {name: rng.normal(size=n) for name in sorted({*of[0], "axle_mass"})}
+        unit["axle_mass"] = 0.8 * unit["friction"] + 0.6 * rng.normal(size=n)  # as stated
+        forces = []
+        for one, rows in zip(ones, of, strict=True):
+            errors = [r["sensitivity"] * r["u"] * unit[q] for q, r in rows.items() if q != "noise"]
+            noise = rng.normal(size=n) * rows["noise"]["u"]
+            forces.append(one["force_n"]["mean"] + sum(errors) + noise)
+        difference = forces[1] - forces[0]
+        d = found[axle, "force"]
+        assert np.mean(difference) == pytest.approx(d.difference, abs=0.02 * d.u95)
+        assert Z95 * np.std(difference) == pytest.approx(d.u95, rel=0.02)
+        mass = RELATED.axle_mass
+        weight = pair[0].axles[0].weight * (1.0 + mass.tolerance / mass.value * unit["axle_mass"])
+        d = found[axle, "coefficient"]
+        assert Z95 * np.std(difference / weight) == pytest.approx(d.u95, rel=0.02)
+
+
+def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: Path) -> None:
+    other = replace(RELATED, friction=Parameter(0.31, 0.03))
+    run = made(tmp_path / "x.mcap", other, axles=2, n=4500)
+    assert differences.same_vehicle(pair[0], pair[1])
+    assert not differences.same_vehicle(pair[0], run)
+    same = {d[:4]: d for d in differences.every(pair)}
+    for d in differences.every([pair[0], run]):
+        if d.quantity == "force":
+            assert d.u95 > 3.0 * same[d[:4]].u95
+
+
+def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Path) -> None:
+    run = made(tmp_path / "x.mcap", axles=1, n=3000)
+    assert {d.axle for d in differences.every([run, pair[1]])} == {1}
+    assert differences.unpaired([run, pair[1]])
+    assert not differences.unpaired(pair)
+
+
+def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
+    pair: list[Run], tmp_path: Path
+) -> None:
+    log = {**pair[1].log, "path": EVIL}
+    runs = [pair[0], replace(pair[1], log=log)]
+    text = page.page(runs)
+    assert page.page(runs) == text
+    found = Elements(text)
+    assert "img" not in {tag for tag, _ in found.elements}
+    places = {a["id"] for tag, a in found.elements if a.get("class") == "figure"}
+    of: Any = figures(text)
+    assert set(of["roots"].values()) == places == {f"axle-{n}-{i}" for n in (1, 2) for i in (0, 1)}
+    axes = {r["attributes"]["x_range"]["id"] for r in of["doc"]["roots"]}
+    assert len(axes) == 1
+    assert "onerror" not in str(of)
+    assert runs[0].brake_s != runs[1].brake_s
