@@ -27,7 +27,7 @@ from .. import palette
 from . import decimate
 from .run import Axle, Run
 
-VALUES = 560_000  # numbers of all figures together, about: what 3 MB have room for
+VALUES = 700_000  # numbers of all figures together, about: what 3 MB have room for
 _BITS = 12  # of a number's mantissa that a picture shows
 _POINTS = 2500  # of µ over slip, per axle
 _MARGIN = 1.0  # around a brake application that is drawn in full [s]
