@@ -6,8 +6,12 @@ A block that begins with ```console has lines "$ COMMAND", each with its output 
 begins with "> " continues a command. The commands of a page run one after another in a new folder
 that has the sample logs in it. A block below the comment <!-- file: NAME --> is written there as a
 file first. A command that fails with another exit code than 0 or 3 ends the run.
+
+The blocks that begin with ```python run one after another, as the cells of a notebook. The block
+```text below one gets what it prints, and the value of its last line.
 """
 
+import json
 import os
 import re
 import subprocess
@@ -18,6 +22,20 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 _BLOCK = re.compile(r"^```console\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"^<!-- file: (\S+) -->\n+```\w*\n(.*?)^```$", re.M | re.S)
+_CELL = re.compile(r"^```python\n(.*?)^```$(\n+^```text\n.*?^```$)?", re.M | re.S)
+_NOTEBOOK = """
+import ast, contextlib, io, json, sys
+names, shown = {}, []
+for cell in json.load(sys.stdin):
+    *lines, last = ast.parse(cell).body
+    value = isinstance(last, ast.Expr)
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(compile(ast.Module(lines + [last] * (not value), []), "cell", "exec"), names)
+        if value:  # it is printed, if it is not None
+            exec(compile(ast.Interactive([last]), "cell", "single"), names)
+    shown.append(out.getvalue())
+json.dump(shown, sys.stdout)
+"""
 _GOOD = (0, 3)  # 3: done, but data was lost or repaired
 
 
@@ -29,7 +47,25 @@ def rewritten(page: str) -> str:
         (folder / "adhesion_cli").symlink_to(DOCS.parent / "adhesion_cli")
         for file, text in _FILE.findall(page):
             (folder / file).write_text(text, encoding="utf-8")
-        return _BLOCK.sub(lambda block: _run_again(block[1], folder), page)
+        page = _BLOCK.sub(lambda block: _run_again(block[1], folder), page)
+        return _as_notebook(page, folder) if "```text" in page else page
+
+
+def _as_notebook(page: str, folder: Path) -> str:
+    """The page with the output of its Python cells as they run now."""
+    environment = {**os.environ, "PYTHONPATH": str(DOCS.parent), "COLUMNS": "100"}
+    done = subprocess.run(
+        [sys.executable, "-c", _NOTEBOOK], cwd=folder, env=environment, text=True, check=True,
+        input=json.dumps([cell[1] for cell in _CELL.finditer(page)]), stdout=subprocess.PIPE,
+    )  # fmt: skip
+    shown = iter(json.loads(done.stdout))
+
+    def rewritten(cell: re.Match[str]) -> str:
+        lines = [line.rstrip() for line in next(shown).replace(f"{folder}/", "").splitlines()]
+        below = "\n".join(["", "", "```text", *lines, "```"]) if cell[2] else ""
+        return f"```python\n{cell[1]}```{below}"
+
+    return _CELL.sub(rewritten, page)
 
 
 def _run_again(block: str, folder: Path) -> str:

@@ -82,7 +82,7 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     files = [_plain(of) if isinstance(of, Mapping) else Path(of) for of in many]
     load = functools.partial(settings.load, files, tables, strict=strict)
     found = Choices(
-        load, [algos] if isinstance(algos, str) else list(algos), _axles(axles), _span(span)
+        load, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
     )
     prepared(load, found.algos, found.window)
     return found
@@ -161,7 +161,12 @@ def _plain(value: Any) -> Any:
     return [_plain(of) for of in value] if isinstance(value, list | tuple) else value
 
 
-def _axles(stated: Any) -> list[int]:
+def axles_of(stated: Any) -> list[int]:
+    """Numbers of axles, of which a call names one or several.
+
+    Raises:
+        UserError: for what is no number from 1.
+    """
     many: list[Any] = [stated] if isinstance(stated, Real) else list(stated)
     if not all(isinstance(of, int | np.integer) and of >= 1 for of in many):
         raise UserError(f"axles={stated!r} are no axles", "axles count from 1, as [1, 3]", code=2)

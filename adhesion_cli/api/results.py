@@ -2,12 +2,12 @@
 
 import importlib.util
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -37,7 +37,10 @@ from ..reference.calibrated_vehicle import Row
 from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
 from . import shown
-from .choices import File, in_python
+from .choices import File, axles_of, in_python
+
+if TYPE_CHECKING:
+    from ..results.report.plot import Plot
 
 _Rows = Sequence[Mapping[str, str]]
 
@@ -250,6 +253,29 @@ class Analysis(_Tables):
 
     def _table(self, name: str) -> Any:
         return getattr(tables, name)([self._entry])
+
+    @in_python
+    def plot(self, axles: int | Iterable[int] = ()) -> "Plot":
+        """Figures that a notebook shows, with linked time; drawn by Bokeh.
+
+        Args:
+            axles: of each of these, its speeds, pressure, force with its 95 % band, errors of
+                estimators and µ over slip. If empty: speed and adhesion coefficient of all axles.
+
+        Returns:
+            The figures: ``layout`` for Bokeh, ``html()`` as a page.
+
+        Raises:
+            UserError: for an axle that was not analysed.
+        """
+        from ..results.report import run
+        from ..results.report.plot import Plot  # Bokeh is slow to import
+
+        wanted = axles_of(axles)
+        for axle in wanted:
+            if axle not in self._braked:
+                raise unknown("axle", str(axle), [str(n) for n in self._braked])
+        return Plot(run.of_result(self.result, self._entry), wanted)
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:

@@ -100,6 +100,10 @@ class Figures:
             found[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
         return found
 
+    def at(self, places: Iterable[str]) -> list[figure]:
+        """The figures in these places."""
+        return [self._places[place] for place in places]
+
     def library(self) -> str:
         """BokehJS, which draws them."""
         return "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw[:1])

@@ -12,10 +12,10 @@ import numpy as np
 
 from ...core import physics
 from ...core.errors import UserError
-from ...core.model import Column, Floats, Times
+from ...core.model import AxleResult, Column, Floats, Result, Times
 from ...formats.open import open_source
 from ...formats.source import Field, ReadOptions, Source
-from ..names import METRICS, PROVENANCE, SETTINGS
+from ..names import METRICS, PROVENANCE, SETTINGS, flat
 
 _TOPIC = re.compile(r"/axle/(\d+)/(input|reference|truth|slip|estimate/([\w-]+))")
 _FAST = 3.0  # least speed at which slip shows the radius that it was computed with [m/s]
@@ -112,6 +112,40 @@ def read(path: Path, name: str = "") -> Run:
             f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})",
             f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`",
         ) from error
+
+
+def of_result(result: Result, document: Mapping[str, Any]) -> Run:
+    """An analysed log that no file holds, as a report shows it.
+
+    Args:
+        result: the analysed log.
+        document: its entry of the document.
+    """
+    settings, start = flat(result.settings), result.log.start_ns()
+    own = {a["axle"]: a for a in document["axles"]}
+    axles = tuple(_axle(own[a.record.axle], _columns(a), start, settings) for a in result.axles)
+    return Run(
+        Path(result.log.path).name, document["log"], axles, document["findings"],
+        document["channels"], settings, {},
+    )  # fmt: skip
+
+
+def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
+    """The columns of an axle by topic and field, as a result file has them."""
+    record, ref = axle.record, axle.reference
+    known = {
+        ("input", "brake_cylinder_pressure"): record.pressure,
+        ("input", "clamping_force"): record.clamping_force,
+        ("input", "wheel_speed"): record.wheel_speed,
+        ("input", "train_speed"): record.train_speed,
+        ("reference", "force"): ref.force,
+        ("reference", "lower"): ref.lower,
+        ("reference", "upper"): ref.upper,
+        ("truth", "force"): record.truth,
+        ("slip", "slip"): axle.slip,
+        **{(f"estimate/{algo}", "force"): force for algo, force in axle.estimates.items()},
+    }
+    return {k: Column(record.t, x, np.isfinite(x)) for k, x in known.items() if x is not None}
 
 
 def _document(path: Path, source: Source) -> dict[str, Any]:

@@ -1,0 +1,53 @@
+"""The figures of an analysed log, for a notebook."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from bokeh.embed import file_html
+from bokeh.layouts import column
+from bokeh.resources import INLINE
+
+from ..verified import verified
+from .plots import Figures
+from .run import Run
+
+_FRAME = 60  # pixels around all figures
+
+
+class Plot:
+    """Figures below each other with one time axis; a notebook shows them.
+
+    Args:
+        run: what is drawn.
+        axles: numbers of axles that are drawn one by one; none: speeds and µ of all together.
+
+    Attributes:
+        layout: the Bokeh layout, as `bokeh.io.show` takes it.
+    """
+
+    def __init__(self, run: Run, axles: Sequence[int] = ()) -> None:
+        figures = Figures()
+        drawn = figures.of_run(run)
+        places = [place for axle in axles for place in drawn.axles[axle]] or drawn.overview
+        self.layout: Any = column(figures.at(places), sizing_mode="stretch_width")
+        self._title = run.name
+        self._height = _FRAME + sum(fig.height for fig in figures.at(places))
+
+    def html(self) -> str:
+        """A page with the figures that needs no network and no other file."""
+        return str(file_html(self.layout, INLINE, title=self._title))
+
+    def write(self, place: Path) -> None:
+        """Writes `html` to a file; its old content is lost.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        with verified(place) as file:
+            file.write(self.html().encode())
+
+    def _repr_html_(self) -> str:
+        style = f"width:100%;height:{self._height}px;border:0"
+        return f'<iframe style="{style}" srcdoc="{escape(self.html())}"></iframe>'
