@@ -17,6 +17,10 @@ if TYPE_CHECKING:
 
 _BUDGETS = 12  # more brake applications: of each axle only the budget of the widest one
 _LINES = 25  # findings of one code that are listed
+_OF_FIGURES = (
+    "Shaded: a wheel slides. Drag over a time to enlarge it: all figures follow. The symbols at "
+    "the right edge of a figure set it back."
+)
 _OF_SCORES = (
     "Estimators follow the force online, sample by sample. Errors are those in brake applications. "
     "RMSE: root mean square error. ≈: the noise of the reference explains the difference from the "
@@ -88,14 +92,12 @@ def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
     yield paragraph(f"{log['format']}, {log['duration_s']:.1f} s{begun}", "soft")
     yield from sections.verdict(run)
     yield from sections.care(run)
-    yield element("h2", "Brake applications", id="applications")
-    yield sections.applications(run)
-    yield element("div", "".join(sections.places(overview)), "whole")
-    yield paragraph(
-        "Shaded: a wheel slides. Drag over a time to enlarge it: all figures follow. The symbols "
-        "at the right edge of a figure set it back.",
-        "note",
-    )
+    picture = element("div", "".join(sections.places(overview)), "whole")
+    picture += paragraph(_OF_FIGURES, "note")
+    heading = element("h2", "Brake applications", id="applications")
+    rows = [heading, sections.applications(run)]
+    many = sum(len(axle.applications) for axle in run.axles) > sections.MANY
+    yield from [picture, *rows] if many else [*rows, picture]
     yield sections.notes([run])
     yield paragraph(sections.TOO_OLD, "too-old")
     links = [(f"#axle-{a.number}", f"Axle {a.number}") for a in run.axles]

@@ -142,7 +142,7 @@ class Figures:
                 train = speed.line("t", "train", source=source, color=palette.BLACK, line_width=2)
                 items["train"] = [train]
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
-        adhesion.y_range = _range([_column(s, "mu") for s in sources.values()])
+        adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
 
@@ -167,8 +167,8 @@ class Figures:
         items = {"95 % band": [band], "reference": [_line(force, source, "force", palette.BLACK)]}
         if axle.known("truth"):
             items["truth"] = [_line(force, source, "truth", palette.GREEN)]
-        edges = [_column(source, name) for name in ("lower", "upper", "truth")]
-        force.y_range = _range(edges)
+        edges = (axle.lower, axle.upper, axle.force, axle.truth)
+        force.y_range = _range([_braked(axle, edge) * 1e-3 for edge in edges])
         shown = {"force": "force", "from": "lower", "to": "upper"}
         _finish(force, items, slides, source, "kN", shown)
         figures = [speed, brake, force]
@@ -252,7 +252,7 @@ def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
         columns = 4 if max(map(len, items)) < 8 else 3  # as many as a narrow screen has room for
         legend = Legend(
             items=made, orientation="horizontal", click_policy="hide", ncols=columns,
-            border_line_color=None, padding=0, margin=2, label_text_font_size=_FONT, spacing=14,
+            border_line_color=None, padding=0, margin=2, label_text_font_size=_FONT, spacing=5,
             location="top_left",
         )  # fmt: skip
         fig.add_layout(legend, "above")

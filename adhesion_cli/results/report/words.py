@@ -121,15 +121,17 @@ def _of_slides(
     slid: Sequence[Mapping[str, Any]], braked: int, worst: Mapping[str, Any]
 ) -> Iterator[str]:
     least = "at least " if worst["at_least"] else ""
+    who = "it"
     if braked > 1:
         yield f"Slid in {len(slid)} of {braked} brake applications."
-        yield f"Most slip at {span(worst['start_s'], worst['end_s'])} s:"
+        yield f"The one with the most slip is at {span(worst['start_s'], worst['end_s'])} s."
+        who = "there it"
     total = number(worst["slide_s"], 1)
     if worst["max_slip"] > _LOCKED:
-        yield f"The wheel stood still while the train moved; it slid for {least}{total} s."
+        yield f"The wheel stood still while the train moved; {who} slid for {least}{total} s."
     else:
-        slip = percent(worst["max_slip"], 1)
-        yield f"It slid for {least}{total} s, with slip up to {slip}\N{NO-BREAK SPACE}%."
+        slip = f"{percent(worst['max_slip'], 1)}\N{NO-BREAK SPACE}%"
+        yield f"{who.capitalize()} slid for {least}{total} s, with slip up to {slip}."
     if worst["utilisation"] is not None:
         used = percent(worst["utilisation"])
         yield f"In the slides it used {used}\N{NO-BREAK SPACE}% of the adhesion that the rail gave."
