@@ -32,7 +32,7 @@ from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
-from adhesion_cli.core.physics import faded
+from adhesion_cli.core.physics import faded, force_line, wheelset
 from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -106,14 +106,38 @@ def true_vehicle(v: Vehicle, car: drawn.Car) -> Vehicle:
     return replace(v, **{name: Parameter(float(x), 0.0) for name, x in values.items()})
 
 
-def vehicle(seed: int, fit: int, held: int, mass: float) -> list[list[Held]] | str:
-    """One vehicle: its held-back logs as stated, calibrated and true; or why it was refused."""
+def drawn_vehicle(
+    seed: int, mass: float
+) -> tuple[np.random.Generator, Vehicle, drawn.Car]:  # fmt: skip
+    """One vehicle as stated and as it is, and what draws its logs."""
     rng = np.random.default_rng([seed, 18])
     stated = drawn.stated_vehicle(rng)
     stated = replace(
         stated, axle_mass=Parameter(stated.axle_mass.value, mass * stated.axle_mass.value)
     )
-    car = drawn.true_car(rng, stated, int(rng.choice([1, 1, 2, 4, 4, 3])))
+    return rng, stated, drawn.true_car(rng, stated, int(rng.choice([1, 1, 2, 4, 4, 3])))
+
+
+def by_mass(seed: int, mass: float) -> float:
+    """Relative error of the force where all but the mass is known: force over mass, exactly.
+
+    By linear regression, as in `reference.calibrated_vehicle`.
+    """
+    _, stated, car = drawn_vehicle(seed, mass)
+    w = wheelset(stated, 1).rolling
+    per_bar = 1e5 * force_line(stated).per_pascal
+    chain = np.log(car.friction * car.per_bar / (stated.friction.value * per_bar))
+    names = ("friction", "efficiency", "discs", "lever_ratio", "radius_ratio")
+    shares = [getattr(stated, n).tolerance / getattr(stated, n).value for n in names]
+    piston = stated.cylinder_diameter
+    known = np.sum(np.square([*shares, 2.0 * piston.tolerance / piston.value]))
+    seen = chain - w * np.log(car.mass / stated.axle_mass.value)
+    return float(known / (known + (w * mass) ** 2) * seen - chain)
+
+
+def vehicle(seed: int, fit: int, held: int, mass: float) -> list[list[Held]] | str:
+    """One vehicle: its held-back logs as stated, calibrated and true; or why it was refused."""
+    rng, stated, car = drawn_vehicle(seed, mass)
     with tempfile.TemporaryDirectory() as where:
         paths, forces = [], []
         for i in range(fit + held):
@@ -164,6 +188,7 @@ def main() -> None:
         "|---|---|---:|---:|---:|---:|---:|---:|",
     ]
     refused: list[str] = []
+    floors: list[str] = []
     seeds = range(options.seed, options.seed + options.vehicles)
     for mass in (0.05, 0.01):
         work = partial(vehicle, fit=options.fit, held=options.held, mass=mass)
@@ -176,6 +201,13 @@ def main() -> None:
         for i, name in enumerate(("stated", "calibrated", "true")):
             lines.append(row(f"{100.0 * mass:g} % | {name}", [h for x in done for h in x[i]]))
         refused += [x for x in found if isinstance(x, str)]
+        floor = np.sqrt(np.mean([by_mass(seed, mass) ** 2 for seed in seeds]))
+        floors.append(f"{floor:.3f} with the mass known to {100.0 * mass:g} %")
+    lines += [
+        "",
+        "Where the logs leave nothing unknown but the mass, `vehicle alone` would be for these",
+    ]
+    lines += [f"vehicles: {', '.join(floors)}."]
     lines += ["", f"Vehicles refused, of {2 * options.vehicles}: {len(refused)}."]
     print(*refused, sep="\n", file=sys.stderr)
     text = "\n".join(lines)
