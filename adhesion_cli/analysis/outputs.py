@@ -59,3 +59,16 @@ def write_comparison(
     record, recording = places
     mcap.write_comparison(record, results, embedded(entries))
     rrd.write_comparison(recording, results)
+
+
+def write_report(place: Path, record: Path, name: str) -> None:
+    """Writes the report of a record.
+
+    Args:
+        place: where to write the page.
+        record: the MCAP that was written by `write_result`.
+        name: that the record will have.
+    """
+    from ..results.report import page, run
+
+    page.write(place, [run.read(record, name)])

@@ -75,6 +75,9 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     for name in sections:
         if name not in known and name not in vehicle:
             raise unknown("keyword", name, [*keywords, *known])
+        if name in known and not isinstance(sections[name], Mapping | None):
+            hint = f"give its keys, as {name}={{'KEY': value}}"
+            raise UserError(f"{name}={sections[name]!r} is no table", hint, code=2)
     tables = [_table(name, value) for name, value in sections.items() if value is not None]
     if reference is not None:
         tables.append({"analysis": {"reference": reference}})
@@ -98,6 +101,9 @@ def log_of(source: Source) -> Path | Signals:
         return source
     if isinstance(source, str | os.PathLike):
         return Path(source)
+    if isinstance(source, list | tuple):
+        hint = "call it for each log; `compare` and `calibrate` take several"
+        raise UserError(f"one log is expected, not a {type(source).__name__}", hint, code=2)
     return Signals.from_table(source)
 
 

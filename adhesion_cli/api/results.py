@@ -278,11 +278,14 @@ class Analysis(_Tables):
         return Plot(run.of_result(self.result, self._entry), wanted)
 
     @in_python
-    def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
+    def write(
+        self, folder: File = ".", *, report: bool = False, force: bool = False
+    ) -> tuple[Path, ...]:
         """Writes ``<log>.adhesion.mcap`` and ``.rrd``, the same as `adhesion analyze` does.
 
         Args:
             folder: made if it is missing.
+            report: whether to write ``<log>.adhesion.html`` as well, a page to forward.
             force: whether existing results are replaced.
 
         Returns:
@@ -291,8 +294,13 @@ class Analysis(_Tables):
         Raises:
             UserError: where they exist already, or the disk refuses.
         """
-        with _written(self.log, folder, "adhesion", force) as (places, files):
-            outputs.write_result(places, self.result, self._entry)
+        files: tuple[Path, ...] = outputs.pair(Path(folder), self.log.path, "adhesion")
+        if report:
+            files = (*files, files[0].with_suffix(".html"))
+        with _written(files, force, [self.log]) as places:
+            outputs.write_result(places[:2], self.result, self._entry)
+            for place in places[2:]:
+                outputs.write_report(place, places[0], files[0].name)
         return files
 
     def _shown(self) -> tuple[str, dict[str, _Rows]]:
@@ -343,7 +351,8 @@ class Comparison(_Tables):
             UserError: as there.
         """
         logs = [one.log for one in self.analyses]
-        with _written(logs[0], folder, "compare", force, logs) as (places, files):
+        files = outputs.pair(Path(folder), logs[0].path, "compare")
+        with _written(files, force, logs) as places:
             every = [one.result for one in self.analyses]
             outputs.write_comparison(places, every, [one._entry for one in self.analyses])
         return files
@@ -396,7 +405,9 @@ class SlipAnalysis(_Tables):
         Raises:
             UserError: as there.
         """
-        with _written(self.analysis.log, folder, "slip", force) as (places, files):
+        log = self.analysis.log
+        files = outputs.pair(Path(folder), log.path, "slip")
+        with _written(files, force, [log]) as places:
             entry = self.analysis._entry
             outputs.write_result(places, self._of.result, entry, *carried(self._of))
         return files
@@ -517,14 +528,11 @@ class Calibration(_Tables):
 
 
 @contextmanager
-def _written(
-    log: Log, folder: File, kind: str, force: bool, read: Sequence[Log] = ()
-) -> Iterator[tuple[list[Path], tuple[Path, ...]]]:
-    """Where to write the two files of a log, and what they are called when all is written."""
-    files = outputs.pair(Path(folder), log.path, kind)
-    inputs = [Path(of.path) for of in read or [log]]
+def _written(files: Sequence[Path], force: bool, logs: Sequence[Log]) -> Iterator[list[Path]]:
+    """Where to write the files of one folder, which get their names when all are written."""
+    inputs = [Path(log.path) for log in logs]
     with (
-        atomic_files.folder(Path(folder)),
+        atomic_files.folder(files[0].parent),
         atomic_files.outputs(files, force, inputs=inputs) as places,
     ):
-        yield places, files
+        yield places

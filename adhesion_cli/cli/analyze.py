@@ -1,6 +1,7 @@
 """`adhesion analyze`: the main job."""
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -44,6 +45,7 @@ def command(  # noqa: PLR0913 (one option each)
     Example: adhesion analyze sample_logs/service-brake.csv
     """
     from ..analysis.json_documents import document, dumps, entry
+    from ..analysis.outputs import write_report
 
     _check_table(table, decimal)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
@@ -56,7 +58,9 @@ def command(  # noqa: PLR0913 (one option each)
     if table:
         done[0][1].append(table)
     entries = [entry(r, results.named(of)) for r, of in done]
-    more: dict[Path, results.More] = {of[2]: _page(of[0]) for _, of in done if report}
+    more: dict[Path, results.More] = {
+        of[2]: partial(write_report, name=of[0].name) for _, of in done if report
+    }
     if table:
         more[table] = lambda place, _: _write_table(place, table, decimal, entries)
     results.write(shared, [r for r, _ in done], [of for _, of in done], entries, more=more)
@@ -81,17 +85,6 @@ def _check_table(table: Path | None, decimal: str | None) -> None:
         kind(table, decimal)
     elif decimal:
         raise UserError("--decimal is for a table", "add --table FILE.csv", code=2)
-
-
-def _page(record: Path) -> results.More:
-    """What writes the report of a record that will have this name."""
-
-    def write(place: Path, written: Path) -> None:
-        from ..results.report import page, run
-
-        page.write(place, [run.read(written, record.name)])
-
-    return write
 
 
 def _write_table(

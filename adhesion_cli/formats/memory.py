@@ -155,8 +155,8 @@ class MemorySource:
 def _time(time: ArrayLike, name: str) -> tuple[Times, bool]:
     """Time stamps [ns], and whether they count from 1970."""
     t = np.asarray(time)
-    hint = "give seconds as numbers, or datetime64; leave rows without a time out"
-    wrong = UserError(f"{name}: the time is no row of times", hint)
+    hint = "give seconds as numbers, or datetime64, as pandas.to_datetime does; none may be missing"
+    wrong = UserError(f"{name}: the time is no row of numbers or dates", hint)
     if t.ndim != 1:
         raise wrong
     if t.dtype.kind in "mM":

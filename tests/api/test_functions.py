@@ -85,7 +85,8 @@ def test_the_figures_and_the_record_are_those_of_the_command(
     with pytest.raises(adhesion.UserError, match="exists already") as told:
         run.write(tmp_path / "api")
     assert told.value.hint == "add force=True to replace it, or write elsewhere"
-    run.write(tmp_path / "api", force=True)
+    *_, page = run.write(tmp_path / "api", force=True, report=True)
+    assert f"Adhesion report: {name}" in page.read_text()
 
 
 def test_slides_and_rails_are_those_of_the_command(tmp_path: Path, printed: Document) -> None:
@@ -207,6 +208,7 @@ def test_a_notebook_shows_a_table_and_a_name_cannot_add_to_the_page(tmp_path: Pa
         ({"axle": 1}, "unknown keyword 'axle'", "did you mean 'axles'"),
         ({"neso": {"beta": 1}}, "neso", "beta1"),
         ({"vehicle": {"fi": 1}}, "vehicle parameter 'fi'", "phi"),
+        ({"vehicle": 0.3}, "vehicle=0.3 is no table", "vehicle={'KEY': value}"),
         ({"vehicle": {"phi": 40}}, "vehicle.friction = 40", "0.01 to 1"),
         ({"vehicle": {"phi": float("nan")}}, "not finite", "plain number"),
         ({"algos": "nesso"}, "algorithm 'nesso'", "neso"),

@@ -77,9 +77,9 @@ def test_a_unit_that_nobody_states_is_an_error(table: pa.Table) -> None:
     ("time", "values", "units", "text"),
     [
         ([0.0, 1.0], {"p": [1.0]}, {}, r"shape \(1,\)"),
-        ([0.0, np.nan], {"p": [1.0, 2.0]}, {}, "no row of times"),
-        ([[0.0]], {"p": [[1.0]]}, {}, "no row of times"),
-        (["a"], {"p": [1.0]}, {}, "no row of times"),
+        ([0.0, np.nan], {"p": [1.0, 2.0]}, {}, "no row of numbers"),
+        ([[0.0]], {"p": [[1.0]]}, {}, "no row of numbers"),
+        (["a"], {"p": [1.0]}, {}, "no row of numbers"),
         ([0.0], {"p": ["x"]}, {}, "no number"),
         ([0.0], {"p": [1.0]}, {"q": "bar"}, "'q'"),
     ],
@@ -92,6 +92,8 @@ def test_what_is_no_signal_is_refused(
 
 
 def test_what_is_no_log_is_refused() -> None:
+    with pytest.raises(adhesion.UserError, match="one log"):
+        adhesion.analyze([BRAKE])
     for wrong in (5, {"a": 1}, None):
         with pytest.raises(adhesion.UserError, match="is no table"):
             adhesion.analyze(wrong)
