@@ -50,6 +50,7 @@ _TEXTS = {
         "encoding": "of the text, as `gb18030`",
         "max_unpacked": "largest gzipped CSV, unpacked [bytes]",
     },
+    "key of `can`": {"dbc": 'files that say which signals the frames hold, as `["brake.dbc"]`'},
     "key of `mcap`": {
         "max_inflated": "largest chunk, inflated [bytes]; all of a file: 1000 times its size more",
         "max_record": "largest record [bytes]; schemas, channels and JSON messages: 1/32 of it",
@@ -100,7 +101,10 @@ def settings_page() -> str:
         "",
         *(
             f"## [{section}]\n\n{_kinds(f'key of `{section}`', keys, ReadOptions())}\n"
-            for section, keys in (("csv", settings.CSV_KEYS), ("mcap", settings.MCAP_KEYS))
+            for section, keys in (
+                ("csv", settings.CSV_KEYS), ("mcap", settings.MCAP_KEYS),
+                ("can", settings.CAN_KEYS),
+            )
         ),
         *(
             f"## [{section}]\n\n{text}{_table(_annotated(of))}"
@@ -224,10 +228,11 @@ def _range(q: Quantity, default: str) -> str:
 
 def _kinds(head: str, keys: dict[str, type], defaults: Any = None) -> str:
     names = {str: "text", int: "whole number", float: "number", bool: "true or false"}
+    names[list] = "list of texts"
     lines = [f"| {head} | is | default | what |", "|---|---|---|---|"]
     for key, kind in keys.items():
         value = getattr(defaults, key, None)
-        default = "" if value is None else value
+        default = "" if value in (None, ()) else value
         lines.append(f"| `{key}` | {names[kind]} | {default} | {_TEXTS[head][key]} |")
     return "\n".join(lines)
 

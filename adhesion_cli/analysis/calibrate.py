@@ -319,7 +319,7 @@ def as_toml(found: Calibration) -> str:
 def as_tables(found: Calibration) -> dict[str, dict[str, Any]]:
     """The vehicle, and how its logs were read, as tables of settings."""
     stated, usual = tree(found.settings, []), tree(Settings(), [])
-    every = ("vehicle", "channels", "csv", "mcap")
+    every = ("vehicle", "channels", "csv", "mcap", "can")
     return {name: of for name in every if (of := stated[name]) != usual[name]}
 
 

@@ -29,13 +29,14 @@ from ..rail.slope import Bands, Params, checked
 _IS = "settings are TOML, for example the line: vehicle.friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
+CAN_KEYS = {"dbc": list}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
     "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
 }  # fmt: skip
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
-_ORIGIN = ("channels", "csv", "mcap", "selection", "antiskid")  # what a result was made from
+_ORIGIN = ("channels", "csv", "mcap", "can", "selection", "antiskid")  # what a result was made from
 MEANINGS = {
     "pressure": "pressure",
     "speed": "wheel_speed",
@@ -226,9 +227,12 @@ def _of_log(
         "channels": channels,
         "csv": {k: getattr(read, k) for k in CSV_KEYS},
         "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
+        "can": {"dbc": list(read.dbc)},
         "selection": {**taken, "strict": read.strict},
     }
-    return {s: {k: v for k, v in of.items() if v not in (None, {})} for s, of in sections.items()}
+    return {
+        s: {k: v for k, v in of.items() if v not in (None, {}, [])} for s, of in sections.items()
+    }
 
 
 def nested(flat: Tree[str, str]) -> dict[str, Any]:
@@ -309,7 +313,7 @@ def _halved(value: Any) -> Any:
 
 def sections() -> list[str]:
     """The names of all sections."""
-    return ["vehicle", "channels", "csv", "mcap", "analysis", "diagnostics", *_numeric()]
+    return ["vehicle", "channels", "csv", "mcap", "can", "analysis", "diagnostics", *_numeric()]
 
 
 def _numeric() -> "dict[str, methods.Tunable]":
@@ -333,6 +337,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         **stated,
         **_fields("csv", tree.get("csv", {}), CSV_KEYS),
         **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
+        **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
         **{k: v for k, v in read.items() if v is not None},
     }
     kinds = {f.name: type(f.default) for f in dataclasses.fields(Analysis)}
@@ -503,8 +508,22 @@ def _fields(section: str, stated: Any, known: Tree[str, type]) -> dict[str, Any]
             out[key] = value
         else:
             kind = {bool: "true or false", str: "a text in quotes", int: "a whole number"}
+            kind[list] = 'a list of texts, as ["brake.dbc"]'
             raise UserError(f"{name} = {value!r} is wrong", f"write {kind[known[key]]}", code=2)
     return out
+
+
+def _files(stated: Tree[str, Any]) -> dict[str, Any]:
+    """Lists of file names, checked; --dbc gives them as the section does.
+
+    Raises:
+        UserError: where an entry is no text.
+    """
+    for key, names in stated.items():
+        if not all(isinstance(name, str) for name in names):
+            text = f"can.{key} = {names!r} is wrong"
+            raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
+    return {key: tuple(names) for key, names in stated.items()}
 
 
 def _number(name: str, value: Any) -> float:

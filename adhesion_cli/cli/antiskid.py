@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from ..wsp.wsp_controller import Settings as Stated
 
 TrainSpeed = Literal["measured", "axles"]
-_OF_LOGS = {"--" + name.strip("_"): name for name in ("axle", "from_", "to", "strict", "reference")}
+_OF_LOGS = {
+    "--" + name.strip("_"): name for name in ("axle", "from_", "to", "strict", "reference", "dbc")
+}
 _OF_FILES = {"--" + name: name for name in ("force", "out", "view")}
 _IDLE = {  # what has no effect, by what says where to stop
     "SCENARIO": [*_OF_LOGS, "--seeds"],

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..analysis.calibrate import Calibration
 
 
-@shared("config", "set_", "json", "force", "strict", "figure")
+@shared("config", "set_", "dbc", "json", "force", "strict", "figure")
 def command(
     logs: Logs,
     shared: Shared,

@@ -9,7 +9,7 @@ from . import results
 from .options import LOG_KINDS, Shared, check, loader, places, shared
 
 
-@shared("config", "set_", "json", "force", "strict", "rejects")
+@shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
 def command(
     log: Annotated[Path, typer.Argument(metavar="IN", help=f"{LOG_KINDS}, or a result.")],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="A .csv, .mcap or .parquet.")],

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +20,7 @@ _SHOWN = 10  # failed logs that are listed
 _DAYS = 14  # that a summary shows
 _WIDTH = 100  # columns of a summary
 _OPTIONS = (
-    "config", "set_", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
+    "config", "set_", "dbc", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
 )  # fmt: skip
 
 
@@ -94,11 +95,15 @@ def _job(shared: Shared, recordings: Path | None) -> "Job":
 
     checked(shared)
     tree = stated(shared.config, assignments(shared))
+    dbc = [os.path.abspath(name) for name in tree.get("can", {}).get("dbc", ())]
+    tree |= {"can": {"dbc": dbc}} if dbc else {}  # a worker may have another folder
     algos, axles = tuple(dict.fromkeys(shared.algo)), tuple(dict.fromkeys(shared.axle))
     window = (shared.from_, shared.to)
     folder = os.path.abspath(recordings) if recordings else ""
     job = Job(tree, shared.strict, algos, axles, window, __version__)
-    return job._replace(settings=hashed(job.depends()), recordings=folder)
+    hashes = [sha256(Path(name).read_bytes()).hexdigest() for name in dbc if os.path.isfile(name)]
+    depends = job.depends() | ({"dbc": hashes} if hashes else {})
+    return job._replace(settings=hashed(depends), recordings=folder)
 
 
 @contextmanager

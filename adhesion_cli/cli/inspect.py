@@ -12,7 +12,7 @@ _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 _TO_STATE = ("not-analysable", "unit-unknown")  # findings that a setting ends
 
 
-@shared("config", "set_", "json", "force", "strict", "rejects")
+@shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
 def command(logs: Logs, shared: Shared) -> int:
     """Show what is in a log: channels, units, gaps, findings.
 

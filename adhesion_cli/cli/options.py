@@ -37,7 +37,7 @@ def option(flags: str, metavar: str | None, text: str, **more: Any) -> Any:
     return typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
 
 
-LOG_KINDS = "CSV, MCAP, Parquet, MDF (MF4)"
+LOG_KINDS = "CSV, MCAP, Parquet, MDF (MF4), TDMS, CAN"
 Logs = Annotated[list[Path], typer.Argument(metavar="LOG", help=f"{LOG_KINDS}, or results.")]
 Seed = Annotated[int | None, option("--seed", "N", "Noise seed, instead of the scenario's.", min=0)]
 ScenarioName = typer.Argument(
@@ -55,6 +55,9 @@ class Shared:
         )] = field(default_factory=list)
     set_: Annotated[list[str], option(
         "--set", "NAME=VALUE", "One setting, as neso.beta1=100 or vehicle.phi=0.28; repeatable.",
+        )] = field(default_factory=list)
+    dbc: Annotated[list[Path], option(
+        "--dbc", "FILE", "Signals of the frames in CAN logs (BLF, ASC, TRC); repeatable.",
         )] = field(default_factory=list)
     out: Annotated[Path | None, option(
         "-o --out", "DIR", "Folder for the results, made if missing; else the current one.",
@@ -144,7 +147,10 @@ def loader(shared: Shared) -> Callable[..., Any]:
 
 def assignments(shared: Shared) -> list[str]:
     """What `--set` and the flags of settings state."""
+    from ..core import toml
+
     flags = [f'analysis.reference="{shared.reference}"'] if shared.reference else []
+    flags += [f"can.dbc = {toml.value([str(file) for file in shared.dbc])}"] if shared.dbc else []
     return [*shared.set_, *flags]
 
 
@@ -175,7 +181,7 @@ def check(shared: Shared, paths: Sequence[Path], *logs: Path) -> None:
 
 def inputs(shared: Shared, *logs: Path) -> list[Path]:
     """Everything a run reads, which must survive it."""
-    return [*logs, *shared.config]
+    return [*logs, *shared.config, *shared.dbc]
 
 
 @contextmanager

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..analysis.tune import Tuned
 
 
-@shared("config", "set_", "json", "force", "strict")
+@shared("config", "set_", "dbc", "json", "force", "strict")
 def command(
     logs: Logs,
     shared: Shared,

@@ -12,7 +12,7 @@ from ..core.errors import UserError
 from ..core.text import printable
 from ..formats.open import FORMATS
 
-_TEXT = (".csv", ".tsv", ".txt")
+_TEXT = (".csv", ".tsv", ".txt", ".asc")
 SUFFIXES = (
     *_TEXT, *(f"{x}.gz" for x in _TEXT), *(x for one in FORMATS for x in one.suffixes)
 )  # fmt: skip

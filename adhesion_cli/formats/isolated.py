@@ -61,7 +61,8 @@ class _Remote:
     """A `Reader` whose library runs in the other process."""
 
     def __init__(self, library: Library, path: Path, options: ReadOptions) -> None:
-        stated = dataclasses.asdict(options) | {"dbc": [str(p.absolute()) for p in options.dbc]}
+        stated = dataclasses.asdict(options)
+        stated |= {"dbc": [str(Path(name).absolute()) for name in options.dbc]}
         self._library, self._path = library, path
         self._request = {"path": str(path.absolute()), "options": stated}
         header, _ = self._ask()
@@ -200,7 +201,8 @@ def serve(kind: str) -> None:
         request = json.loads(line)
         wanted = request.pop("wanted", None)
         try:
-            key = json.dumps(request), os.stat(request["path"]).st_mtime_ns
+            files = [request["path"], *filter(os.path.isfile, request["options"]["dbc"])]
+            key = json.dumps(request), [os.stat(file).st_mtime_ns for file in files]
             if last is None or last[0] != key:
                 last = None  # lets the file before go
                 last = key, _opened(kind, request)
@@ -218,7 +220,7 @@ def serve(kind: str) -> None:
 
 def _opened(kind: str, request: Mapping[str, Any]) -> Reader:
     """The format's reader on this log."""
-    options = request["options"] | {"dbc": tuple(map(Path, request["options"]["dbc"]))}
+    options = request["options"] | {"dbc": tuple(request["options"]["dbc"])}
     path = Path(request["path"])
     _limit(path)
     module = importlib.import_module(f".{kind}", __package__)

@@ -58,6 +58,10 @@ FORMATS = (
     Format(
         "tdms", re.compile(rb"TDSm"), (".tdms",), Library("tdms", "TDMS", ("nptdms",), "tdms").open
     ),
+    Format(
+        "can", re.compile(rb"(?ms)LOGG|\s*;\$FILEVERSION|.{0,400}?^base\s+(hex|dec)\b"),
+        (".blf", ".trc"), Library("can", "CAN", ("can", "cantools"), "can").open,
+    ),
 )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ class Field:
 class ReadOptions:
     """What the user stated about a log, and what reading may cost.
 
-    `time`, `rows` and `csv` come from the TOML's `[channels]` and `[csv]`.
+    They come from the TOML's `[channels]`, `[csv]`, `[mcap]` and `[can]`, and from flags.
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
@@ -49,7 +49,7 @@ class ReadOptions:
     delimiter: str | None = None
     decimal: str | None = None
     encoding: str | None = None
-    dbc: tuple[Path, ...] = ()  # CAN: what the signals of its frames are
+    dbc: tuple[str, ...] = ()  # CAN: files that say which signals its frames hold
     strict: bool = False  # damage is an error, not a finding
     rejects: bool = False  # CSV: remember each row and cell left out
     max_unpacked: int = 1 << 32  # bytes of one gzipped CSV; it is read in blocks

@@ -1,6 +1,5 @@
 """TDMS logs of LabVIEW and DIAdem, by npTDMS; runs in a process of its own."""
 
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ from ..core.model import Bools, Times
 from ..core.text import distinct
 from . import time_columns
 from .csv.clock import Clock
+from .prefix import Prefix
 from .source import Field, ReadOptions
 from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped, nanoseconds
 
@@ -51,7 +51,7 @@ class Reader:
         whole, damage = _segments(path)
         if not whole:
             raise ValueError(damage)
-        self._file: Any = TdmsFile.open(_Prefix(path, whole), raw_timestamps=True)
+        self._file: Any = TdmsFile.open(Prefix(path, whole), raw_timestamps=True)
         self._channels: list[tuple[Any, _Axis]] = []
         self._texts: list[str] = []
         notes: list[Note] = []
@@ -217,30 +217,6 @@ def _segments(path: Path) -> tuple[int, str]:
                 return size, f"byte {at}: the file ends inside a segment"
             at += _LEAD + length
     return size, ""
-
-
-class _Prefix(io.RawIOBase):
-    """The first bytes of a file, as a file. An index file beside it is not used."""
-
-    def __init__(self, path: Path, size: int) -> None:
-        self._file, self._size = path.open("rb"), size
-
-    def seekable(self) -> bool:
-        return True
-
-    def readable(self) -> bool:
-        return True
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        base = (0, self._file.tell(), self._size)[whence]
-        return self._file.seek(min(base + offset, self._size))
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def readinto(self, buffer: Any) -> int:
-        view = memoryview(buffer).cast("B")
-        return self._file.readinto(view[: max(self._size - self._file.tell(), 0)])
 
 
 def _wave(channel: Any) -> _Wave | None:

@@ -105,3 +105,54 @@ def tdms(path: Path, of: list[Group], *, by_channel: bool = False, segments: int
                     objects.append(ChannelObject(f"rate {k}", s.name, s.value[rows], properties))
             file.write_segment(objects)
     return path
+
+
+_SCALE = {"bar": 0.01, "km/h": 0.01, "N": 1.0, "-": 0.0001}  # of the sample's own digits
+
+
+def database(of: list[Group]) -> Any:
+    """A DBC of a message for each pair of channels, in both orders of bytes."""
+    from cantools.database import Database, Message, Signal
+    from cantools.database.conversion import BaseConversion
+
+    messages = []
+    for k, group in enumerate(of):
+        for i in range(0, len(group.signals), 2):
+            signals = []
+            for j, s in enumerate(group.signals[i : i + 2]):
+                conversion = BaseConversion.factory(scale=_SCALE[s.unit], offset=0)
+                order: Any = ("little_endian", "big_endian")[j]
+                start = 0 if j == 0 else 39  # byte 4, its highest bit
+                signals.append(
+                    Signal(s.name, start, 32, order, True, conversion=conversion, unit=s.unit)
+                )
+            identifier = 0x100 + 0x10 * k + i // 2
+            messages.append(Message(identifier, f"Rate{k}_{i // 2}", 8, signals, strict=True))
+    return Database(messages, version="")
+
+
+def can(path: Path, of: list[Group], *, errors: tuple[float, ...] = ()) -> Path:
+    """A CAN log in the format of the suffix; its DBC stands next to it."""
+    import can as library
+
+    dbc = database(of)
+    path.with_suffix(".dbc").write_text(dbc.as_dbc_string(), "utf-8")
+    start = START.timestamp()
+    frames = []
+    for k, group in enumerate(of):
+        for i in range(0, len(group.signals), 2):
+            message = dbc.get_message_by_name(f"Rate{k}_{i // 2}")
+            pair = group.signals[i : i + 2]
+            for row, t in enumerate(group.t):
+                data = message.encode({s.name: float(s.value[row]) for s in pair})
+                frames.append(
+                    library.Message(
+                        start + t, message.frame_id, False, data=data, channel=0, is_rx=True
+                    )
+                )
+    frames += [library.Message(start + t, is_error_frame=True, channel=0) for t in errors]
+    frames.sort(key=lambda frame: frame.timestamp)
+    with library.Logger(path) as log:
+        for frame in frames:
+            log(frame)
+    return path

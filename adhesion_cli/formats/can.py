@@ -1,0 +1,365 @@
+"""CAN logs (BLF, ASC, TRC) with the DBC of the vehicle; runs in a process of its own.
+
+python-can reads the frames, cantools the DBC. The signals are decoded here, a message at a time.
+"""
+
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import UserError
+from ..core.model import Bools, Floats, Times
+from ..core.text import distinct
+from .can_files import Problems, blf_prefix, checked_lines
+from .source import Field, ReadOptions
+from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped
+
+_NO_VALUE = re.compile(  # texts of a value table that say that there is no value
+    r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
+    r"|undef\w*|reserved|unknown|no[ _]?(signal|value)|init\w*|ung(ü|ue)ltig|fehler\w*)\b"
+)
+_SHOWN = 6  # names of one finding
+
+
+class _Key(NamedTuple):
+    """Frames of one message."""
+
+    bus: int
+    identifier: int
+    extended: bool
+
+
+@dataclass(slots=True)
+class _Frames:
+    """The frames of one message, in the order of the log."""
+
+    length: int  # bytes that are kept of each
+    t: "array[float]" = field(default_factory=lambda: array("d"))  # after the log's start [s]
+    sizes: "array[int]" = field(default_factory=lambda: array("B"))  # bytes that each frame has
+    data: bytearray = field(default_factory=bytearray)
+
+    def add(self, t: float, data: bytes) -> None:
+        self.t.append(t)
+        self.sizes.append(len(data))
+        self.data += data[: self.length].ljust(self.length, b"\0")
+
+    def bits(self) -> NDArray[np.uint8]:
+        """Each frame's bits, the lowest of each byte first; shape (n, 8 · length)."""
+        whole = np.frombuffer(self.data, np.uint8).reshape(-1, self.length)
+        return np.unpackbits(whole, axis=1, bitorder="little")
+
+
+class _Signal(NamedTuple):
+    """A signal of the messages of a key, with its multiplexers."""
+
+    key: _Key
+    message: Any  # of cantools, as is the next
+    signal: Any
+
+
+class Reader:
+    """A CAN log, decoded by its DBC; see `tables.Reader`."""
+
+    def __init__(self, path: Path, options: ReadOptions) -> None:
+        if not options.dbc:
+            raise UserError(
+                f"{path}: a CAN log holds frames; which signals they are, a DBC file says",
+                "state it with --dbc FILE.dbc",
+            )
+        self._path = path
+        known = _messages(options.dbc)
+        self._frames: dict[_Key, _Frames] = {}
+        self._unknown: Counter[int] = Counter()
+        self._errors: list[int] = []
+        problems = Problems()
+        self._start = 0
+        self._read(known, problems)
+        used = [key for key, frames in self._frames.items() if len(frames.t)]
+        if not used:
+            raise self._nothing(known, problems)
+        self._signals = [
+            _Signal(key, known[key.identifier, key.extended], signal)
+            for key in sorted(used)
+            for signal in known[key.identifier, key.extended].signals
+        ]
+        rows = sum(len(self._frames[key].t) for key in used)
+        stated = {
+            "dbc": ", ".join(Path(name).name for name in options.dbc),
+            "frames": rows, "messages": len(used), "buses": len({key.bus for key in used}),
+        }  # fmt: skip
+        why = "time stamp of each frame, to the microsecond; the start of the log is taken as UTC"
+        if not self._start:
+            why = "time stamp of each frame, to the microsecond; no start stated"
+        notes = list(self._notes(problems, rows))
+        self.contents = Contents(self._fields(), self._start, why, rows, stated, notes=notes)
+
+    def _read(self, known: dict[tuple[int, bool], Any], problems: Problems) -> None:
+        """Reads all frames; keeps those that the DBC names."""
+        frames, begins = _opened(self._path, problems)
+        first = next(frames, None)
+        zero, start = begins()  # now the head of the file is read
+        for message in chain([first] if first else [], frames):
+            t = message.timestamp - zero
+            if message.is_error_frame:
+                problems.errors.append(t)
+                continue
+            if message.is_remote_frame:
+                continue
+            bus = message.channel if isinstance(message.channel, int) else 0
+            key = _Key(bus, message.arbitration_id, message.is_extended_id)
+            found = self._frames.get(key)
+            if found is None:
+                of = known.get((key.identifier, key.extended))
+                if of is None:
+                    self._unknown[key.identifier] += 1
+                    continue
+                found = self._frames[key] = _Frames(of.length)
+            found.add(t, bytes(message.data))
+        ticks = round(start * 1e6) * 1000
+        self._start = ticks if ticks >= YEAR_1990 else 0
+
+    def _nothing(self, known: dict[tuple[int, bool], Any], problems: Problems) -> UserError:
+        """Why no frame is used."""
+        if self._unknown:
+            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_SHOWN))
+            return UserError(
+                f"{self._path}: no frame of the log is in the DBC (frames: {ids})",
+                f"state the DBC of this vehicle with --dbc; this one has {len(known)} messages",
+            )
+        damage = problems.damage or (f"line {problems.lines[0]}" if problems.lines else "")
+        if damage:
+            raise ValueError(damage)
+        return UserError(
+            f"{self._path}: the log has no frames", "check that the logger recorded anything"
+        )
+
+    def _notes(self, problems: Problems, rows: int) -> Iterator[Note]:
+        """What is wrong with the log."""
+        if problems.damage:
+            values = {"kept_rows": rows}
+            yield Note("log-damaged", "error", "", 1, values, {"damage": problems.damage})
+        if problems.lines:
+            values = {"line": problems.lines[0]}
+            count = len(problems.lines)
+            names = {"example": problems.example}
+            yield Note("can-lines-skipped", "warning", "", count, values, names)
+        for code, times in (("can-error-frames", problems.errors),
+                            ("can-frames-lost", problems.lost)):  # fmt: skip
+            if times:
+                at = _ticks(np.array(times), self._start).tolist()
+                yield Note(code, "warning", "", len(at), times=[(t, t) for t in at])
+        if self._unknown:
+            ids = ", ".join(f"0x{i:X}" for i, _ in self._unknown.most_common(_SHOWN))
+            count = sum(self._unknown.values())
+            values = {"messages": len(self._unknown)}
+            yield Note("can-unknown-frames", "info", "", count, values, {"ids": ids})
+
+    def _fields(self) -> list[Field]:
+        """A field for each signal of a message that occurs."""
+        buses = {key.bus for key in self._frames}
+        named = []
+        for key, message, signal in self._signals:
+            bus = f", CAN {key.bus + 1}" if len(buses) > 1 else ""
+            named.append((f"{message.name}{bus}", signal.name))
+        shown = grouped(named)
+        titles = distinct([f"{g}\0{name}" for g, (_, name) in zip(shown, named, strict=True)])
+        return [
+            Field(
+                title.split("\0", 1)[1], group=group, unit=signal.unit or "",
+                unit_from="DBC" if signal.unit else "", folder=folder,
+            )
+            for (_, _, signal), group, title, (folder, _) in zip(
+                self._signals, shown, titles, named, strict=True
+            )
+        ]  # fmt: skip
+
+    def read(self, wanted: Sequence[int]) -> Columns:
+        """See `tables.Reader`."""
+        axes: list[Times] = []
+        places: dict[Any, int] = {}
+        bits: dict[_Key, NDArray[np.uint8]] = {}
+        series = []
+        for key, message, signal in (self._signals[k] for k in wanted):
+            frames = self._frames[key]
+            if key not in bits:
+                bits[key] = frames.bits()
+            there = _selected(bits[key], message, signal)
+            place = key, None if there is None else there.tobytes()
+            if place not in places:
+                places[place] = len(axes)
+                t = np.frombuffer(frames.t, np.float64)
+                axes.append(_ticks(t if there is None else t[there], self._start))
+            rows = slice(None) if there is None else there
+            sizes = np.frombuffer(frames.sizes, np.uint8)[rows]
+            value, no_value = _decoded(bits[key][rows], signal)
+            short = 8 * sizes.astype(np.int64) <= max(_positions(signal))
+            masks = {"value-missing": short, "value-is-text": no_value & ~short}
+            series.append(Samples(places[place], value, masks))
+        return Columns(axes, series, [])
+
+
+def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
+    """The messages of the DBC files, by identifier and whether it is an extended one.
+
+    Raises:
+        UserError: where a file cannot be read, or two define one message differently.
+    """
+    from cantools import database
+
+    known: dict[tuple[int, bool], Any] = {}
+    origin: dict[tuple[int, bool], str] = {}
+    for name in names:
+        try:
+            found: Any = database.load_file(name, strict=False)
+            messages = found.messages
+        except Exception as error:  # whatever the library raises, the file is no DBC
+            reason = error.strerror if isinstance(error, OSError) else "no DBC file"
+            text = f"{name}: {reason or 'cannot be read'}"
+            raise UserError(text, "state the vehicle's DBC file with --dbc", code=2) from error
+        for message in messages:
+            key = message.frame_id, bool(message.is_extended_frame)
+            if key in known and _layout(known[key]) != _layout(message):
+                raise UserError(
+                    f"{name}: message 0x{key[0]:X} ({message.name}) is another one in "
+                    f"{origin[key]} ({known[key].name})",
+                    "state only the DBC files of the buses in this log",
+                    code=2,
+                )
+            known.setdefault(key, message)
+            origin.setdefault(key, name)
+    return known
+
+
+def _layout(message: Any) -> list[tuple[Any, ...]]:
+    """What decides how a message is decoded."""
+    return [
+        (s.name, s.start, s.length, s.byte_order, s.is_signed, s.is_float, s.scale, s.offset)
+        for s in message.signals
+    ]
+
+
+def _opened(path: Path, problems: Problems) -> tuple[Iterator[Any], Any]:
+    """The frames of a log, and what gives the times of its start once the first one is read.
+
+    These are the start as the stamps of its frames count, and since 1970, 0 where none is stated
+    [s].
+
+    Raises:
+        UserError: for times or a version that python-can does not read.
+    """
+    import can
+
+    with path.open("rb") as file:
+        head = file.read(512)
+    if head.startswith(b"LOGG"):
+        prefix: Any = blf_prefix(path, problems)
+        blf = can.BLFReader(prefix)
+        return _until_damage(blf, problems), lambda: (blf.start_timestamp, blf.start_timestamp)
+    if b";$FILEVERSION" in head or path.suffix.lower() == ".trc":
+        trc: Any = can.TRCReader
+        frames = checked_lines(path, trc, problems)
+        return frames, lambda: (problems.reader._start_time, _trc_start(path, problems))
+    asc: Any = can.ASCReader
+    return checked_lines(path, asc, problems), lambda: (0.0, _asc_start(path, problems))
+
+
+def _until_damage(frames: Any, problems: Problems) -> Iterator[Any]:
+    """The frames before the first that cannot be read."""
+    try:
+        yield from frames
+    except Exception as error:  # whatever the library raises, the rest is lost
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        problems.damage = problems.damage or f"frames cannot be read: {reason}"
+
+
+def _asc_start(path: Path, problems: Problems) -> float:
+    """Start of an ASC log since 1970 [s], its local time taken as UTC; 0 where it states none."""
+    reader = problems.reader
+    if reader.timestamps_format == "relative":
+        raise UserError(
+            f"{path}: time stamps are relative to the frame before",
+            "export the log with absolute time stamps",
+        )
+    begin = problems.begin or reader.date
+    if not begin:
+        return 0.0
+    try:
+        local = datetime.fromtimestamp(reader._datetime_to_timestamp(begin))
+    except (ValueError, OverflowError, OSError):
+        return 0.0
+    return local.replace(tzinfo=UTC).timestamp()
+
+
+def _trc_start(path: Path, problems: Problems) -> float:
+    """Start of a TRC log since 1970 [s]; 0 where it states none."""
+    reader = problems.reader
+    if reader.file_version == type(reader.file_version).UNKNOWN and problems.version:
+        raise UserError(
+            f"{path}: TRC files of version {problems.version} are not read",
+            "export the log as version 1.1, 1.3, 2.0 or 2.1",
+        )
+    return reader.start_time.timestamp() if reader.start_time else 0.0
+
+
+def _ticks(seconds: Floats, start: int) -> Times:
+    """Times [ns], to the microsecond: python-can gives them as seconds since 1970 in a float."""
+    return np.rint(seconds * 1e6).astype(np.int64) * 1000 + start
+
+
+def _positions(signal: Any) -> list[int]:
+    """The bits of a signal in a frame, the lowest first, as `_Frames.bits` numbers them."""
+    at, found = int(signal.start), []
+    for _ in range(signal.length):
+        found.append(at)
+        if signal.byte_order == "little_endian":
+            at += 1
+        else:  # the start is the highest bit
+            at = at + 15 if at % 8 == 0 else at - 1
+    return found if signal.byte_order == "little_endian" else found[::-1]
+
+
+def _raw(bits: NDArray[np.uint8], signal: Any) -> NDArray[Any]:
+    """The raw numbers of a signal: integers, or floats where it is one; shape (n,)."""
+    raw = np.zeros(len(bits), np.uint64)
+    for power, at in enumerate(_positions(signal)):
+        if at < bits.shape[1]:
+            raw |= bits[:, at].astype(np.uint64) << np.uint64(power)
+    n = signal.length
+    if signal.is_float:
+        return raw.astype(f"<u{n // 8}").view(f"<f{n // 8}")
+    if signal.is_signed:
+        left = np.uint64(64 - n)
+        return (raw << left).view(np.int64) >> np.int64(64 - n)
+    return raw
+
+
+def _decoded(bits: NDArray[np.uint8], signal: Any) -> tuple[Floats, Bools]:
+    """The physical values of a signal, and which raw values say that there is none; shape (n,)."""
+    raw = _raw(bits, signal)
+    scale, offset = float(signal.scale), float(signal.offset)
+    value = raw.astype(np.float64)
+    if scale != 1.0:
+        value *= scale
+    if offset:
+        value += offset
+    none = [k for k, text in (signal.choices or {}).items() if _NO_VALUE.search(str(text))]
+    return value, np.isin(raw, none) if none else np.zeros(len(raw), np.bool_)
+
+
+def _selected(bits: NDArray[np.uint8], message: Any, signal: Any) -> Bools | None:
+    """The frames in which the multiplexers select a signal; None for all frames."""
+    if not signal.multiplexer_ids:
+        return None
+    selector = message.get_signal_by_name(signal.multiplexer_signal)
+    own = np.isin(_raw(bits, selector), np.array(signal.multiplexer_ids))
+    above = _selected(bits, message, selector)
+    return own if above is None else own & above

@@ -1,0 +1,241 @@
+"""CAN logs: signals as cantools decodes them, and what is wrong with frames, lines and files."""
+
+import random
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+from cantools.database import Database, Message, Signal
+from cantools.database.conversion import BaseConversion
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.formats.open import open_source
+from adhesion_cli.formats.source import ReadOptions
+
+START = 1_795_266_307.25
+NS = 1_795_266_307_250_000_000
+HEAD = (
+    "date Sat Nov 21 13:05:07.250 2026\nbase hex  timestamps absolute\nno internal events logged\n"
+)
+
+
+def signal(name: str, start: int, length: int, order: str = "little_endian", **more: Any) -> Signal:
+    kept = {k: more.pop(k) for k in ("scale", "offset", "choices", "is_float") if k in more}
+    return Signal(name, start, length, order, conversion=BaseConversion.factory(**kept), **more)
+
+
+SPEED = signal("speed", 0, 16, scale=0.01, unit="km/h", choices={65535: "SNA", 0: "standstill"})
+PRESSURE = signal("pressure", 23, 16, "big_endian", scale=0.001, offset=-1, unit="bar")
+BRAKE = Message(0x123, "Brake", 5, [SPEED, PRESSURE])
+
+
+def stated(folder: Path, *messages: Message) -> tuple[str, ...]:
+    path = folder / "vehicle.dbc"
+    path.write_text(Database(list(messages) or [BRAKE], version="").as_dbc_string(), "utf-8")
+    return (str(path),)
+
+
+def written(path: Path, frames: list[can.Message]) -> Path:
+    with can.Logger(path) as log:
+        for frame in frames:
+            log(frame)
+    return path
+
+
+def frame(t: float, data: bytes, identifier: int = 0x123, **more: Any) -> can.Message:
+    more = {"channel": 0, "is_extended_id": False} | more
+    return can.Message(START + t, identifier, data=data, **more)
+
+
+def columns(path: Path, dbc: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any], Any]:
+    source = open_source(path, ReadOptions(dbc=dbc))
+    found = source.columns(source.fields)
+    names = [f"{f.channel} ({f.group})" if f.group else f.channel for f in source.fields]
+    return dict(zip(names, found, strict=True)), {f.code: f for f in source.findings}, source
+
+
+def test_signals_are_as_cantools_decodes_them(tmp_path: Path) -> None:
+    """Of any length, order of bytes and sign, and floats."""
+    r = random.Random(7)
+    messages = []
+    for k in range(60):
+        order = r.choice(("little_endian", "big_endian"))
+        is_float = k % 5 == 0
+        length = r.choice((32, 64)) if is_float else r.randint(1, 64)
+        first = r.randrange(0, 64 - length + 1)
+        start = first if order == "little_endian" else 8 * (first // 8) + 7 - first % 8
+        conversion = {"scale": r.choice((1, 0.5, -0.125)), "offset": r.choice((0, -40))}
+        signed = not is_float and bool(r.randrange(2))
+        one = signal(
+            f"s{k}", start, length, order, is_signed=signed, is_float=is_float, **conversion
+        )
+        messages.append(Message(0x200 + k, f"M{k}", 8, [one], strict=True))
+    data = [r.randbytes(8) for _ in range(20)]
+    frames = [frame(i / 100, x, m.frame_id) for i, x in enumerate(data) for m in messages]
+    found, findings, _ = columns(written(tmp_path / "a.blf", frames), stated(tmp_path, *messages))
+    for message in messages:
+        name = message.signals[0].name
+        expected = [float(message.decode(x, decode_choices=False)[name]) for x in data]
+        value = found[name].value  # to the last bit: beyond 2⁵³ an integer is no float
+        assert np.allclose(value, expected, rtol=1e-15, atol=0.0, equal_nan=True), name
+    assert not findings
+
+
+def test_multiplexed_signals_are_read_where_they_are_selected(tmp_path: Path) -> None:
+    mux = signal("mux", 0, 8, is_multiplexer=True)
+    own = [signal(f"v{k}", 8, 16, multiplexer_ids=[k], multiplexer_signal="mux") for k in (1, 2)]
+    message = Message(0x123, "M", 4, [mux, *own, signal("a", 24, 8)], strict=False)
+    frames = [frame(k / 10, bytes((1 + k % 2, k, 0, 9))) for k in range(10)]
+    found, _, _ = columns(written(tmp_path / "a.blf", frames), stated(tmp_path, message))
+    assert found["v1"].value.tolist() == [0, 2, 4, 6, 8]
+    assert found["v2"].value.tolist() == [1, 3, 5, 7, 9]
+    assert np.array_equal(found["v2"].t - found["mux"].t[0], np.arange(1, 10, 2) * 10**8)
+    assert found["mux"].t is found["a"].t
+
+
+def test_values_that_are_none_and_frames_that_are_short(tmp_path: Path) -> None:
+    raw = [7200, 65535, 0, 7100]
+    frames = [frame(k / 10, struct.pack("<H", x) + b"\x10\x68\0") for k, x in enumerate(raw)]
+    frames.append(frame(0.4, struct.pack("<H", 7000)))
+    found, findings, source = columns(written(tmp_path / "a.blf", frames), stated(tmp_path))
+    assert [f.unit for f in source.fields] == ["km/h", "bar"]
+    assert np.allclose(found["speed"].value[found["speed"].valid], [72, 0, 71, 70])
+    assert np.allclose(found["pressure"].value[:4], 3.2)
+    assert found["pressure"].valid.tolist() == [True] * 4 + [False]
+    assert (findings["value-is-text"].channel, findings["value-is-text"].count) == ("speed", 1)
+    assert findings["value-is-text"].spans == ((0.1, 0.1),)
+    assert (findings["value-missing"].channel, findings["value-missing"].count) == ("pressure", 1)
+
+
+@pytest.mark.parametrize("suffix", ["blf", "asc"])
+def test_error_frames_and_unknown_frames(tmp_path: Path, suffix: str) -> None:
+    frames = [frame(k / 10, bytes(5)) for k in range(20)]
+    frames[5:5] = [frame(0.45, b"", is_error_frame=True)] * 2
+    frames += [frame(2.0, b"\1", 0x7FF), frame(2.0, b"", is_remote_frame=True)]
+    found, findings, source = columns(written(tmp_path / f"a.{suffix}", frames), stated(tmp_path))
+    assert source.absolute
+    assert found["speed"].t[0] == NS
+    assert len(found["speed"].t) == 20
+    errors, unknown = findings["can-error-frames"], findings["can-unknown-frames"]
+    assert (errors.count, errors.spans, errors.severity) == (2, ((0.45, 0.45),), "warning")
+    assert (unknown.count, unknown.names["ids"], unknown.severity) == (1, "0x7FF", "info")
+
+
+def test_two_buses(tmp_path: Path) -> None:
+    frames = [frame(k / 10, bytes(5), channel=k % 2) for k in range(20)]
+    found, _, _ = columns(written(tmp_path / "a.blf", frames), stated(tmp_path))
+    assert {name: len(c.t) for name, c in found.items()} == {
+        f"{name} (Brake, CAN {bus})": 10 for bus in (1, 2) for name in ("speed", "pressure")
+    }
+
+
+def test_lines_that_cannot_be_read_cost_only_themselves(tmp_path: Path) -> None:
+    lines = [f" {k / 10:.6f} 1  123  Rx   d 5 20 1C 10 68 0{k % 10}" for k in range(20)]
+    lines[3] = lines[3][:-6] + "xx yy"
+    lines[7] = lines[7][:25]  # fewer bytes than it states
+    lines[9] = " 0.900000 1  123  Rx   d 5 20 \0\0\0\0"
+    lines[11:11] = ["// a comment", " 1.050000 1 Statistic: D 0 R 0", "", " 1.05 log trigger event"]
+    path = tmp_path / "a.asc"
+    path.write_text(HEAD + "\n".join(lines) + "\n 2.000000 1  123  Rx   d 5 20 1C 1", "utf-8")
+    found, findings, source = columns(path, stated(tmp_path))
+    t = (found["speed"].t - NS) // 10**8
+    assert t.tolist() == [k for k in range(20) if k not in (3, 7, 9)]
+    assert (findings["can-lines-skipped"].count, source.rows) == (4, 17)
+    assert "log-damaged" not in findings  # a log without a trigger block has no end mark
+    assert findings["can-lines-skipped"].values["line"] == 7
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    dbc = stated(tmp_path)
+    asc = tmp_path / "a.asc"
+    line = " 0.000000 1  123  Rx   d 5 20 1C 10 68 00\n"
+    asc.write_text(HEAD.replace("absolute", "relative") + line, "utf-8")
+    with pytest.raises(UserError, match="relative"):
+        columns(asc, dbc)
+    asc.write_text(HEAD + line.replace("123", "321"), "utf-8")
+    with pytest.raises(UserError, match="0x321"):
+        columns(asc, dbc)
+    asc.write_text(HEAD + line, "utf-8")
+    with pytest.raises(UserError, match="DBC") as error:
+        columns(asc, ())
+    assert "--dbc" in error.value.hint
+    with pytest.raises(UserError, match="no DBC file"):
+        columns(asc, (str(asc),))
+    with pytest.raises(UserError, match="No such file"):
+        columns(asc, (str(tmp_path / "missing.dbc"),))
+    other = tmp_path / "other"
+    other.mkdir()
+    changed = stated(other, Message(0x123, "Other", 5, [signal("x", 0, 8)]))
+    with pytest.raises(UserError, match="0x123"):
+        columns(asc, dbc + changed)
+    trc = tmp_path / "a.trc"
+    trc.write_text(";$FILEVERSION=1.2\n;$STARTTIME=46347.5\n 1) 0.0 1 Rx 0123 5 20 1C 10 68 00\n")
+    with pytest.raises(UserError, match=r"1\.2"):
+        columns(trc, dbc)
+
+
+def test_error_lines_of_a_trc_log(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.trc", [frame(k / 10, bytes(5)) for k in range(20)])
+    text = path.read_text().splitlines(keepends=True)
+    text[-5:-5] = ["   99      1480.000 ER  1       -  Rx -  5    04 00 02 00 00\n"]
+    text[-2] = text[-2][:30] + "\n"
+    path.write_text("".join(text))
+    found, findings, _ = columns(path, stated(tmp_path))
+    assert len(found["speed"].t) == 19
+    assert findings["can-error-frames"].spans == ((1.48, 1.48),)
+    assert findings["can-lines-skipped"].count == 1
+
+
+def blf(path: Path) -> list[int]:
+    """A BLF log of several containers; where each begins."""
+    with can.BLFWriter(path) as log:
+        log.max_container_size = 2_000
+        for k in range(400):
+            log.on_message_received(frame(k / 10, bytes(5)))
+    raw, at, found = path.read_bytes(), 144, []
+    while at < len(raw):
+        found.append(at)
+        length = struct.unpack_from("<L", raw, at + 8)[0]
+        at += length + length % 4
+    return found
+
+
+@pytest.mark.parametrize("damage", ["cut", "hole", "bomb"])
+def test_a_damaged_blf_keeps_the_frames_before_the_damage(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "a.blf"
+    places = blf(path)
+    whole, _, _ = columns(path, stated(tmp_path))
+    assert len(whole["speed"].t) == 400
+    raw, at = bytearray(path.read_bytes()), places[5]
+    if damage == "cut":
+        del raw[at + 60 :]
+    elif damage == "hole":
+        raw[at + 50 : at + 60] = bytes(10)
+    else:
+        packed = zlib.compress(bytes(200 << 20))
+        base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+        raw[at:] = base + struct.pack("<H6xL4x", 2, 200 << 20) + packed
+    path.write_bytes(raw)
+    found, findings, _ = columns(path, stated(tmp_path))
+    n = len(found["speed"].t)
+    assert 150 < n < 300
+    assert np.array_equal(found["speed"].t, whole["speed"].t[:n])
+    assert findings["log-damaged"].values["kept_rows"] == n
+    with pytest.raises(UserError, match="byte"):
+        open_source(path, ReadOptions(strict=True, dbc=stated(tmp_path)))
+
+
+def test_losses_that_the_logger_notes(tmp_path: Path) -> None:
+    path = tmp_path / "a.blf"
+    blf(path)
+    lost = struct.pack("<4sHHLLLHHQ", b"LOBJ", 32, 1, 40, 125, 2, 0, 0, 5 * 10**9) + bytes(8)
+    packed = zlib.compress(lost)
+    base = struct.pack("<4sHHLL", b"LOBJ", 16, 1, 32 + len(packed), 10)
+    with path.open("ab") as file:
+        file.write(base + struct.pack("<H6xL4x", 2, len(lost)) + packed)
+    _, findings, _ = columns(path, stated(tmp_path))
+    assert findings["can-frames-lost"].spans == ((5.0, 5.0),)
