@@ -41,7 +41,11 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     yield element("p", text(_headline(runs, found)), "headline")
     yield table([_run(i, run) for i, run in enumerate(runs, 1)], left=2)
     yield element("h2", "Differences from run 1")
-    yield table(_rows(found), left=1)
+    rows = _rows(found)
+    yield table(rows[: sections.MOST], left=1, css="long" * (len(rows) > sections.MANY))
+    if len(rows) > sections.MOST:
+        more = f"{sections.MOST} of {len(rows)} rows. `adhesion report --json` writes all."
+        yield paragraph(more, "note")
     shared = all(differences.same_vehicle(runs[0], run) for run in runs[1:])
     said = [_OF_MARK, _SHARED if shared else _APART]
     said += [_OF_UTILISATION] * any(d.quantity == "utilisation" for d in found)
@@ -55,7 +59,7 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     yield paragraph("Grey: speed of the train.", "note")
     yield paragraph(sections.TOO_OLD, "too-old")
     for i, run in enumerate(runs, 1):
-        yield element("h2", text(f"Run {i}: {run.name}"), "page")
+        yield element("h2", text(f"Run {i}: {run.name}"))
         yield from sections.verdict(run)
         yield sections.applications(run)
     yield sections.notes(runs)

@@ -1,5 +1,6 @@
 """Pieces of HTML; whatever comes from a log is text and never markup."""
 
+import re
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -20,9 +21,14 @@ def element(name: str, content: str, css: str = "", **attributes: str) -> str:
     return f"<{name}{stated}>{content}</{name}>"
 
 
+def prose(content: str) -> str:
+    """Plain text whose parts between backticks are code."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", text(content))
+
+
 def paragraph(content: str, css: str = "") -> str:
-    """A paragraph of plain text."""
-    return element("p", text(content), css)
+    """A paragraph of plain text, see `prose`."""
+    return element("p", prose(content), css)
 
 
 def table(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ... import __version__
 from ..verified import verified
 from . import comparison, sections, words
-from .markup import element, packed, paragraph, table, text
+from .markup import element, packed, paragraph, prose, table, text
 from .run import Axle, Run
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def _findings(run: Run) -> Iterator[str]:
         more = len(of.lines) - len(rows)
         rest = paragraph(f"And {more} more of this kind.", "note") if more else ""
         parts = "".join(
-            element("dt", text(name)) + element("dd", text(said)) for name, said in of.parts
+            element("dt", text(name)) + element("dd", prose(said)) for name, said in of.parts
         )
         code = paragraph(f"Code: {of.code}", "note")
         inside = [heading, table(rows, left=3), rest, element("dl", parts), code]

@@ -35,6 +35,8 @@ _RARE = 0.002  # share of the samples that may lie outside of a chart of errors
 _ERRORS = "error_"  # column of an estimator's error
 _WEAK = 0.13
 _BEFORE = 3.0  # shown before and after braking, where runs are compared [s]
+_NARROW = 45  # letters in a row of a legend that a narrow screen has room for
+_SIGN = 5  # of these for the sign in front of each name
 _SHADES = 500  # slides of all axles together that are shaded one by one
 _FONT = "13px"
 _ID = re.compile(r"p\d+")
@@ -133,14 +135,15 @@ class Figures:
             _shade(fig, slides, _WEAK)
         for i, axle in enumerate(run.axles):
             colour, source = palette.nth(i), sources[axle.number]
-            name = f"axle {axle.number}"
+            name = f"axle {axle.number}" if i == 0 else f"{axle.number}"
             style = {"color": colour, "line_width": 1.3, "source": source}
             items[name] = [
                 speed.line("t", "rim", **style), adhesion.line("t", "mu", **style),
             ]  # fmt: skip
-            if i == 0 and axle.known("train"):
-                train = speed.line("t", "train", source=source, color=palette.BLACK, line_width=2)
-                items["train"] = [train]
+        of_train = [a for a in run.axles if a.known("train")][:1]
+        for axle in of_train:
+            line = _line(speed, sources[axle.number], "train", palette.BLACK, 2.0)
+            items["train"] = [line]
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
@@ -249,7 +252,8 @@ def _style(fig: figure, label: str) -> None:
 def _legend(fig: figure, items: Mapping[str, Sequence[Any]]) -> None:
     if items:
         made = [LegendItem(label=name, renderers=list(of)) for name, of in items.items()]
-        columns = 4 if max(map(len, items)) < 8 else 3  # as many as a narrow screen has room for
+        short = sum(map(len, items)) + _SIGN * len(items) <= _NARROW
+        columns = len(items) if short else 3
         legend = Legend(
             items=made, orientation="horizontal", click_policy="hide", ncols=columns,
             border_line_color=None, padding=0, margin=2, label_text_font_size=_FONT, spacing=5,

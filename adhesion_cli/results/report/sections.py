@@ -7,6 +7,7 @@ from .markup import element, paragraph, table, text
 from .run import Run
 
 MANY = 12  # rows of a table that are shown without scrolling, about
+MOST = 500  # rows of a table: more would need too much room
 NOTE = (
     "± is the expanded uncertainty (95 %): noise and the tolerances of the vehicle's parameters. "
     "Adhesion coefficient: adhesion force over the weight on the axle; mean from build-up to "
@@ -39,8 +40,17 @@ def verdict(run: Run) -> Iterator[str]:
 def applications(run: Run) -> str:
     """One row per axle and brake application."""
     rows = words.application_rows(run)
-    marks = [(mark, "Slides") for mark, _ in rows]
-    return table([row for _, row in rows], marks=marks, css="long" * (len(rows) > MANY))
+    shown, note = rows, ""
+    if len(rows) > MOST:  # those with slides first
+        order = sorted(range(len(rows)), key=lambda i: rows[i][0] not in ("slid", "locked"))
+        shown = [rows[i] for i in sorted(order[:MOST])]
+        note = paragraph(
+            f"{MOST} of {len(rows)} rows, those with slides first. `adhesion analyze LOG --table "
+            "FILE.csv` writes all.", "note",
+        )  # fmt: skip
+    marks = [(mark, "Slides") for mark, _ in shown]
+    css = "long" * (len(shown) > MANY)
+    return table([row for _, row in shown], marks=marks, css=css) + note
 
 
 def notes(runs: Sequence[Run]) -> str:

@@ -104,7 +104,7 @@ def verdict(axle: Axle) -> Verdict:
         text = "Without a train speed, slides cannot be seen."
         return Verdict(title, "unknown", "slides not known", text, adhesion)
     least = "The rail gave at least this adhesion." if worst["coefficient"] else ""
-    braked = f"No slide in {plural(len(every), 'brake application')}."
+    braked = "No slide" + (f" in {len(every)} brake applications." if len(every) > 1 else ".")
     return Verdict(title, "good", "did not slide", f"{braked} {least}".strip(), adhesion)
 
 

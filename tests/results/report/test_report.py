@@ -210,3 +210,17 @@ def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path)
     assert refused.value.hint
     if kind in ("log", "older"):
         assert "adhesion analyze" in refused.value.hint
+
+
+def test_a_day_of_brake_applications_has_room(run: Run) -> None:
+    """Thousands of rows: those with slides stay in the table, whenever they were."""
+    calm, slid = run.axles
+    (one,) = calm.applications
+    many = [{**one, "start_s": 10.0 * i, "end_s": 10.0 * i + 5.0} for i in range(3000)]
+    last = {**slid.applications[0], "start_s": 40_000.0, "end_s": 40_010.0}
+    day = replace(calm, document={**calm.document, "applications": [*many, last]})
+    text = page.page([replace(run, axles=(day, slid))])
+    assert len(text) < 3_000_000
+    assert "40000.0–40010.0" in text
+    rows = [tag for tag, _ in Elements(text).elements].count("tr")
+    assert 500 < rows < 1000
