@@ -1,5 +1,6 @@
 """Workers of a Dask cluster that runs already: the same functions, on other machines."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from typing import Any
@@ -10,6 +11,7 @@ from ..core.text import printable
 from . import work
 from .locations import EXTRA
 
+_SILENT = logging.CRITICAL + 1
 _BLOCK = 256  # logs whose hashes are asked for at once
 
 
@@ -28,6 +30,8 @@ class Cluster:
         except ImportError as error:
             text = "--scheduler needs dask.distributed, which is not installed"
             raise UserError(text, EXTRA) from error
+        for name in ("distributed", "distributed.client"):  # what it logs, our errors say
+            logging.getLogger(name).setLevel(_SILENT)
         self.died: type[Exception] = KilledWorker
         try:
             self._client = Client(address, timeout="10s", set_as_default=False)

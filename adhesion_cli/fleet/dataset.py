@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
-from pyarrow import parquet
+from pyarrow import dataset, parquet
 
 from ..core.errors import UserError
 from ..core.text import printable, utf8
@@ -68,16 +68,18 @@ class Dataset:
             raise UserError(text, "choose another folder with --out") from error
 
     def done(self) -> dict[str, list[dict[str, Any]]]:
-        """The rows of the logs that are there, by key; a file that is damaged is not there."""
-        found = {}
-        for path in sorted((self._folder / "logs").glob(f"*{self._end}")):
-            try:
-                rows = parquet.read_table(path, partitioning=None).to_pylist()
-            except (OSError, pa.ArrowException):
-                continue
-            if rows:
-                found[path.name.removesuffix(self._end)] = rows
+        """Name and status of the logs that are there, by key; a damaged file is not there."""
+        files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._end}"))
+        found: dict[str, list[dict[str, Any]]] = {}
+        for row in _rows(files):
+            key = Path(row.pop("__filename")).name.removesuffix(self._end)
+            found.setdefault(key, []).append(row)
         return found
+
+    def row(self, key: str) -> dict[str, Any]:
+        """The row of a log that is there."""
+        row: dict[str, Any] = parquet.read_table(self._path("logs", key)).to_pylist()[0]
+        return row
 
     def write(self, logs: Iterable[Kept]) -> None:
         """Writes all tables of these logs, those of the logs last.
@@ -101,6 +103,20 @@ class Dataset:
 
     def _path(self, table: str, key: str) -> Path:
         return self._folder / table / f"{key}{self._end}"
+
+
+def _rows(files: list[str]) -> list[dict[str, Any]]:
+    """Name, status and name of the file of each row of these tables of logs."""
+    if not files:
+        return []
+    try:
+        table = dataset.dataset(files, tables.LOGS, "parquet")
+        columns = ["log", "status", "__filename"]
+        rows: list[dict[str, Any]] = table.to_table(columns).to_pylist()
+    except (OSError, pa.ArrowException):
+        half = len(files) // 2  # one of them is damaged
+        return [*_rows(files[:half]), *_rows(files[half:])] if half else []
+    return rows
 
 
 def hashed(settings: Mapping[str, Any]) -> str:

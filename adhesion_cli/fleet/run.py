@@ -140,11 +140,11 @@ def _complete(item: Item, job: Job, rows: Sequence[dict[str, Any]]) -> bool:
     return done and all(path.exists() for path in work.recordings(item, job))
 
 
-def _name(kept: Dataset, key: str, rows: list[dict[str, Any]], of: Sequence[Location]) -> None:
+def _name(kept: Dataset, key: str, rows: Sequence[dict[str, Any]], of: Sequence[Location]) -> None:
     """Adds the names that a log did not have when it was analysed."""
     names = _names(of, rows)
     if len(names) > len(rows):
-        kept.write([Kept(key, names, rows[0], {})])
+        kept.write([Kept(key, names, kept.row(key), {})])
 
 
 def _names(of: Iterable[Location], rows: Iterable[dict[str, Any]]) -> tuple[str, ...]:
