@@ -1,6 +1,8 @@
 """Workers of a Dask cluster that runs already: the same functions, on other machines."""
 
 import logging
+import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from typing import Any
@@ -12,7 +14,8 @@ from . import work
 from .locations import EXTRA
 
 _SILENT = logging.CRITICAL + 1
-_BLOCK = 256  # logs whose hashes are asked for at once
+
+_AGE = 5.0  # of the number of workers [s]
 
 
 class Cluster:
@@ -46,16 +49,19 @@ class Cluster:
             raise
         self._calls = self._client.get_executor(pure=False)
         self._warm = False
+        self._count, self._asked = 1, -math.inf
 
     @property
     def capacity(self) -> int:
-        """Logs that are in work at once: one for each worker that is there now."""
-        return max(1, len(self._workers()))
+        """Logs that are in work at once: one for each worker that is there."""
+        if time.monotonic() > self._asked + _AGE:
+            self._count, self._asked = max(1, len(self._workers())), time.monotonic()
+        return self._count
 
     def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
         """`do` of each, in order, on the cluster."""
-        for first in range(0, len(of), _BLOCK):
-            block = self._client.map(do, of[first : first + _BLOCK], pure=False)
+        for first in range(0, len(of), work.BLOCK):
+            block = self._client.map(do, of[first : first + work.BLOCK], pure=False)
             yield from self._client.gather(block)
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":

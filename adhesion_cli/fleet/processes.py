@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any
 
+from ..core.errors import UserError
 from . import work
 
 # A worker computes with one thread: the other processors have workers of their own.
@@ -38,7 +39,8 @@ class Processes:
     def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
         """`do` of each, in order; it mostly reads, so threads are enough."""
         with ThreadPoolExecutor(self.capacity) as threads:
-            yield from threads.map(do, of)
+            for first in range(0, len(of), work.BLOCK):
+                yield from threads.map(do, of[first : first + work.BLOCK])
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         """Calls a function in an idle process."""
@@ -64,7 +66,11 @@ class Processes:
         if not self._warm:
             with _uninterrupted():
                 ready = pool.submit(work.warm)
-            ready.result()
+            try:
+                ready.result()
+            except BrokenExecutor as error:
+                text = "a process died before it had a log"
+                raise UserError(text, "free memory, or lower --workers") from error
             self._warm = True
         return pool
 

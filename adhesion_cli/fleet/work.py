@@ -22,6 +22,7 @@ from ..core.text import printable
 from ..results import atomic_files, tables
 from .locations import Location, local
 
+BLOCK = 256  # logs whose hashes are asked for at once
 _ONE = threading.Lock()  # a process analyses one log at a time, whatever threads it has
 _THRESHOLD = 100_000  # as in `__main__`: what is imported stays
 

@@ -53,7 +53,8 @@ ESTIMATORS = pa.schema([
     _field("algo", _TEXT), _field("against", _TEXT),
     *_numbers(
         rmse_n="N", bias_n="N", max_error_n="N", lag_s="s", gain="-", response_s="s",
-        ripple_n="N", relative="-", band_n="N", within="-", nis="-",
+        ripple_n="N", relative="-", band_n="N", within="-", nis_mean="-", nis_low="-",
+        nis_high="-",
     ),
     _field("alike", _TRUTH),
 ])  # fmt: skip
@@ -116,7 +117,7 @@ def applications(entries: Iterable[Mapping[str, Any]]) -> Any:
 def estimators(entries: Iterable[Mapping[str, Any]]) -> Any:
     """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
     rows = (
-        {**_log(entry), "axle": axle["axle"], **score}
+        {**_log(entry), "axle": axle["axle"], **dict(_joined(score, ""))}
         for entry in entries
         for axle in entry.get("axles", ())
         for score in axle["estimators"]

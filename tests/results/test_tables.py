@@ -37,7 +37,9 @@ def test_every_number_of_the_document_has_a_column(document: dict[str, Any]) -> 
     axle = document["axles"][0]
     flat = tables._flat(axle["applications"][0])
     assert {"log", "sha256", "axle", *flat} == set(tables.APPLICATIONS.names)
-    assert {"log", "sha256", "axle", *axle["estimators"][0]} == set(tables.ESTIMATORS.names)
+    nis = {"mean": 0.8, "low": 0.9, "high": 1.1}
+    score = dict(tables._joined({**axle["estimators"][0], "nis": nis}, ""))
+    assert {"log", "sha256", "axle", *score} == set(tables.ESTIMATORS.names)
     nested = {"spans", "values", "names"}
     of_finding = document["findings"][0].keys() - nested
     assert {"log", "sha256", *of_finding} == set(tables.FINDINGS.names)
@@ -54,6 +56,10 @@ def test_numbers_have_units() -> None:
 def test_scores_and_findings_are_rows(document: dict[str, Any]) -> None:
     scores = tables.estimators([document, document])
     assert scores.num_rows == 2 * sum(len(a["estimators"]) for a in document["axles"]) > 0
+    nis = {"mean": 0.8, "low": 0.9, "high": 1.1}
+    axle = {"axle": 2, "estimators": [{"algo": "imm", "against": "truth", "nis": nis}]}
+    (row,) = tables.estimators([{"log": {"path": "x"}, "axles": [axle]}]).to_pylist()
+    assert (row["nis_mean"], row["nis_high"], row["axle"]) == (0.8, 1.1, 2)
     codes = tables.findings([document])["code"].to_pylist()
     assert codes == [f["code"] for f in document["findings"]]
 
