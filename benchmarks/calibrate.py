@@ -202,12 +202,9 @@ def main() -> None:
             lines.append(row(f"{100.0 * mass:g} % | {name}", [h for x in done for h in x[i]]))
         refused += [x for x in found if isinstance(x, str)]
         floor = np.sqrt(np.mean([by_mass(seed, mass) ** 2 for seed in seeds]))
-        floors.append(f"{floor:.3f} with the mass known to {100.0 * mass:g} %")
-    lines += [
-        "",
-        "Where the logs leave nothing unknown but the mass, `vehicle alone` would be for these",
-    ]
-    lines += [f"vehicles: {', '.join(floors)}."]
+        floors.append(f"{floor:.3f} for a mass known to {100.0 * mass:g} %")
+    least = ", ".join(floors)
+    lines += ["", f"If nothing but the mass were unknown, `vehicle alone` would be {least}."]
     lines += ["", f"Vehicles refused, of {2 * options.vehicles}: {len(refused)}."]
     print(*refused, sep="\n", file=sys.stderr)
     text = "\n".join(lines)
