@@ -27,7 +27,7 @@ from .. import palette
 from . import decimate
 from .run import Axle, Run
 
-VALUES = 700_000  # numbers of all figures together, about: what 3 MB have room for
+VALUES = 800_000, 550_000, 380_000, 200_000  # numbers in all figures: what is tried, in turn
 _BITS = 12  # of a number's mantissa that a picture shows
 _POINTS = 2500  # of µ over slip, per axle
 _MARGIN = 1.0  # around a brake application that is drawn in full [s]
@@ -52,17 +52,21 @@ class Drawn:
 
 
 class Figures:
-    """All figures of a page, in one document: what is linked stays linked."""
+    """All figures of a page, in one document: what is linked stays linked.
 
-    def __init__(self) -> None:
-        self._places: dict[str, Any] = {}
+    Args:
+        values: numbers in all of them together, about.
+    """
+
+    def __init__(self, values: int = VALUES[0]) -> None:
+        self._values, self._places = values, dict[str, Any]()
         self._cursor = Span(dimension="height", line_color="#888888", line_dash="dotted")
 
     def of_run(self, run: Run) -> Drawn:
         """Overview, then four or five figures per axle, all with one time axis."""
         first, last = (f(float(f(a.t)) for a in run.axles if len(a.t)) for f in (min, max))
         time = Range1d(first, last, bounds=(first, last))
-        most = VALUES // max(len(run.axles), 1)
+        most = self._values // max(len(run.axles), 1)
         made = {a.number: _source(a, most) for a in run.axles}
         sources = {number: source for number, (source, _) in made.items()}
         overview = self._overview(run, sources, time)
@@ -77,7 +81,7 @@ class Figures:
         """
         time = Range1d(*_common_time(runs))
         numbers = sorted({axle.number for run in runs for axle in run.axles})
-        most = VALUES // max(sum(len(run.axles) for run in runs), 1)
+        most = self._values // max(sum(len(run.axles) for run in runs), 1)
         found = {}
         for N in numbers:
             speed = self._figure("Speed of the wheel [km/h]", 230, time)

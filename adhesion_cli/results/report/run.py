@@ -13,7 +13,7 @@ import numpy as np
 from ...core import physics
 from ...core.errors import UserError
 from ...core.model import AxleResult, Column, Floats, Result, Times
-from ...formats.open import open_source
+from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
 
@@ -94,6 +94,8 @@ def read(path: Path, name: str = "") -> Run:
     Raises:
         UserError: for a raw log, a comparison, a damaged file or one of an older version.
     """
+    if path.is_file() and path.stat().st_size and kind(path) != "mcap":
+        raise _no_result(path)
     source = open_source(path, ReadOptions(strict=True))
     document = _document(path, source)
     settings = source.metadata.get(SETTINGS, {})
@@ -162,15 +164,19 @@ def _document(path: Path, source: Source) -> dict[str, Any]:
     except ValueError:
         found = {}
     if not isinstance(found, dict) or found.get("schema") != "adhesion.result/1":
-        raise UserError(
-            f"{path}: a log, not a result",
-            f"`adhesion analyze {shlex.quote(str(path))}` makes a *.adhesion.mcap of it, and "
-            "with --report this page",
-        )
+        raise _no_result(path)
     if len(entries := found.get("results", [])) != 1:
         raise UserError(f"{path}: not the result of one log", _TWO_LOGS)
     entry: dict[str, Any] = entries[0]
     return entry
+
+
+def _no_result(path: Path) -> UserError:
+    return UserError(
+        f"{path}: a log, not a result",
+        f"`adhesion analyze {shlex.quote(str(path))}` makes a *.adhesion.mcap of it, and with "
+        "--report this page",
+    )
 
 
 def _check(document: Mapping[str, Any]) -> None:

@@ -83,6 +83,20 @@ def test_a_result_is_read_as_it_was_written(run: Run) -> None:
         np.testing.assert_allclose(axle.rim[known], rolling[known], rtol=0.01)
 
 
+def test_times_count_from_the_start_of_the_log_and_not_of_what_was_analysed(tmp_path: Path) -> None:
+    made = analysed(axles=1, n=2000)
+    (channel,) = made.log.channels
+    early = replace(channel.data, t=channel.data.t - 5 * 10**9)
+    log = replace(made.log, channels=(replace(channel, data=early),))
+    run = read(written(tmp_path / "x.mcap", replace(made, log=log)))
+    assert run.axles[0].t[0] == pytest.approx(5.0)
+    (one,) = run.axles[0].applications
+    (before,) = entry(made, {})["axles"][0]["applications"]
+    assert one["start_s"] == pytest.approx(before["start_s"] + 5.0)
+    on = run.axles[0].t >= one["start_s"]
+    assert run.axles[0].pressure[~on].max() < 2e4 < run.axles[0].pressure[on].max()
+
+
 def test_the_same_result_gives_the_same_bytes(run: Run, text: str, tmp_path: Path) -> None:
     page.write(tmp_path / "a.html", [run])  # Bokeh counts its models on
     assert (tmp_path / "a.html").read_text("utf-8") == text
@@ -224,3 +238,25 @@ def test_a_day_of_brake_applications_has_room(run: Run) -> None:
     assert "40000.0–40010.0" in text
     rows = [tag for tag, _ in Elements(text).elements].count("tr")
     assert 500 < rows < 1000
+
+
+@pytest.mark.slow
+def test_an_hour_of_four_axles_has_room(run: Run) -> None:
+    """Numbers of pure noise, which nothing can pack, with sixty brake applications."""
+    rng, n = np.random.default_rng(3), 360_000
+    (one,) = run.axles[1].applications
+    braked = [
+        {**one, "start_s": s, "end_s": s + 30.0, "slide_spans": [[s + 5.0, s + 9.0]]}
+        for s in np.arange(10.0, 3600.0, 60.0).tolist()
+    ]
+    names = ("train", "rim", "pressure", "clamping", "force", "lower", "upper", "slip", "truth")
+    axles = tuple(
+        replace(
+            run.axles[1], document={**run.axles[1].document, "axle": k, "applications": braked},
+            t=np.arange(n) * 0.01, errors={a: rng.normal(size=n) for a in "abcdef"},
+            **{name: rng.normal(size=n) for name in names},
+        )
+        for k in range(1, 5)
+    )  # fmt: skip
+    text = page.page([replace(run, axles=axles)])
+    assert 1_500_000 < len(text) < 3_000_000
