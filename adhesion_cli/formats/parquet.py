@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from ..core import toml
 from ..core.errors import UserError
 from ..core.model import Bools, Floats, Times
 from ..core.text import distinct
@@ -48,7 +49,8 @@ class Reader:
         self._check_size(2)
         units = [_unit(schema.field(i)) for i in columns]
         heads = {name: self._head(name) for name in self._names}
-        self._clock = time_columns.find(heads, units, self._rows, options, path)
+        self._clock, found = time_columns.find(heads, units, self._rows, options, path)
+        self._device = _device(self._names, options, path)
         time = self._clock.columns
         numeric = [
             k for k, i in enumerate(columns) if k not in time and _is_number(schema.field(i).type)
@@ -68,7 +70,7 @@ class Reader:
             "not numeric": ", ".join(others),
         }  # fmt: skip
         notes = [Note(f.code, f.severity, f.channel, f.count, f.values, f.names)
-                 for f in self._clock.findings]  # fmt: skip
+                 for f in found]  # fmt: skip
         reason = self._clock.reason.replace("(units row)", "(field metadata)")
         self.contents = Contents(fields, start, reason, self._rows, stated, notes=notes)
 
@@ -114,9 +116,15 @@ class Reader:
                 lost.append((self._file.metadata.row_group(group).num_rows, what))
                 continue
             untimed += int(np.count_nonzero(~ok))
+            if self._device:
+                ok &= self._is_of_device(group, *self._device)
             parts.append(_Part(t[ok], [self._values(group, name, ok) for name in names]))
         if not parts:
             raise _damaged(self._path, lost[0][1])
+        if self._device and not any(len(part.t) for part in parts):
+            name, equals = self._device
+            text = f"{self._path}: no row has {equals!r} in column {name!r}"
+            raise UserError(text, "state a value of this column in channels.group")
         notes = []
         if lost:
             values = {"kept_rows": sum(len(part.t) for part in parts),
@@ -143,6 +151,14 @@ class Reader:
         column.validate(full=True)
         return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
 
+    def _is_of_device(self, group: int, name: str, equals: str) -> Bools:
+        """The rows of a row group that belong to the stated device; none where it is damaged."""
+        try:
+            cells = self._column(group, name).cast(pa.string()).fill_null("")
+        except (pa.ArrowException, OSError, ValueError):
+            return np.zeros(self._file.metadata.row_group(group).num_rows, np.bool_)
+        return np.array([cell == equals for cell in cells.to_pylist()], np.bool_)
+
     def _values(self, group: int, name: str, ok: Bools) -> tuple[Floats, Bools, Bools]:
         """Values of a row group's rows that have a time; where there is none; what is damaged."""
         n, none = int(np.count_nonzero(ok)), np.zeros(len(ok), np.bool_)[ok]
@@ -162,6 +178,25 @@ class _Part(NamedTuple):
 
     t: Times
     series: list[tuple[Floats, Bools, Bools]]
+
+
+def _device(names: Sequence[str], options: ReadOptions, path: Path) -> tuple[str, str] | None:
+    """The column that separates devices, and the one that is read; None where none is stated.
+
+    Raises:
+        UserError: where there is no such column, or no device is stated.
+    """
+    name, equals = options.group_channel, options.group_equals
+    if name is None:
+        return None
+    if name not in names or equals is None:
+        text = "no such column" if name not in names else "state which of its values is read"
+        raise UserError(
+            f"{path}: channels.group names {name!r}: {text}",
+            "of a Parquet log one device is read: "
+            + toml.option('channels.group = {channel = "NAME", equals = "1"}'),
+        )
+    return name, equals
 
 
 def _opened(path: Path) -> Any:

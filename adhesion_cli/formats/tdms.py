@@ -125,7 +125,7 @@ class Reader:
         }
         units = [_unit(c) for c in channels if c.name in heads]
         rows = max(map(len, channels))
-        clock = time_columns.find(heads, units, rows, self._options, self._path)
+        clock, _ = time_columns.find(heads, units, rows, self._options, self._path)
         return _Columns(group, clock, tuple(list(heads)[i] for i in clock.columns))
 
     def _start(self, axis: _Axis) -> int:

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from ..core.finding import Finding
 from ..core.model import Bools, Times
 from .csv.clock import Clock
 from .csv.dialect import Dialect, fit
 from .csv.header_words import NS_PER_UNIT
+from .csv.long_table import interleaved
 from .csv.time_column import find_clock
 from .source import ReadOptions
 from .tables import MOST_NS
@@ -20,8 +22,8 @@ HEAD = 1_000  # rows that show which column is the time
 
 def find(
     heads: dict[str, Any], units: Sequence[str], rows: int, options: ReadOptions, path: Path
-) -> Clock:
-    """Decides which column is the time, in which form and unit, and why.
+) -> tuple[Clock, tuple[Finding, ...]]:
+    """Decides which column is the time, and why; with findings on that, and on mixed devices.
 
     Args:
         heads: Arrow array of the first values of each column, by name; None where it is damaged.
@@ -45,7 +47,9 @@ def find(
         "utf-8", 0, ",", ".", len(names), names, (names,), stated, True, 1, {}, {},
         [list(row) for row in zip(*cells, strict=True)], {},
     )  # fmt: skip
-    return find_clock(dialect, options, rows, path)
+    clock = find_clock(dialect, options, rows, path)
+    mixed = None if options.group_channel else interleaved(dialect, clock.columns)
+    return clock, (*clock.findings, *([mixed] if mixed else []))
 
 
 def _cells(array: Any) -> list[str]:

@@ -3,7 +3,9 @@
 import random
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 import can
@@ -12,6 +14,7 @@ import pytest
 from cantools.database import Database, Message, Signal
 from cantools.database.conversion import BaseConversion
 
+from adhesion_cli.analysis.settings import load
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -239,3 +242,26 @@ def test_losses_that_the_logger_notes(tmp_path: Path) -> None:
         file.write(base + struct.pack("<H6xL4x", 2, len(lost)) + packed)
     _, findings, _ = columns(path, stated(tmp_path))
     assert findings["can-frames-lost"].spans == ((5.0, 5.0),)
+
+
+def test_dbc_on_the_command_line_and_in_a_file(
+    tmp_path: Path, run: Callable[..., CompletedProcess[str]]
+) -> None:
+    data = [struct.pack("<H", 7200 - k) + b"\x10\x68\0" for k in range(50)]
+    written(tmp_path / "a.blf", [frame(k / 10, x) for k, x in enumerate(data)])
+    stated(tmp_path)
+    (tmp_path / "can.toml").write_text('[can]\ndbc = ["vehicle.dbc"]\n')
+    assert run("convert", "a.blf", "b.csv", "--dbc", "vehicle.dbc").returncode == 0
+    assert run("convert", "a.blf", "c.csv", "-c", "can.toml").returncode == 0
+    assert (tmp_path / "b.csv").read_bytes() == (tmp_path / "c.csv").read_bytes()
+    assert '"speed [km/h]","pressure [bar]"' in (tmp_path / "b.csv").read_text("utf-8")
+    refused = run("convert", "a.blf", "d.csv")
+    assert refused.returncode == 1
+    assert "--dbc" in refused.stderr
+
+
+@pytest.mark.parametrize("value", ["3", '"vehicle.dbc"', "[1]"])
+def test_the_setting_is_a_list_of_texts(value: str) -> None:
+    with pytest.raises(UserError, match=r"can\.dbc") as error:
+        load(assignments=[f"can.dbc = {value}"], folder=False)
+    assert "brake.dbc" in error.value.hint

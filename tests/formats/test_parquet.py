@@ -127,3 +127,22 @@ def test_what_is_no_log(tmp_path: Path, columns: dict[str, list[Any]], says: str
     with pytest.raises(UserError, match=says) as error:
         open_source(path, ReadOptions())
     assert error.value.hint
+
+
+def test_rows_of_several_devices(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    t, device = np.repeat(np.arange(200) / 50, 2), np.tile(["A", "B"], 200)
+    speed = np.where(device == "A", 70 - t, 20 + t)
+    table = {"time [s]": t, "device": device, "speed [km/h]": speed, "p [bar]": speed / 10}
+    pq.write_table(pa.table(table), path, row_group_size=150)
+    [finding] = [f for f in open_source(path, ReadOptions()).findings if f.severity == "warning"]
+    assert (finding.code, finding.channel) == ("devices-interleaved", "device")
+    source = open_source(path, ReadOptions(group_channel="device", group_equals="B"))
+    column, _ = source.columns(source.fields)
+    assert np.array_equal(column.value, speed[1::2])
+    assert not source.findings
+    source = open_source(path, ReadOptions(group_channel="device", group_equals="C"))
+    with pytest.raises(UserError, match="'C'"):
+        source.columns(source.fields)
+    with pytest.raises(UserError, match="state which"):
+        open_source(path, ReadOptions(group_channel="device"))
