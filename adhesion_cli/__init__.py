@@ -25,14 +25,16 @@ __all__ = [
 _PLACES = {"UserError": "core.errors", "Finding": "core.finding", "Signals": "formats.memory"}
 
 
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+if not TYPE_CHECKING:  # else a type checker would take every name for a known one
 
-    place = _PLACES.get(name, "api.results" if name[0].isupper() else "api.functions")
-    found = globals()[name] = getattr(import_module(f".{place}", __name__), name)
-    return found
+    def __getattr__(name: str) -> Any:
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
+
+        place = _PLACES.get(name, "api.results" if name[0].isupper() else "api.functions")
+        found = globals()[name] = getattr(import_module(f".{place}", __name__), name)
+        return found
 
 
 def __dir__() -> list[str]:

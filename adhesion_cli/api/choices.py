@@ -78,11 +78,11 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
         if name in known and not isinstance(sections[name], Mapping | None):
             hint = f"give its keys, as {name}={{'KEY': value}}"
             raise UserError(f"{name}={sections[name]!r} is no table", hint, code=2)
-    tables = [_table(name, value) for name, value in sections.items() if value is not None]
+    tables = [_table(name, {name: of}) for name, of in sections.items() if of is not None]
     if reference is not None:
         tables.append({"analysis": {"reference": reference}})
     many = [stated] if isinstance(stated, str | os.PathLike | Mapping) else list(stated or ())
-    files = [_plain(of) if isinstance(of, Mapping) else Path(of) for of in many]
+    files = [_table("settings", of) if isinstance(of, Mapping) else Path(of) for of in many]
     load = functools.partial(settings.load, files, tables, strict=strict)
     found = Choices(
         load, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
@@ -154,8 +154,8 @@ def _keywords(option: re.Match[str]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())
 
 
-def _table(name: str, value: Any) -> dict[str, Any]:
-    return toml.bounded({name: _plain(value)}, "keyword")
+def _table(where: str, tables: Mapping[str, Any]) -> dict[str, Any]:
+    return toml.bounded(_plain(tables), where)
 
 
 def _plain(value: Any) -> Any:

@@ -211,6 +211,7 @@ def test_a_notebook_shows_a_table_and_a_name_cannot_add_to_the_page(tmp_path: Pa
         ({"vehicle": 0.3}, "vehicle=0.3 is no table", "vehicle={'KEY': value}"),
         ({"vehicle": {"phi": 40}}, "vehicle.friction = 40", "0.01 to 1"),
         ({"vehicle": {"phi": float("nan")}}, "not finite", "plain number"),
+        ({"settings": {"axle_mass": float("inf")}}, "not finite", "plain number"),
         ({"algos": "nesso"}, "algorithm 'nesso'", "neso"),
         ({"reference": "s"}, "reference 's'", "smoother"),
         ({"axles": [0]}, "no axles", "from 1"),
