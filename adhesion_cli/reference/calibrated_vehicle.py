@@ -212,9 +212,7 @@ def _vehicle(
     piston = d.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
     x = found.mean
     speed, fade0 = d.mean, prior[model.FADE]
-    phi = v.friction.value * max(
-        1.0 + v.friction_fade.value * (speed - v.friction_speed.value), 0.1
-    )
+    phi = v.friction.value * model.friction_share(v, speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
     spring = max(v.spring_force.value + piston * float(x[model.OFFSET]), 0.0)
     kappa0, kappa = (math.exp(y) for y in (prior[model.STIFFNESS].value, x[model.STIFFNESS]))
