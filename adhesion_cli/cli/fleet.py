@@ -197,9 +197,9 @@ def _text(found: dict[str, Any]) -> str:
     slides = [_slid(row) for row in found["worst_slides"]]
     failed = [
         f"  {printable(row['log'])}\n    error: {printable(row['error'])}"
-        for row in found["failed"][:_SHOWN]
+        for row in found["failed"]
     ]
-    more = len(found["failed"]) - _SHOWN
+    damaged = [f"  {printable(log)}" for log in found["damaged"]]
     return "\n".join([
         f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
         f"{counts['error']} failed; {found['applications']} brake applications of an axle",
@@ -208,9 +208,16 @@ def _text(found: dict[str, Any]) -> str:
         *lines(f"By day{last}:", [{"day": r["day"], **_spread(r)} for r in days[-_DAYS:]]),
         *lines("Worst slides (distance times largest slip):", slides),
         *lines("Findings on the data:", codes, 3),
-        *(["", "Failed logs:", *failed] if failed else []),
-        *([f"  and {more} more"] if more > 0 else []),
+        *_first("Failed logs:", failed),
+        *_first("Damaged logs:", damaged),
     ])  # fmt: skip
+
+
+def _first(title: str, lines: list[str]) -> list[str]:
+    """The first lines under a title, and how many more there are."""
+    more = len(lines) - _SHOWN
+    rest = [f"  and {more} more: --json lists them"] if more > 0 else []
+    return ["", title, *lines[:_SHOWN], *rest] if lines else []
 
 
 def _spread(row: dict[str, Any]) -> dict[str, str]:

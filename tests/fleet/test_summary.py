@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from adhesion_cli.cli.fleet import _text
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.fleet.dataset import Dataset, Kept
 from adhesion_cli.fleet.summary import summarised
@@ -118,6 +119,19 @@ def test_only_failed_logs_make_a_summary(tmp_path: Path) -> None:
     write(tmp_path, {"log": {"path": "e", "sha256": "ee"}, "error": "none", "hint": ""})
     found = summarised(tmp_path)
     assert (found["logs"]["error"], found["applications"], found["by_speed"]) == (1, 0, [])
+
+
+def test_the_text_names_every_log_to_look_at(folder: Path) -> None:
+    write(folder, log("a" * 120, "2026-03-03", application(0.02, 30.0, **SLID)))
+    for i in range(12):
+        bad = {"log": {"path": f"f{i}", "sha256": f"f{i}"}, "error": "none", "hint": ""}
+        write(folder, bad)
+    text = _text(summarised(folder))
+    assert max(map(len, text.splitlines())) <= 100
+    failed = text.partition("Failed logs:")[2].partition("Damaged logs:")
+    assert "  e\n" in failed[0]
+    assert "3 more" in failed[0]
+    assert failed[2].split() == ["c"]
 
 
 def test_a_folder_without_results_is_an_error(tmp_path: Path) -> None:
