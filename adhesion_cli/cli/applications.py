@@ -40,13 +40,15 @@ def tables(axles: Sequence[dict[str, Any]]) -> str:
 
 def budgets(axles: Sequence[dict[str, Any]]) -> str:
     """The uncertainty budget of each brake application's mean force; keys as in the JSON."""
+    from ..results.report.words import combined
+
     parts = []
     for axle in axles:
         for one in axle["applications"]:
             if one["budget"]:
                 parts += [f"Axle {axle['axle']}, brake application at {one['start_s']:.1f} s:"]
                 parts += [terminal.records([_budget_row(row) for row in one["budget"]], left=3)]
-                parts += [_combined(one), ""]
+                parts += [terminal.folded(combined(one)), ""]
     return "\n".join([*parts, terminal.folded(_OF_BUDGETS), ""]) if parts else ""
 
 
@@ -58,15 +60,3 @@ def _budget_row(row: dict[str, Any]) -> dict[str, str]:
         "u": f"{row['u']:.3g}", "∂F/∂q": f"{row['sensitivity']:.3g}",
         "u(F) [N]": number(row["contribution_n"], 1), "share [%]": number(100.0 * row["share"], 1),
     }  # fmt: skip
-
-
-def _combined(one: dict[str, Any]) -> str:
-    """The last line of a budget: combined and expanded uncertainty."""
-    of, force = one["coverage"], one["force_n"]
-    freedom = of["degrees_of_freedom"]
-    many = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
-    return terminal.folded(
-        f"F = {force['mean']:.0f} ± {force['mean_u95']:.0f} N (95 %); combined standard "
-        f"uncertainty {of['u_n']:.1f} N, coverage factor {of['k']:.2f}, effective degrees of "
-        f"freedom: {many}."
-    )

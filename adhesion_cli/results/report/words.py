@@ -211,7 +211,7 @@ def combined(one: Mapping[str, Any]) -> str:
     freedom = of["degrees_of_freedom"]
     many = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
     return (
-        f"Mean force: {force['mean']:.0f} ± {force['mean_u95']:.0f} N (95 %). Combined standard "
+        f"F = {force['mean']:.0f} ± {force['mean_u95']:.0f} N (95 %); combined standard "
         f"uncertainty {of['u_n']:.1f} N, coverage factor {of['k']:.2f}, effective degrees of "
         f"freedom: {many}."
     )
@@ -262,9 +262,3 @@ def _when(f: Mapping[str, Any]) -> str:
     begin, end = spans[0]
     first = f"{begin:.2f} s" if end - begin < 0.005 else f"{span(begin, end, 2)} s"
     return f"{first} and {len(spans) - 1} more" if len(spans) > 1 else first
-
-
-def keeps_data(code: str) -> bool:
-    """Whether a finding of this code is about settings, so that no data is lost."""
-    words = catalogue().get(code)
-    return bool(words and words.keeps_data)
