@@ -2,7 +2,7 @@
  *
  * Same equations, same default schemes, same interface as the compiled loops: parameters in the
  * order of `Params`, t [ns], K [N], y [rad/s], one segment of n samples, F [N]. Without the euler
- * branch, which the defaults do not take.
+ * branch, which the defaults do not take. neso_euler is that branch of neso.
  */
 #include <math.h>
 #include <stdint.h>
@@ -72,6 +72,18 @@ void neso(in p, in w, const int64_t *t, in K, in y, long n, out F) {
             b2 = p[1] * fal_gain(e, p[3], p[4]);
             s = advance(s, b1, b2, tau, k, kappa_rate, y_rate);
         }
+        F[i] = s.d / w[0];
+    }
+}
+
+void neso_euler(in p, in w, const int64_t *t, in K, in y, long n, out F) {
+    observer s = {0.0, 0.0};
+    F[0] = 0.0;
+    for (long i = 1; i < n; i++) {
+        double h = (double)(t[i] - t[i - 1]) * 1e-9;
+        double b1 = p[0] * fal_gain(s.e, p[2], p[4]), b2 = p[1] * fal_gain(s.e, p[3], p[4]);
+        s = (observer){s.e + y[i - 1] - y[i] + h * (s.d - w[0] * w[1] * K[i - 1] - b1 * s.e),
+                       s.d - h * b2 * s.e};
         F[i] = s.d / w[0];
     }
 }

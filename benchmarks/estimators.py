@@ -1,10 +1,13 @@
 """Time per sample of every compiled estimator loop, and its ratio to the same loop in C.
 
+The rows `lanes` run many parameter sets at once, as `tune` does: time per sample and set. One has
+the intervals of the other rows, which all differ. The other has equal ones, for both sides.
+
     python benchmarks/estimators.py
 
 The C is `estimators.c`, compiled with $CC (cc) -O3 -march=native. Both run on the same log, turn
-by turn; the quickest of the turns counts. Both must give the same F̂. imm has no loop in C: its
-rival is the time of 4 million samples a second.
+by turn; the quickest of the turns counts. Both must give the same F̂. neso is also compared with
+forward Euler in C. imm has no loop in C: its rival is the time of 4 million samples a second.
 """
 
 import ctypes
@@ -13,17 +16,20 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from table import Row, show
 
-from adhesion_cli.core import compiled, estimator, methods
-from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core import compiled, estimator, lanes, methods
+from adhesion_cli.core.model import Floats, Times, Vehicle, Wheelset
 from adhesion_cli.core.physics import wheelset
 
-N = 200_000  # samples, 1 kHz with jitter
-TURNS = 25
+SETS, LONG = 64, 10_000  # of a row `lanes`: parameter sets near the defaults, samples
+N = 20_000  # samples, 1 kHz with jitter
+TURNS = 250  # short ones: other programs run between them
 NO_C = {"imm": 250.0}  # least speed of loops that C does not have [ns]
 
 
@@ -47,14 +53,62 @@ def quickest(*loops: Callable[[], object]) -> list[float]:
     return [min(times) / N * 1e9 for times in taken]
 
 
+class Log(NamedTuple):
+    """Columns of a log, shape (n,)."""
+
+    t: Times
+    K: Floats
+    y: Floats
+
+
+def log(jitter: int, n: int) -> Log:
+    """A brake application at 1 kHz; each interval differs by at most `jitter` [ns]."""
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.integers(1_000_000 - jitter, 1_000_000 + jitter + 1, n))
+    K = 21e3 * np.minimum(t * 1e-9, 1.0) + rng.normal(0.0, 50.0, n)
+    return Log(t, K, 100.0 - 0.4 * t * 1e-9 + rng.normal(0.0, 3e-3, n))
+
+
+def c_loop(loop: Callable[..., object], p: Any, w: Wheelset, of: Log) -> Callable[[], Floats]:
+    """A loop of the library over a log."""
+    columns = (np.array(p), np.array(w), *of)
+    inputs = [ctypes.c_void_p(x.ctypes.data) for x in columns]
+
+    def run(_: object = columns) -> Floats:  # which must live as long
+        F = np.empty(len(of.t))
+        loop(*inputs, ctypes.c_long(len(F)), ctypes.c_void_p(F.ctypes.data))
+        return F
+
+    return run
+
+
+def near(est: estimator.Estimator) -> list[Any]:
+    """Parameter sets near the defaults; switches stay."""
+    rng = np.random.default_rng(2)
+    spread = rng.uniform(0.9, 1.0, (SETS, len(est.Params._fields)))
+    return [est.Params(*(row * np.array(est.Params()))) for row in spread]
+
+
+def lane_rows(est: estimator.Estimator, loop: Callable[..., object], w: Wheelset) -> Iterator[Row]:
+    """Many parameter sets at once, against one set after the other in C."""
+    sets, starts, judged = near(est), np.zeros(1, np.int64), np.ones(LONG, bool)
+    for jitter, what in ((100_000, ""), (0, ", even")):
+        of = log(jitter, LONG)
+        rivals = [c_loop(loop, p, w, of) for p in sets]
+        ours = partial(lanes.squares, est, sets, w, *of, starts, np.zeros(LONG), judged)
+        np.testing.assert_allclose(ours(), [np.sum(run() ** 2) for run in rivals], rtol=1e-9)
+        ns, c_ns = quickest(ours, rivals[0])
+        scale = N / LONG
+        yield Row(
+            f"lanes {est.name}{what}", ns * scale / SETS, c_ns * scale, "ns/sample",
+            "one set after the other in C, -O3", most=0.25,
+        )  # fmt: skip
+
+
 def rows() -> Iterator[Row]:
     w = wheelset(Vehicle(), 1)
-    rng = np.random.default_rng(1)
-    t = np.cumsum(rng.integers(900_000, 1_100_000, N))
-    K = 21e3 * np.minimum(t * 1e-9, 1.0) + rng.normal(0.0, 50.0, N)
-    y = 100.0 - 0.4 * t * 1e-9 + rng.normal(0.0, 3e-3, N)
+    t, K, y = of = log(100_000, N)
     starts = np.zeros(1, np.int64)
-    constants = np.array(w)
 
     with tempfile.TemporaryDirectory() as folder:
         library = c_library(folder)
@@ -69,17 +123,14 @@ def rows() -> Iterator[Row]:
                 yield Row(f"estimator {name}", ns, NO_C[name], "ns/sample", "the target", most=1.0)
                 continue
             loop = getattr(library, name)
-            values = np.array(p)
-            inputs = [ctypes.c_void_p(x.ctypes.data) for x in (values, constants, t, K, y)]
-
-            def run_c(loop=loop, inputs=inputs):
-                F = np.empty(N)
-                loop(*inputs, ctypes.c_long(N), ctypes.c_void_p(F.ctypes.data))
-                return F
-
+            run_c = c_loop(loop, p, w, of)
             np.testing.assert_allclose(run_c(), run_compiled(), rtol=1e-9, atol=1e-6)
             ns, c_ns = quickest(run_compiled, run_c)
             yield Row(f"estimator {name}", ns, c_ns, "ns/sample", "the same loop in C, -O3")
+            if name == "neso":
+                ns, c_ns = quickest(run_compiled, c_loop(library.neso_euler, p, w, of))
+                yield Row("estimator neso", ns, c_ns, "ns/sample", "forward Euler in C", most=3.0)
+            yield from lane_rows(est, loop, w)
 
 
 if __name__ == "__main__":

@@ -5,12 +5,16 @@ is made least on some of the logs. It counts on the others, which the search nev
 that are not better there are refused.
 
 A parameter that spans decades is searched in its logarithm. Switches, which are 0 by default, stay.
-The search is that of Nelder and Mead, Computer Journal 7 (1965) 308, within the stated bounds.
+The search draws parameter sets from a normal distribution, within the stated bounds. The best of
+each generation give mean and covariance of the next. The covariance is about the mean before, so
+that it grows towards a far minimum (Hansen, Ostermeier: Evolutionary Computation 9 (2001) 159). The
+random numbers are the same in each run.
 """
 
 import math
 import random
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,15 +24,21 @@ from ..core import compiled, methods, physics, toml
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..core.lanes import LANES, squares
 from ..core.model import AxleResult, Bools, Floats, Result, Times, Wheelset, quantities
 from ..evaluation import metrics
 from .analyze import analyze, chosen
 from .settings import Settings
 
 _DIGITS = 4  # of a parameter: more do not change the rmse
-_CLOSE = 1e-3  # of the rmse's logarithm and of the coordinates: the search ends
-_MOST = 200  # parameter sets for each parameter
-_DECADE, _SHARE = 0.5, 0.2  # first step of a parameter: in decades, or of its range
+_CLOSE = 1e-4  # of the rmse's logarithm, from the best to the last kept: the search ends
+_MOST = 12  # generations
+_KEPT = 0.375  # share of a generation that gives the next
+_EACH = 3  # parameters for which a generation has one more row of lanes
+_DECADE, _SHARE = 0.5, 0.2  # first standard deviation of a parameter: in decades, or of its range
+_MANY = (
+    500_000  # samples from which many sets at once save more time than their loop takes to compile
+)
 
 
 class Axle(NamedTuple):
@@ -95,7 +105,7 @@ def tune(
     train, held = _split(list(logs), hold_back, seed)
     tell(f"searching {est.name} on {len(train)} logs")
     sets = [[a for name in names for a in logs[name]] for names in (train, held)]
-    found = _search(est, before, lambda p: rmse(est, p, sets[0]))
+    found = _search(est, before, lambda some: errors(est, some, sets[0]))
     tuned, checked = (
         Errors(tuple(names), rmse(est, found, axles), rmse(est, before, axles))
         for names, axles in zip((train, held), sets, strict=True)
@@ -125,6 +135,24 @@ def rmse(est: Estimator, p: Any, axles: Sequence[Axle]) -> float:
             squares.append(float(np.mean((F - a.target)[a.judged] ** 2)))
     mean = float(np.mean(squares))
     return math.sqrt(mean) if math.isfinite(mean) else math.inf
+
+
+def errors(est: Estimator, sets: Sequence[Any], axles: Sequence[Axle]) -> Floats:
+    """`rmse` of each parameter set [N], shape (sets,); of many samples all sets in one pass."""
+    together = est.split is not None and not est.split.alone
+    together = together and min(map(est.longest_step, sets)) == math.inf
+    if not together or sum(len(a.t) for a in axles) < _MANY:
+        with ThreadPoolExecutor() as threads:
+            return np.array(list(threads.map(lambda p: rmse(est, p, axles), sets)))
+
+    def mean(a: Axle) -> Floats:
+        columns = a.t, a.clamping_force, a.wheel_speed, a.starts, a.target, a.judged
+        return squares(est, sets, a.wheelset, *columns) / np.count_nonzero(a.judged)
+
+    first = mean(axles[0])  # compiles
+    with ThreadPoolExecutor() as threads:
+        found = np.mean([first, *threads.map(mean, axles[1:])], axis=0)
+    return np.where(np.isfinite(found), np.sqrt(found), math.inf)
 
 
 def as_toml(found: Tuned) -> str:
@@ -171,40 +199,63 @@ def _split(names: Sequence[str], hold_back: float, seed: int) -> tuple[list[str]
     return [x for x in names if x not in held], [x for x in names if x in held]
 
 
-def _search(est: Estimator, before: Any, error: Callable[[Any], float]) -> Any:
-    """The parameters with the least error."""
-    from scipy.optimize import minimize
+class _Space:
+    """The parameters that are searched, as coordinates: logarithms where they span decades.
 
-    of = quantities(est.Params)
-    free = [name for name in of if getattr(est.Params(), name) != 0.0]
-    wide = {name: of[name].high > 1.0 for name in free}  # else a share
-    least = {name: max(of[name].low, 1e-12) if wide[name] else of[name].low for name in free}
+    Args:
+        est: the estimator.
+        before: its parameters; those that are 0 by default stay.
+    """
 
-    def coded(p: Any) -> list[float]:
-        values = {name: min(max(getattr(p, name), least[name]), of[name].high) for name in free}
-        return [math.log10(x) if wide[name] else x for name, x in values.items()]
+    def __init__(self, est: Estimator, before: Any) -> None:
+        of = quantities(est.Params)
+        free = [name for name in of if getattr(est.Params(), name) != 0.0]
+        self._est, self._before = est, before
+        self._highest = {name: of[name].high for name in free}
+        self._wide = {name: of[name].high > 1.0 for name in free}  # else a share
+        self.low = self._coded({n: max(of[n].low, 1e-12 * self._wide[n]) for n in free})
+        self.high = self._coded(self._highest)
+        self.start = np.clip(
+            self._coded({n: max(getattr(before, n), 1e-12) for n in free}), self.low, self.high
+        )
+        wide = np.array(list(self._wide.values()))
+        self.spread = np.where(wide, _DECADE, _SHARE * (self.high - self.low))
 
-    def parameters(x: Sequence[float]) -> Any:
+    def _coded(self, values: dict[str, float]) -> Floats:
+        return np.array([math.log10(x) if self._wide[n] else x for n, x in values.items()])
+
+    def parameters(self, x: Floats) -> Any:
+        """What the estimator takes, to as many digits as are told."""
         values = {
-            name: min(float(f"{10.0**v if wide[name] else v:.{_DIGITS}g}"), of[name].high)
-            for name, v in zip(free, x, strict=True)
+            name: min(float(f"{10.0**v if wide else v:.{_DIGITS}g}"), self._highest[name])
+            for (name, wide), v in zip(self._wide.items(), x.tolist(), strict=True)
         }
-        return methods.validated(est, before._asdict() | values)
+        return methods.validated(self._est, self._before._asdict() | values)
 
-    start = coded(before)
-    ends = [
-        (math.log10(least[n]), math.log10(of[n].high)) if wide[n] else (least[n], of[n].high)
-        for n in free
-    ]
-    corners = [start]
-    for i, name in enumerate(free):
-        step = _DECADE if wide[name] else _SHARE * (ends[i][1] - ends[i][0])
-        step = -step if start[i] + step > ends[i][1] else step
-        corners.append([x + step * (k == i) for k, x in enumerate(start)])
-    found = minimize(
-        lambda x: math.log(max(error(parameters(x)), 1e-9)), start, method="Nelder-Mead",
-        bounds=ends,
-        options={"initial_simplex": corners, "xatol": 10 * _CLOSE, "fatol": _CLOSE,
-                 "maxfev": _MOST * len(free)},
-    )  # fmt: skip
-    return parameters(found.x)
+
+def _search(est: Estimator, before: Any, errors: Callable[[Sequence[Any]], Floats]) -> Any:
+    """The parameters with the least error."""
+    space, random_numbers = _Space(est, before), np.random.default_rng(0)
+    d = len(space.start)
+    many = LANES * math.ceil(d / _EACH)
+    kept = math.ceil(_KEPT * many)
+    weights = np.log(kept + 0.5) - np.log(np.arange(kept) + 1.0)
+    weights /= weights.sum()
+    mean, root = space.start, np.diag(space.spread)
+    least, found = math.inf, before
+    for generation in range(_MOST):
+        half = random_numbers.standard_normal((many // 2, d))
+        x = np.clip(mean + np.concatenate([half, -half]) @ root.T, space.low, space.high)
+        if generation == 0:
+            x[0] = space.start
+        sets = [space.parameters(row) for row in x]
+        height = np.log(np.clip(errors(sets), 1e-9, 1e99))
+        order = np.argsort(height, kind="stable")[:kept]
+        if height[order[0]] < least:
+            least, found = height[order[0]], sets[order[0]]
+        if height[order[-1]] - height[order[0]] < _CLOSE:
+            break
+        step = x[order] - mean
+        mean = mean + weights @ step
+        root = np.linalg.cholesky((step.T * weights) @ step + 1e-12 * np.eye(d))
+    return found

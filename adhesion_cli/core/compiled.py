@@ -1,4 +1,4 @@
-"""Plain Python compiled: the only module that knows numba.
+"""Plain Python compiled: with `lanes`, the only module that knows numba.
 
 `batch` runs an estimator over a whole log. For a hot loop of another module, write it as a plain
 function of that module and call it through `function`:
@@ -62,11 +62,22 @@ def call({arguments}):
     return target({arguments})
 """
 
+_SAMPLE = "p, w, s, (t[i] - before) * 1e-9, K[i], y[i]"
+_STEP = f"s = step({_SAMPLE})"
+_SPLIT = """if t[i] - before != interval:
+                interval = t[i] - before
+                q = across(f, interval * 1e-9)
+            {part}"""
+_PART = "s = part(f, q, w, s, K[i], y[i])"
+_PARTS = """for k in range(int(q.parts)):
+                s = part(f, q, w, s, K[i], y[i], float(k))"""
+
 # Slices, because an index that counts from 0 needs no check for a negative one.
 _BATCH = """
 def call(params, constants, t_all, K_all, y_all, starts, F_all, sigma_all, nis_all):
     p = Params({params})
     w = Wheelset({constants})
+    {fixed}
     for j in range(len(starts)):
         segment = slice(starts[j], starts[j + 1] if j + 1 < len(starts) else len(t_all))
         t, K, y, F = t_all[segment], K_all[segment], y_all[segment], F_all[segment]
@@ -77,12 +88,11 @@ def call(params, constants, t_all, K_all, y_all, starts, F_all, sigma_all, nis_a
         before = t[0]
         for i in range(1, len(t)):
             {judged}
-            s = step({sample})
+            {step}
             F[i] = s.F
             {then}
             before = t[i]
 """
-_SAMPLE = "p, w, s, (t[i] - before) * 1e-9, K[i], y[i]"
 
 
 def batch(  # noqa: PLR0913 (the arrays of a record, without its class)
@@ -194,23 +204,43 @@ def by_address(target: Any, *examples: Any) -> Any:
 
 
 def _loop(est: Estimator, judge: bool) -> Callable[..., Any]:
+    split = est.split
+    part = _PARTS if split and split.has_parts else _PART
     text = _BATCH.format(
+        fixed="f, interval = fixed(p), 1\n    q = across(f, 1e-9)" if split else "",
+        step=_SPLIT.format(part=part) if split else _STEP,
         params=", ".join(f"params[{i}]" for i in range(len(est.Params._fields))),
         constants=", ".join(f"constants[{i}]" for i in range(len(Wheelset._fields))),
         first="sigma[0] = s.sigma" if est.has_sigma else "",
         then="sigma[i] = s.sigma" if est.has_sigma else "",
-        sample=_SAMPLE,
         judged=f"squares[i] = nis({_SAMPLE})" if judge else "",
     )
-    reached = {"init": est.init, "step": est.step, "Params": est.Params, "Wheelset": Wheelset}
+    functions = split.functions if split else {"step": est.step}
+    reached = {"init": est.init, "Params": est.Params, "Wheelset": Wheelset, **functions}
     reached |= {"nis": est.nis} if judge else {}
     return _compiled(f"{'judged' if judge else 'batch'}_{est.name}", text, tuple(reached.items()))
+
+
+def loop(
+    name: str, text: str, reached: Mapping[str, Any], math: ModuleType, given: Mapping[str, Any]
+) -> Callable[..., Any]:
+    """`call` of the source `text`; sums of products may be rounded once (`lanes`).
+
+    Args:
+        name: of the source.
+        text: the source.
+        reached: plain functions and types by the names that it has for them.
+        math: the module that these functions find as `math`.
+        given: what numba takes as it is, by name.
+    """
+    return _compiled(name, text, tuple(reached.items()), (), math, tuple(given.items()))
 
 
 @cache
 def _compiled(
     name: str, text: str, reached: tuple[tuple[str, Any], ...],
-    stand_ins: tuple[tuple[Any, Any], ...] = (),
+    stand_ins: tuple[tuple[Any, Any], ...] = (), math: ModuleType | None = None,
+    given: tuple[tuple[str, Any], ...] = (),
 ) -> Callable[..., Any]:  # fmt: skip
     """`call` of the source `text`, which finds the objects `reached` under their names.
 
@@ -228,13 +258,14 @@ def _compiled(
     path = folder / f"{name}.py"
     kept = _kept(path, text)
     module = sys.modules[name] = ModuleType(name)  # where numba looks for its globals
-    done: dict[FunctionType, Any] = {}
+    lower = _Lower(math)
     for named, called in stand_ins:
-        done[named] = _lowered(called, done)
+        lower.done[named] = lower(called)
+    module.__dict__.update(given)
     for key, x in reached:
-        setattr(module, key, _lowered(x, done) if isinstance(x, FunctionType) else x)
+        setattr(module, key, lower(x) if isinstance(x, FunctionType) else x)
     exec(compile(text, path, "exec"), module.__dict__)
-    call: Any = njit(cache=kept, nogil=True, error_model="numpy")(module.__dict__["call"])
+    call: Any = njit(cache=kept, nogil=True, **lower.flags)(module.__dict__["call"])
     if kept:
         call._cache = _Cache(call._cache)
     made: Callable[..., Any] = call
@@ -288,18 +319,37 @@ def _absent() -> NoReturn:
     raise ImportError
 
 
-def _lowered(f: FunctionType, done: dict[FunctionType, Any]) -> Any:
-    """`f` for numba, with every plain function it names lowered as well."""
-    from numba import njit
+class _Lower:
+    """Plain functions for numba, with every plain function that they name.
 
-    if f not in done:
-        names = dict(f.__globals__)
-        for name in f.__code__.co_names:
-            if isinstance(names.get(name), FunctionType):
-                names[name] = _lowered(names[name], done)
-        plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
-        done[f] = njit(error_model="numpy", **_INNER)(plain)
-    return done[f]
+    Args:
+        math: what they find as `math`, with plain functions; then products and sums may be fused.
+    """
+
+    def __init__(self, math: ModuleType | None) -> None:
+        self.done: dict[FunctionType, Any] = {}
+        self.flags: dict[str, Any] = {"error_model": "numpy"}
+        self._math: ModuleType | None = None
+        if math:
+            self.flags["fastmath"] = {"contract"}
+            lowered = ModuleType("math")
+            for name, x in vars(math).items():
+                setattr(lowered, name, self(x) if isinstance(x, FunctionType) else x)
+            self._math = lowered
+
+    def __call__(self, f: FunctionType) -> Any:
+        from numba import njit
+
+        if f not in self.done:
+            names = dict(f.__globals__)
+            for name in f.__code__.co_names:
+                if isinstance(names.get(name), FunctionType):
+                    names[name] = self(names[name])
+            if self._math and "math" in names:
+                names["math"] = self._math
+            plain = FunctionType(f.__code__, names, f.__name__, f.__defaults__)
+            self.done[f] = njit(**self.flags, **_INNER)(plain)
+        return self.done[f]
 
 
 def _folder(files: set[Path]) -> Path:

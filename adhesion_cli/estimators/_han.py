@@ -26,4 +26,4 @@ def fhan(x1: float, x2: float, r: float, h: float) -> float:
     else:
         a1 = math.sqrt(d * (d + 8.0 * abs(y)))
         a = a0 + math.copysign(0.5 * (a1 - d), y)
-    return -r * a / d if abs(a) <= d else -math.copysign(r, a)
+    return -(r / d) * a if abs(a) <= d else -math.copysign(r, a)

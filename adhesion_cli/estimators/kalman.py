@@ -13,6 +13,7 @@ of b is a damping of 0.4; a larger q is faster and noisier. K is the mean over t
 the value before it.
 """
 
+import math
 from typing import Annotated, NamedTuple
 
 from ..core.estimator import About, Claim
@@ -47,19 +48,42 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     return State(y, p.P0, 0.0, K, 0.0)
 
 
-def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
+class Across(NamedTuple):
+    """What the parameters and the interval decide."""
+
+    h: float  # [s]
+    grown: float  # q h [rad²/s²]
+    noise: float  # R over the interval [rad²/s²]
+    b: float  # what the weights forget
+
+
+def fixed(p: Params) -> Params:
+    """The parameters."""
+    return p
+
+
+def across(p: Params, h: float) -> Across:
+    """An interval of `h` [s]."""
+    return Across(h, p.q * h, p.R * STEP / h, math.pow(p.b, h / STEP))
+
+
+def part(p: Params, q: Across, w: Wheelset, s: State, K: float, y: float) -> State:
     """One sample on."""
     held = s.K if p.euler > 0.0 else 0.5 * (s.K + K)
-    predicted = s.omega + h * w.a * (s.F - w.phi * held)  # (6)
-    P = s.P + p.q * h  # not in print
-    G = P / (P + p.R * STEP / h)
+    predicted = s.omega + q.h * w.a * (s.F - w.phi * held)  # (6)
+    P = s.P + q.grown  # not in print
+    G = P / (P + q.noise)
     omega = predicted + G * (y - predicted)  # (7)
-    b = p.b ** (h / STEP)
-    weight = b * s.weight + (1.0 - b)
-    d = (1.0 - b) / weight
-    eps1 = omega - s.omega + h * w.a * w.phi * held
-    F = (1.0 - d) * s.F + d * eps1 / (h * w.a)
+    weight = q.b * s.weight + (1.0 - q.b)
+    d = (1.0 - q.b) / weight
+    eps1 = omega - s.omega + q.h * w.a * w.phi * held
+    F = (1.0 - d) * s.F + d * eps1 / (q.h * w.a)
     return State(omega, (1.0 - G) * P, weight, K, F)
+
+
+def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
+    """One sample on."""
+    return part(p, across(p, h), w, s, K, y)
 
 
 ABOUT = About(

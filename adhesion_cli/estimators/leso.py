@@ -15,9 +15,9 @@ from typing import Annotated, NamedTuple
 from ..core.estimator import About, Claim
 from ..core.model import Quantity, Wheelset
 from . import PAPER
-from ._observer import Gains, State, euler_step, exact_step, init, longest_euler
+from ._observer import Fixed, State, across, init, longest_euler, modes, part
 
-__all__ = ["ABOUT", "Params", "State", "init", "longest_step", "step"]
+__all__ = ["ABOUT", "Params", "State", "across", "fixed", "init", "longest_step", "part", "step"]
 
 
 class Params(NamedTuple):
@@ -28,17 +28,20 @@ class Params(NamedTuple):
     euler: Annotated[float, Quantity("-", "1: forward Euler step, as printed", 0.0, 1.0)] = 0.0
 
 
+def fixed(p: Params) -> Fixed:
+    """The gains."""
+    return Fixed(modes(p.beta1, p.beta2), p.euler)
+
+
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    gains = Gains(p.beta1, p.beta2)
-    if p.euler > 0.0:
-        return euler_step(w, s, h, K, y, gains)  # (9)
-    return exact_step(w, s, h, K, y, gains)  # (9)
+    f = fixed(p)
+    return part(f, across(f, h), w, s, K, y)  # (9)
 
 
 def longest_step(p: Params) -> float:
     """Longest stable interval [s]."""
-    return longest_euler(Gains(p.beta1, p.beta2)) if p.euler > 0.0 else float("inf")
+    return longest_euler(p.beta1, p.beta2) if p.euler > 0.0 else float("inf")
 
 
 ABOUT = About(

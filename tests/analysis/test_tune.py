@@ -1,7 +1,7 @@
 """Tuned parameters: better on logs that the search never saw, or refused."""
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import simulated
 from adhesion_cli.analysis import analyze, settings, tune
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.estimator import registry
-from adhesion_cli.core.model import quantities
+from adhesion_cli.core.model import Floats, quantities
 from adhesion_cli.evaluation import metrics
 
 KINDS = [("service-brake", 1), ("service-brake", 2), ("leaf-film", 3)]
@@ -75,22 +75,22 @@ def test_every_estimator_stays_within_its_bounds(algo: str) -> None:
     for sign in (1.0, -1.0):
         tried = []
 
-        def error(p: Any, sign: float = sign, tried: list[Any] = tried) -> float:
-            tried.append(p)
-            return float(np.exp(sign * sum(np.log10(max(x, 1e-12)) for x in p)))
+        def errors(sets: Sequence[Any], sign: float = sign, tried: list[Any] = tried) -> Floats:
+            tried += sets
+            return np.exp([sign * sum(np.log10(max(x, 1e-12)) for x in p) for p in sets])
 
-        found = tune._search(est, est.Params(), error)
+        found = tune._search(est, est.Params(), errors)
         for name, q in of.items():
             assert q.low <= getattr(found, name) <= q.high
         switches = [name for name, x in est.Params()._asdict().items() if x == 0.0]
         assert all(getattr(p, name) == 0.0 for p in tried for name in switches)
-        assert error(found) <= error(est.Params())
+        assert errors([found]) <= errors([est.Params()])
 
 
 def test_what_is_not_better_on_the_others_is_refused(
     logs: list[Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def worse(est: Any, before: Any, _: Callable[[Any], float]) -> Any:
+    def worse(est: Any, before: Any, _: Callable[[Sequence[Any]], Floats]) -> Any:
         return before._replace(beta1=0.1, beta2=0.1)
 
     monkeypatch.setattr(tune, "_search", worse)
@@ -125,11 +125,30 @@ def test_a_log_without_a_brake_does_not_count(logs: list[Path], tmp_path: Path) 
         tuned([logs[0], coasts])
 
 
-def test_an_unstable_loop_is_the_worst(logs: list[Path]) -> None:
+def test_an_unstable_loop_is_the_worst(logs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """With euler = 1 the interval is too long for high gains: an error of no size."""
     load = lambda **more: settings.load(None, ["leso.euler=1", "leso.beta1=20"], **more)  # noqa: E731
     result = analyze.analyze(logs[0], load, ["leso"])
     axles = [a for x in result.axles if (a := tune._axle(x, result))]
     est = registry()["leso"]
-    assert tune.rmse(est, load().params(est), axles) < np.inf
-    assert tune.rmse(est, load().params(est)._replace(beta1=1e5), axles) == np.inf
+    sets = [load().params(est), load().params(est)._replace(beta1=1e5)]
+    assert tune.rmse(est, sets[0], axles) < np.inf
+    assert tune.rmse(est, sets[1], axles) == np.inf
+    monkeypatch.setattr(tune, "_MANY", 0)
+    assert np.isinf(tune.errors(est, sets, axles)).tolist() == [False, True]
+
+
+def test_many_sets_at_once_are_each_alone(
+    leso: tune.Tuned, logs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Long logs take another loop, and the search the same way."""
+    load = lambda **more: settings.load(None, **more)  # noqa: E731
+    result = analyze.analyze(logs[2], load, ["leso"])
+    axles = [a for x in result.axles if (a := tune._axle(x, result))]
+    est = registry()["leso"]
+    rng = np.random.default_rng(1)
+    sets = [est.Params(*x, 0.0) for x in rng.uniform(5.0, 300.0, (40, 2))]
+    monkeypatch.setattr(tune, "_MANY", 0)
+    alone = [tune.rmse(est, p, axles) for p in sets]
+    np.testing.assert_allclose(tune.errors(est, sets, axles), alone, rtol=1e-9)
+    assert tuned(logs).parameters == leso.parameters

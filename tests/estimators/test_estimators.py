@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from adhesion_cli.core import compiled, estimator, methods
 from adhesion_cli.core.errors import UserError
@@ -267,6 +268,39 @@ def test_step_solves_the_equations(name, h):
     F = run(name, t, np.full_like(t, 21e3), y)
     known = W.phi * 21e3 if name == "td" else 0.0
     np.testing.assert_allclose(F, known + solution.y[-1] / W.a, rtol=0.0, atol=5.0)
+
+
+@pytest.mark.parametrize("delta", [1e-6, 0.02, 0.05, 10.0])
+def test_neso_takes_the_gains_of_the_middle(delta):
+    """Whether within the linear zone or not: two matrix exponentials, of half a step and a step."""
+    est = REGISTRY["neso"]
+    p = methods.validated(est, {"alpha1": 0.7, "delta": delta})
+    a = W.a * W.phi
+
+    def exact(b1, b2, e, d, K, rates, h):
+        rate_K, rate_y = rates
+        A = np.array(
+            [[-b1, 1, -a * K - rate_y, -a * rate_K], [-b2, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 0]]
+        )
+        return (expm(A * h) @ [e, d, 1.0, 0.0])[:2]
+
+    def gains(e):
+        zone = max(abs(e), delta)
+        return p.beta1 * zone ** (p.alpha1 - 1.0), p.beta2 * zone ** (p.alpha2 - 1.0)
+
+    for h in (1e-4, 1e-2):
+        for start in (0.01, -0.03, 0.2):
+            s = est.init(p, W, 9e3, 30.0)._replace(e=start, d=7.0)
+            b1, b2 = gains(0.0)
+            n = math.ceil(h * (b1 + math.sqrt(b2)))
+            rates, e, d = (2e3 / h, -0.03 / h), start, 7.0
+            for i in range(n):
+                K = 9e3 + 2e3 * i / n
+                middle, _ = exact(*gains(e), e, d, K, rates, 0.5 * h / n)
+                e, d = exact(*gains(middle), e, d, K, rates, h / n)
+            found = est.step(p, W, s, h, 11e3, 29.97)
+            assert found.e == pytest.approx(e, rel=1e-8, abs=1e-10)
+            assert pytest.approx(d / W.a, rel=1e-8) == found.F
 
 
 # the paper
