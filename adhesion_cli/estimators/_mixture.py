@@ -50,7 +50,8 @@ def known(x: float, xx: float, r: float, rr: float, p: float) -> Gaussian:
 def merged(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: float) -> Gaussian:
     """The Gaussian with mean and covariance of the mixture; p is the sum of the weights."""
     p = wa + wb + wc
-    wa, wb, wc = wa / p, wb / p, wc / p
+    share = 1.0 / p
+    wa, wb, wc = wa * share, wb * share, wc * share
     x, r = wa * a.x + wb * b.x + wc * c.x, wa * a.r + wb * b.r + wc * c.r
     n = wa * a.n + wb * b.n + wc * c.n
     xa, ra, na = a.x - x, a.r - r, a.n - n
@@ -98,13 +99,14 @@ def _read(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:
     e = of.y - g.x + of.counts * g.n
     cx, cr = g.xx - of.counts * g.xn, g.xr - of.counts * g.rn
     S = max(cx - of.counts * (g.xn - of.counts * g.nn), 0.0) + v
-    kx, kr, kn = cx / S, cr / S, v / S
+    inverse = 1.0 / S
+    kx, kr, kn = cx * inverse, cr * inverse, v * inverse
     after = Gaussian(
         g.x + kx * e, g.r + kr * e, kn * e,
         max(g.xx - kx * cx, 0.0), g.xr - kx * cr, max(g.rr - kr * cr, 0.0),
-        -kx * v, -kr * v, v - kn * v, g.p / math.sqrt(_TAU * S),
+        -kx * v, -kr * v, v - kn * v, g.p * math.sqrt(inverse / _TAU),
     )  # fmt: skip
-    return after, 0.5 * e * e / S
+    return after, 0.5 * e * e * inverse
 
 
 def _rounded(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:

@@ -5,10 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from test_estimators import REGISTRY, W, rolling_brake, simulated
+from test_estimators import REGISTRY, STEADY, W, rolling_brake, simulated
 
 from adhesion_cli.core import compiled, methods
 from adhesion_cli.core.model import Z95
+from adhesion_cli.core.physics import G
 from adhesion_cli.estimators import _noise
 from adhesion_cli.evaluation import metrics
 
@@ -124,6 +125,61 @@ def test_starts_in_mid_brake():
     sliding = y + np.where(t[600:] > 6.0, 0.5 * W.a * F[0] * (t[600:] - 6.0), 0.0)  # half as hard
     last = states(t[600:], K, sliding)[-1]
     assert abs(last.F - 1.5 * F[0]) < 2.0 * last.sigma + 1.0
+
+
+@cache
+def creeping(*slippery):
+    """Time, K, ω, F at 100 Hz: a wheel with creep brakes with 21 kN from 2 s on.
+
+    From each time in `slippery` the rail gives 0.05 m g for 2.5 s. After 1 s of it, K is zero.
+    """
+    fine, weight, found = 2e-4, W.mass * G, []
+    v, omega = 30.0, 30.0 / W.radius
+    for i in range(round(12.5 / fine)):
+        t = i * fine
+        K = 21e3 * min(max((t - 2.0) / 0.3, 0.0), 1.0)
+        slides = any(0.0 < t - begin < 2.5 for begin in slippery)
+        K *= not any(1.0 < t - begin < 2.5 for begin in slippery)
+        F = min(22.0 * (v - omega * W.radius) / v, 0.05 if slides else 0.3) * weight
+        if i % 50 == 0:
+            found.append((t, K, omega, F))
+        v -= fine * F / W.mass
+        omega += fine * W.a * (F - W.phi * K)
+    return np.array(found).T
+
+
+def of_creeping(noise, *slippery):
+    """Times, states and errors of F̂, with white noise of the speed [rad/s]."""
+    t, K, omega, F = creeping(*slippery)
+    found = states(t, K, omega + np.random.default_rng(3).normal(0.0, noise, len(t)))
+    return t, found, np.array([s.F for s in found]) - F
+
+
+def test_after_a_slide_the_wheel_rolls_as_fast_as_the_train():
+    """Then its force is that of a rolling wheel, though a noisy speed hardly shows that."""
+    t, found, error = of_creeping(0.3, 5.0)
+    slides, rolls = (t > 5.3) & (t < 7.3), (t > 7.6) & (t < 9.0)
+    assert np.mean([s.rolling.p < 0.5 for s, now in zip(found, slides, strict=True) if now]) > 0.9
+    assert np.sqrt(np.mean(error[slides] ** 2)) < 0.1 * STEADY
+    assert np.sqrt(np.mean(error[rolls] ** 2)) < 0.06 * STEADY
+
+
+def test_the_force_of_a_rolling_wheel_follows_with_the_delay_of_creep():
+    t, found, error = of_creeping(0.3)
+    grows = (t > 2.0) & (t < 2.4)
+    assert np.sqrt(np.mean(error[grows] ** 2)) < 0.03 * STEADY
+    assert all(s.rolling.p > 0.7 for s in found[50:])
+
+
+def test_after_a_slide_the_next_one_is_no_surprise():
+    """Its band holds the force at once; a rail that never was slippery gives a narrow band."""
+    t, found, error = of_creeping(0.3, 5.0, 9.0)
+    again = (t > 9.0) & (t < 9.5)
+    sigma = np.array([s.sigma for s in found])
+    assert np.mean(np.abs(error[again]) < Z95 * sigma[again]) > 0.85
+    before, after = np.median(sigma[(t > 4.0) & (t < 5.0)]), np.median(sigma[(t > 8.0) & (t < 9.0)])
+    assert before < 0.5 * after
+    assert after < 0.1 * STEADY
 
 
 def test_compiled_it_has_the_same_uncertainty():
