@@ -347,7 +347,10 @@ def _decoded(bits: NDArray[np.uint8], signal: Any) -> tuple[Floats, Bools]:
     raw = _raw(bits, signal)
     scale, offset = float(signal.scale), float(signal.offset)
     value = raw.astype(np.float64)
-    if scale != 1.0:
+    parts = round(1.0 / scale) if 0.0 < abs(scale) < 1.0 else 0
+    if parts and abs(parts * scale - 1.0) < 1e-12:
+        value /= parts  # 7199 of 0.01 is 71.99, and not that times a factor which is not exact
+    elif scale != 1.0:
         value *= scale
     if offset:
         value += offset
