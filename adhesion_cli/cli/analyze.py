@@ -51,9 +51,8 @@ def command(  # noqa: PLR0913 (one option each)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
     if report:
         sets = [[*of, of[0].with_suffix(".html")] for of in sets]
-    paths = [path for of in sets for path in of]
-    found = results.analysed_or_failed(shared, logs, [*paths, *([table] if table else [])])
-    failed = [f for f in found if isinstance(f, results.Failed)]
+    paths = [path for of in sets for path in of] + ([table] if table else [])
+    found = results.analysed_or_failed(shared, logs, paths)
     done = [(f, p) for f, p in zip(found, sets, strict=True) if not isinstance(f, results.Failed)]
     if table:
         done[0][1].append(table)
@@ -62,18 +61,18 @@ def command(  # noqa: PLR0913 (one option each)
         of[2]: partial(write_report, name=of[0].name) for _, of in done if report
     }
     if table:
-        more[table] = lambda place, _: _write_table(place, table, decimal, entries)
+        more[table] = partial(_write_table, name=table, decimal=decimal, entries=entries)
     results.write(shared, [r for r, _ in done], [of for _, of in done], entries, more=more)
+    of_log = iter(entries)
     if shared.json:
-        of = iter(entries)
-        every = (f.entry() if isinstance(f, results.Failed) else next(of) for f in found)
+        every = (f.entry() if isinstance(f, results.Failed) else next(of_log) for f in found)
         print(dumps(document(list(every))))
     else:
-        for (result, _), one in zip(done, entries, strict=True):
-            _show(result, one, scores, budget, shared.quiet)
-        results.show_failed(failed)
+        for result, _ in done:
+            _show(result, next(of_log), scores, budget, shared.quiet)
+        results.show_failed([f for f in found if isinstance(f, results.Failed)])
     code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
-    return 3 if failed else code
+    return 3 if len(done) < len(found) else code
 
 
 def _check_table(table: Path | None, decimal: str | None) -> None:
@@ -88,7 +87,7 @@ def _check_table(table: Path | None, decimal: str | None) -> None:
 
 
 def _write_table(
-    place: Path, name: Path, decimal: str | None, entries: Sequence[dict[str, Any]]
+    place: Path, _: Path, *, name: Path, decimal: str | None, entries: Sequence[dict[str, Any]]
 ) -> None:
     from ..results import tables
 
