@@ -28,9 +28,9 @@ _UNPAIRED = (
     "are compared, and the others are left out."
 )
 _SHOWN = {  # heading, factor and decimals at most
-    "coefficient": ("Adhesion coefficient, mean", 1.0, 3),
-    "force": ("Force, mean [kN]", 1e-3, 2),
-    "utilisation": ("Used of the available adhesion [%]", 100.0, 1),
+    "coefficient": ("Adhesion coefficient, mean", 1.0, 5),
+    "force": ("Force, mean [kN]", 1e-3, 4),
+    "utilisation": ("Used of the available adhesion [%]", 100.0, 2),
 }
 
 

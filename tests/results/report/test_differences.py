@@ -11,7 +11,7 @@ from test_report import EVIL, Elements, figures, written
 
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
-from adhesion_cli.results.report import differences, page
+from adhesion_cli.results.report import comparison, differences, page
 from adhesion_cli.results.report.run import Run, read
 
 RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
@@ -100,3 +100,10 @@ def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     assert len(axes) == 1
     assert "onerror" not in str(of)
     assert runs[0].brake_s != runs[1].brake_s
+
+
+def test_a_small_difference_has_the_digits_of_its_uncertainty(pair: list[Run]) -> None:
+    found = [d for d in differences.every([pair[0], pair[0]]) if d.quantity == "coefficient"]
+    for d, row in zip(found, comparison._rows(found), strict=True):
+        shown = float(row["Adhesion coefficient, mean"].split()[3])
+        assert shown == pytest.approx(d.u95, rel=0.06)
