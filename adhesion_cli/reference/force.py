@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core import innovations
 from ..core.errors import unknown
-from ..core.model import AxleRecord, Floats, Reference, Vehicle, Wheelset
+from ..core.model import AxleRecord, Bools, Floats, Reference, Vehicle, Wheelset
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import driven, moving, true_runs, white_noise
 from . import run_out, smoother
@@ -25,6 +25,7 @@ _PULSES = 24.0  # of a counter that give a speed to a few percent
 _COUNTED = 0.18  # noise of its counts in pulses²; 0.28 where all phases occur, rounding 0.08
 _BRIEF = 0.1  # a slide hardly changes within [s]
 _KNOTS = 6  # samples of a run of equal speeds that are used
+_DITHER = 2  # samples that a level of dither lasts; longer, and its errors are not independent
 _ZEROS = 10  # fewer samples of K = 0 in a row are noise around the spring's force
 _FLOOR = 1e-12  # least variance of the speed's noise [rad²/s²]
 _SMALL = 100.0  # clamping force below which there is no braking [N]
@@ -43,6 +44,15 @@ _SHARE = 1e-3  # square of the share of φK's rise that rolling does not explain
 
 
 _Known = tuple[Floats, Floats]  # a column and its 1 sigma, shape (n,)
+
+
+class _Clamping(NamedTuple):
+    """The clamping force without its noise; columns of shape (n,)."""
+
+    K: Floats  # [N]
+    sigma: Floats  # 1 sigma at its own samples, a line between them [N]
+    missed: Floats  # 1 sigma of what lines between its samples may miss [N]
+    measured: Bools  # the samples of the speed that are nearest to its own
 
 
 class Parts(NamedTuple):
@@ -169,11 +179,11 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
     if not runs:
         return []
     clamping = _clamping(runs)
-    highest = max(float(K.max()) for K, _ in clamping)
+    highest = max(float(c.K.max()) for c in clamping)
     scale = w.a * w.phi * max(highest, _SMALL)  # of δ, if all of φK went missing
     together, step = _counted(max(runs, key=len)), runs[0].wheel_speed_step
     every = zip(runs, ripples, clamping, strict=True)
-    wheel = [_rolling(r, x, K, w) for r, x, (K, _) in every]
+    wheel = [_rolling(r, x, c.K, w) for r, x, c in every]
     if together:  # errors of successive counts are correlated; those of every second one are not
         telling = [
             _pulsed(r, x, run, together) for r, x, run in zip(runs, ripples, wheel, strict=True)
@@ -199,10 +209,39 @@ def _smoother(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> lis
             rates = [_mixed(*both, averaged) for both in zip(rates, late, strict=True)]
         judged = (means, noise_of) if averaged > _LIKELY else judged
     squares = [smoother.innovations(run, regimes, judged[1]) ** 2 for run in judged[0]]
-    return [
-        Parts(K, rate, np.hypot(sigma / w.a, w.phi * K_sigma), averaged, z2)
-        for (K, K_sigma), (rate, sigma), z2 in zip(clamping, rates, squares, strict=True)
+    rolls = len(regimes.start) == 1 and _sparse(runs)
+    forces = [
+        _between(*both, w) if rolls else _noise(*both, w)
+        for both in zip(clamping, rates, strict=True)
     ]
+    return [
+        Parts(K, rate, sigma, averaged, z2)
+        for (K, sigma), (rate, _), z2 in zip(forces, rates, squares, strict=True)
+    ]
+
+
+def _noise(c: _Clamping, rate: _Known, w: Wheelset) -> _Known:
+    """K, and 1 sigma of φK + ω̇/a [N]."""
+    return c.K, np.hypot(rate[1] / w.a, w.phi * np.hypot(c.sigma, c.missed))
+
+
+def _between(c: _Clamping, rate: _Known, w: Wheelset) -> _Known:
+    """The same for a wheel that only rolls, and a K that is measured less often than the speed.
+
+    There ω̇ shows K between its samples: F and ω̇ follow it at once. So ω̇ departs from what straight
+    lines of K explain by −a(1 − rolling)φ times the error of K. How far K may be off the line
+    bounds it, so a slow δ stays one.
+    """
+    per, n, own = w.a * (1.0 - w.rolling), np.arange(len(c.K)), np.flatnonzero(c.measured)
+    off = rate[0] + per * w.phi * c.K
+    off = off - np.interp(n, own, off[own])
+    now, then = rate[1] ** 2, np.interp(n, own, rate[1][own] ** 2)
+    missed = (w.phi * c.missed) ** 2
+    gain = missed / np.maximum(missed + (now + then) / per**2, _FLOOR)
+    K = c.K - gain * off / per / w.phi
+    by = gain / (1.0 - w.rolling)
+    variance = (1.0 - gain) ** 2 * missed + ((by - 1.0) ** 2 * now + by**2 * then) / w.a**2
+    return K, np.sqrt(variance + (w.phi * c.sigma) ** 2)
 
 
 def _rate(
@@ -350,9 +389,10 @@ def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
 
     Rounding errors are independent only if the signal moves a step per sample. If it stays on a
     level for several, it is known best at the change to the next: half way, to within its movement
-    in one interval. The run of equal values then counts as one sample. Between two alternating
-    levels the errors are independent again: noise, or a pulse counter. A counter that measures the
-    period of pulses has varying steps, and repeats its last value until the next pulse.
+    in one interval. The run of equal values then counts as one sample. Where two levels alternate
+    from sample to sample the errors are independent again: noise, or a pulse counter. A counter
+    that measures the period of pulses has varying steps, and repeats its last value until the next
+    pulse.
     """
     n, variance = len(y), step**2 / 12.0
     first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)  # of each run of equal values
@@ -362,7 +402,7 @@ def _unstepped(t: Floats, y: Floats, step: Floats) -> tuple[Floats, Floats]:
     jump = np.diff(y[first])
     back = np.zeros(len(first) + 2, dtype=bool)  # runs that end where they came from
     back[2:-2] = jump[1:] * jump[:-1] < 0.0
-    dither = np.repeat(back[1:-1] & (back[:-2] | back[2:]), length)
+    dither = np.repeat(back[1:-1] & (back[:-2] | back[2:]) & (length <= _DITHER), length)
 
     long, count = np.repeat(length, length), np.repeat(np.minimum(length, _KNOTS), length)
     knot = (np.arange(n) - np.repeat(first, length)) * (count - 1) // np.maximum(long - 1, 1)
@@ -443,15 +483,16 @@ def _fit(
     )
 
 
-def _clamping(runs: list[AxleRecord]) -> list[_Known]:
-    """K without its noise, and its 1 sigma: constant, moving, or stepping (then as measured).
+def _clamping(runs: list[AxleRecord]) -> list[_Clamping]:
+    """K without its noise: constant, moving, or stepping (then as measured).
 
     K = 0 is a bound of (15), not a measurement with noise: there it is exact.
     """
     pieces = [[_piece(r, s) for s in _pressed(r)] for r in runs]
     every = [piece for some in pieces for piece in some]
     if not every:
-        return [(np.zeros(len(r)), np.zeros(len(r))) for r in runs]
+        none = [np.zeros(len(r)) for r in runs]
+        return [_Clamping(x, x, x, np.ones(len(x), bool)) for x in none]
     scale = max(max(float(np.max(np.abs(r.y))) for r in every), _SMALL)
     step = _step(every)
     floor = (1e-5 * scale) ** 2 + runs[0].clamping_force_step ** 2 / 12.0  # never quite zero
@@ -462,14 +503,17 @@ def _clamping(runs: list[AxleRecord]) -> list[_Known]:
     noise, _ = smoother.fit(_sample(every), regimes, known)
     found = []
     for r, some in zip(runs, pieces, strict=True):
-        K, sigma = np.zeros((2, len(r)))
+        K, sigma, missed = np.zeros((3, len(r)))
+        measured = np.ones(len(r), bool)
         for s, own in zip(_pressed(r), some, strict=True):
             t, x = _seconds(r)[s], smoother.smooth(own, regimes, noise)
             t = t - t[0]
             K[s] = np.interp(t, own.t, x.level)
-            missed = _missed(t, own.t, x.level)
-            sigma[s] = np.hypot(np.interp(t, own.t, x.level_sigma), missed)
-        found.append((K, sigma))
+            sigma[s] = np.interp(t, own.t, x.level_sigma)
+            missed[s] = _missed(t, own.t, x.level)
+            measured[s] = False
+            measured[s.start + np.searchsorted((t[1:] + t[:-1]) / 2.0, own.t)] = True
+        found.append(_Clamping(K, sigma, missed, measured))
     return found
 
 
@@ -552,7 +596,7 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
     from scipy.signal import butter, sosfiltfilt
 
     found = []
-    for run, ripple, (K, K_sigma) in zip(runs, ripples, _clamping(runs), strict=True):
+    for run, ripple, c in zip(runs, ripples, _clamping(runs), strict=True):
         t, y = _seconds(run), run.wheel_speed - ripple
         n = len(t)
         even = np.linspace(0.0, t[-1], max(n, round(t[-1] / float(np.median(np.diff(t)))) + 1))
@@ -569,7 +613,7 @@ def _butterworth(runs: list[AxleRecord], ripples: list[Floats], w: Wheelset) -> 
         noise = max(removed, math.sqrt(float(np.mean(run.wheel_speed_steps**2)) / 12.0))
         speed_sigma = noise * math.sqrt(kernel @ kernel)
         acceleration = np.interp(t, even, np.gradient(smooth, 1.0 / rate))
-        sigma = np.hypot(speed_sigma / w.a, w.phi * K_sigma)
+        K, sigma = _noise(c, (acceleration, np.full(n, speed_sigma)), w)
         found.append(Parts(K, acceleration, sigma))
     return found
 

@@ -193,7 +193,7 @@ def test_sigma_is_right_while_rolling_and_while_sliding(name: str, kmh: float) -
     assert bool(outside) == (name in ("low-adhesion", "leaf-film"))
 
 
-HARD = {  # a filter may do better here; sigma has to hold all the same
+HARD = {
     "0.1 km/h steps at 1 kHz": {"rate": 1000.0, "kmh": 0.1},
     "pressure at 1 Hz": {"rate": 50.0, "pressure_noise": 500.0, "pressure_rate": 1.0},
 }
@@ -216,7 +216,28 @@ def test_sigma_is_right_where_the_log_is_coarse(name: str, case: dict[str, float
     F = force.compute(record, VEHICLE)
     used = np.isfinite(F.force)
     assert share_inside(F, record.truth, used) >= 0.85
-    assert rms((F.force - record.truth)[used]) < 1.6 * best_butterworth(record, used)
+    most = 1.3 if case.get("kmh") == 1.0 else 1.0  # a filter chosen knowing the truth may be better
+    assert rms((F.force - record.truth)[used]) < most * best_butterworth(record, used)
+
+
+@pytest.mark.parametrize("name", ["service-brake", "four-axles"])
+def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) -> None:
+    record, _ = logged(name, 50.0, pressure_rate=1.0, pressure_noise=500.0)
+    F = force.compute(record, VEHICLE)
+    used = np.isfinite(F.force)
+    error = rms((F.force - record.truth)[used])
+    assert error < 0.4 * best_butterworth(record, used)
+    assert rms(F.sigma[used]) < 2.0 * error
+    assert share_inside(F, record.truth, used) >= 0.9
+
+
+def test_a_long_level_beside_dither_counts_once() -> None:
+    """A wheel that turns back near the edge of a step: its level of a second is no white noise."""
+    y = np.repeat([18.0, 19.0, 20.0, 19.0, 20.0, 19.0, 18.0], [30, 57, 2, 1, 26, 44, 20])
+    level, variance = force._unstepped(np.arange(len(y)) * 0.005, y, np.ones(len(y)))
+    for run in (slice(30, 87), slice(90, 116)):
+        assert np.isfinite(variance[run]).sum() <= force._KNOTS + 2
+    assert np.abs(level - y).max() <= 0.5
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0])
