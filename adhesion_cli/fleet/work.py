@@ -24,6 +24,8 @@ from .locations import Location, local
 
 BLOCK = 256  # logs whose hashes are asked for at once
 _ONE = threading.Lock()  # a process analyses one log at a time, whatever threads it has
+# With train speed and slides, and without: what other logs need, too. One axle of each is enough.
+_SAMPLES: dict[str, tuple[int, ...]] = {"low-adhesion.csv": (1,), bundled.SAMPLE: ()}
 _THRESHOLD = 100_000  # as in `__main__`: what is imported stays
 
 
@@ -122,7 +124,9 @@ def prepare() -> None:
 
 def warm() -> None:
     """Loads what an analysis needs, and compiles it where that was not done on this machine."""
-    analyze(bundled.folder("sample_logs") / bundled.SAMPLE, partial(settings.load, folder=False))
+    load, folder = partial(settings.load, folder=False), bundled.folder("sample_logs")
+    for name, axles in _SAMPLES.items():
+        entry(analyze(folder / name, load, axles=axles, train_speed=True), {})
 
 
 def recordings(item: Item, job: Job) -> list[Path]:

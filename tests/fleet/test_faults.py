@@ -158,3 +158,31 @@ def test_recordings_are_written_and_missing_ones_are_made(logs: Path) -> None:
         check=False, capture_output=True, text=True,
     )  # fmt: skip
     assert shown.returncode == 0
+
+
+def test_what_starts_first_compiles_all_that_logs_need(tmp_path: Path) -> None:
+    code = """
+import sys
+from functools import partial
+from pathlib import Path
+from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.json_documents import entry
+from adhesion_cli.core import bundled
+from adhesion_cli.fleet import work
+work.warm()
+cache = Path(sys.argv[1])
+before = {path.name for path in cache.glob("**/*.nbc")}
+for name in ("service-brake.csv", "low-adhesion.csv"):
+    log = bundled.folder("sample_logs") / name
+    entry(analyze(log, partial(settings.load, folder=False), train_speed=True), {})
+assert before
+print(sorted({path.name for path in cache.glob("**/*.nbc")} - before))
+"""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    made = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        capture_output=True, text=True, check=False, env=environment,
+    )  # fmt: skip
+    assert made.returncode == 0, made.stderr
+    assert made.stdout.strip() == "[]"
