@@ -49,7 +49,7 @@ def command(  # noqa: PLR0913 (one option each)
     Writes Parquet files to -o DIR: applications, estimators, findings and logs. A second run
     analyses what is missing and what failed. A log that fails is a row with error and hint.
 
-    Example: adhesion fleet logs/ 'archive/2026-*/*.mcap' -o results
+    Example: adhesion fleet sample_logs -o results
     """
     from ..core.errors import UserError
 

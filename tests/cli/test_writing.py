@@ -39,6 +39,7 @@ COMMANDS = {
         ["slippery-stop.antiskid.rrd", "slippery-stop.antiskid.sha256"]
         + [f"slippery-stop.{law}.antiskid.mcap" for law in ("none", "patent", "rule")],
     ),
+    "report": ("r/a.adhesion.mcap -o {out}/b.html", ["b.html"]),
     "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg", "sha256")]),
 }
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -85,6 +86,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(SAMPLES / name, folder / f"{name[0]}.csv")
     (folder / "bad.csv").write_text(whole + "no number,0,0\n" * 1000)
     assert ended(started(folder, ["convert", "a.csv", "a.mcap"]))[0] == 0
+    assert ended(started(folder, ["analyze", "a.csv", "-a", "td", "-o", "r"]))[0] == 0
     return folder
 
 
@@ -109,7 +111,8 @@ def put(folder: Path, of: Files) -> None:
 
 
 def test_the_table_has_every_command_that_writes() -> None:
-    assert {c.name for c in app.registered_commands} - set(COMMANDS) == {"explain", "view"}
+    others = {"explain", "view", "fleet"}  # a fleet's tables have tests of their own
+    assert {c.name for c in app.registered_commands} - set(COMMANDS) == others
 
 
 WAITS = """
