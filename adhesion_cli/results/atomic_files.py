@@ -27,7 +27,6 @@ import signal
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -38,7 +37,6 @@ from .verified import verified
 
 _HIDDEN = ".adhesion-"
 _ELSEWHERE = "write to another folder"
-_AT_ONCE = 16  # files that wait for the disk
 _NEW = 60.0  # age of a hidden file that its run may not have locked yet [s]
 _OURS = "# adhesion: written last, when the files below were whole\n"  # a comment to sha256sum
 
@@ -154,8 +152,9 @@ def sets(
                     place = files[manifest(paths[0])] = hidden(paths[0].parent)
                     with verified(place) as told:
                         told.write(_manifest(paths, places))
-            with ThreadPoolExecutor(_AT_ONCE) as threads:  # a disk can confirm many at once
-                list(threads.map(_confirmed, files.values()))
+            for place in files.values():  # one by one: an interrupt would wait for threads
+                with place.open("rb") as file:
+                    os.fsync(file.fileno())
             with _locked(folders) as locked, _uninterrupted():
                 stale = [m for paths in of if paths and _ours(m := manifest(paths[0]))]
                 if not force:  # another run was faster, or somebody else's manifest
@@ -168,12 +167,6 @@ def sets(
         raise UserError(
             f"{', '.join(map(_shown, folders))}: {text}", f"free space there, or {_ELSEWHERE}"
         ) from error
-
-
-def _confirmed(place: Path) -> None:
-    """Waits until the disk has a file."""
-    with place.open("rb") as file:
-        os.fsync(file.fileno())
 
 
 def _publish(files: dict[Path, Path], stale: list[Path]) -> None:
