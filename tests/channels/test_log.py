@@ -166,7 +166,7 @@ def test_a_unit_stated_twice_is_refused_unless_mapped(tmp_path: Path, row: str) 
     rows = "".join(f"{k / 100},{k / 10},{k}\n" for k in range(200))
     path.write_text(f"t [s],{names},axle 1 speed [rpm]\n{units},rpm\n{rows}")
     for of in (lambda s, m: read(s, m, Vehicle()), unchanged):
-        with pytest.raises(UserError, match=r"stated twice: 'bar' .* and 'kPa' .in the name.$"):
+        with pytest.raises(UserError, match=r"(?m)stated twice: 'bar' .* and 'kPa' .in the name.$"):
             of(open_source(path, ReadOptions()), ())
     mapping = Mapping("pressure", 1, names, unit="kPa")
     log = read(open_source(path, ReadOptions()), (mapping,), Vehicle())

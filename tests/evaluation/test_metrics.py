@@ -345,7 +345,7 @@ def test_samples_without_target_are_left_out() -> None:
 
 
 def test_every_metric_is_a_column_of_the_score() -> None:
-    given = {"algo", "against", "relative", "band_n", "within", "alike", "blocks"}
+    given = {"algo", "against", "relative", "band_n", "within", "alike", "blocks", "nis"}
     t = np.arange(0.0, 20.0, 0.02)
     every = metrics.measured(compared(t, force(t), force(t)))
     assert set(Score.__dataclass_fields__) - given == set(every)
