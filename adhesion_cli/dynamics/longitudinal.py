@@ -59,6 +59,7 @@ CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
 _FADE = Parameter(0.0, 0.004)  # friction changes by some 10 % over 25 m/s [s/m]
 _RESISTANCE = Parameter(0.015, 0.015)  # [m/s²]
 _DRAG = Parameter(3e-5, 2e-5)  # [1/m]
+_ABSORBED = Parameter(0.0, 1e-9)  # by the gradient and γ of long pieces, in a diagnosis [1/m]
 _GRADIENT = 0.1  # 1 sigma of a gradient: 10 per mille [m/s²]
 _CHANGES = 0.05  # 1 sigma by which it changes from piece to piece of one application [m/s²]
 _SLOPES = 0.05  # 1 sigma of gradients along the track: 5 per mille, assumed [m/s²]
@@ -566,7 +567,7 @@ def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> E
 def _explained(d: Design, vehicle: Vehicle) -> Explanation:
     """What explains this speed, of wheels that creep or of the train, which only has to agree."""
     clearly = CLEARLY if d.creeps else CLEARLY / 2.0
-    known = stated(d, vehicle)
+    known = stated(d, vehicle) | {DRAG: _ABSORBED}
     offset = Parameter(0.0, max(_SPRING, _spring(d, vehicle).value))
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
