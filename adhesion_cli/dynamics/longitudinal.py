@@ -456,7 +456,8 @@ def fit(
     most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5, 5e-4
     for _ in range(15):
         A, b = _normal(p, best)
-        change = np.linalg.pinv(A, hermitian=True) @ b
+        rows = np.sqrt(np.maximum(np.diag(A), 1e-30))  # the units differ by powers of ten
+        change = np.linalg.pinv(A / np.outer(rows, rows), hermitian=True) @ (b / rows) / rows
         trials = [np.clip(best - part * change, -most, most) for part in _PARTS]
         costs = [_cost(p, x) for x in trials]
         gained = cost - min(costs)
