@@ -1,5 +1,7 @@
 """Logs as tables: one train in a stop; three trains as one operator publishes them."""
 
+import random
+
 START = 1_722_520_000  # s since 1970
 _STEPS = (0, 10, 20, 30, 40, 51, 61, 71, 81, 91, 101, 172)
 _SPEED = (95.1, 97.4, 98.7, 93.8, 84.3, 74.8, 64.2, 50.4, 14.6, 14.6, 14.6, 0.1)  # km/h, of train 5
@@ -23,10 +25,11 @@ def three_trains() -> str:
 
 def rows(n: int = 400, start: float = 0.0, rate: float = 50.0) -> str:
     """One axle that is braked and never slides, its sensors as a CSV log."""
+    noise = random.Random(7)
     lines = ["time [s],bc pressure [bar],wheel speed [km/h]"]
     for i in range(n):
         t = i / rate
         pressure = 3.5 * min(max(t - 1.0, 0.0), 1.0)
-        speed = 72.0 - 1.25 * max(t - 1.5, 0.0) + 0.002 * ((i * 7919) % 13)
+        speed = 72.0 - 1.25 * max(t - 1.5, 0.0) + 0.002 * noise.randrange(13)
         lines.append(f"{start + t:.3f},{pressure:.3f},{speed:.4f}")
     return "\n".join(lines) + "\n"
