@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from ..core.errors import UserError
 from ..core.model import Bools, Floats, Times
-from ..core.text import distinct
 from .can_files import Problems, blf_prefix, checked_lines
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped
+from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields
 
 _NO_VALUE = re.compile(  # texts of a value table that say that there is no value
     r"(?i)\b(sna|snv|n/?a|not[ _]?(avail|valid|def|used)\w*|invalid|inv|err(or)?|fault\w*|fail\w*"
@@ -169,18 +168,9 @@ class Reader:
         named = []
         for key, message, signal in self._signals:
             bus = f", CAN {key.bus + 1}" if len(buses) > 1 else ""
-            named.append((f"{message.name}{bus}", signal.name))
-        shown = grouped(named)
-        titles = distinct([f"{g}\0{name}" for g, (_, name) in zip(shown, named, strict=True)])
-        return [
-            Field(
-                title.split("\0", 1)[1], group=group, unit=signal.unit or "",
-                unit_from="DBC" if signal.unit else "", folder=folder,
-            )
-            for (_, _, signal), group, title, (folder, _) in zip(
-                self._signals, shown, titles, named, strict=True
-            )
-        ]  # fmt: skip
+            group = f"{message.name}{bus}"
+            named.append(Named(group, signal.name, signal.unit or "", group))
+        return fields(named, "DBC")
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""

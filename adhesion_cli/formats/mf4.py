@@ -10,9 +10,8 @@ import numpy as np
 
 from ..core.errors import UserError
 from ..core.model import Bools, Floats
-from ..core.text import distinct
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped, nanoseconds
+from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields, nanoseconds
 
 _EPOCH, _ZERO = datetime(1970, 1, 1), timedelta(0)
 _TIME = 1  # type of a master channel: time, and no angle, distance or index
@@ -130,22 +129,9 @@ class Reader:
         named = []
         for g, i in self._places:
             name = self._mdf.groups[g].channels[i].name or f"channel {i + 1}"
-            named.append((self._names[g], name))
-        shown = grouped(named)
-        titles = distinct(
-            [f"{group}\0{name}" for group, (_, name) in zip(shown, named, strict=True)]
-        )
-        fields = []
-        for place, group, title in zip(self._places, shown, titles, strict=True):
-            unit = (
-                self._mdf.get_channel_unit(group=place.group, index=place.channel) or ""
-            ).strip()
-            fields.append(Field(
-                title.split("\0", 1)[1], group=group, unit=unit,
-                unit_from="channel's unit" if unit else "",
-                folder=f"{place.group + 1} {self._names[place.group]}",
-            ))  # fmt: skip
-        return fields
+            unit = (self._mdf.get_channel_unit(group=g, index=i) or "").strip()
+            named.append(Named(self._names[g], name, unit, f"{g + 1} {self._names[g]}"))
+        return fields(named, "channel's unit")
 
     def _whole_rows(self, group: Any) -> tuple[int, str]:
         """Rows of a group whose bytes are whole, and what is wrong with those after them."""

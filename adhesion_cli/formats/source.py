@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Column, Reject
 
@@ -61,6 +62,29 @@ class ReadOptions:
     def max_part(self) -> int:
         """Bytes of one MCAP schema, channel or JSON message, which take many times that read."""
         return max(self.max_record // 32, 1 << 16)
+
+
+def report(source: "Source", found: Iterable[Finding], options: ReadOptions, left: str) -> None:
+    """Adds findings to a source's own, each once.
+
+    Args:
+        source: whose log they are about.
+        found: what was found in it.
+        options: whether an error ends the reading.
+        left: what reading leaves out without `strict`: "samples", "messages".
+
+    Raises:
+        UserError: an error, with `strict`.
+    """
+    known = set(source.findings)
+    for finding in found:
+        if options.strict and finding.severity == "error":
+            where = f" {finding.channel}:" if finding.channel else ""
+            text = f"{source.path}:{where} {finding.message}"
+            raise UserError(text, f"read without --strict to leave these {left} out")
+        if finding not in known:
+            known.add(finding)
+            source.findings.append(finding)
 
 
 class Source(Protocol):

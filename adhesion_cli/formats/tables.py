@@ -15,7 +15,8 @@ from ..core import time_axis
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity
 from ..core.model import Bools, Column, Floats, Reject, Times
-from .source import Field, ReadOptions
+from ..core.text import distinct
+from .source import Field, ReadOptions, report
 
 YEAR_1990 = 631_152_000 * 10**9  # a log that starts earlier had no clock [ns]
 MOST_NS = 2**62  # times beyond are no times
@@ -112,7 +113,10 @@ class TableSource:
         self.account: dict[str, str] = {}
         self.findings: list[Finding] = []
         self._places = {f: i for i, f in enumerate(contents.fields)}
-        self._report(note.finding(0) for note in contents.notes if not note.times)
+        self._found(note.finding(0) for note in contents.notes if not note.times)
+
+    def _found(self, found: Iterable[Finding]) -> None:
+        report(self, found, self._options, "samples")
 
     def columns(self, wanted: Sequence[Field]) -> list[Column]:
         """The wanted fields, see `Source`."""
@@ -125,25 +129,15 @@ class TableSource:
         axes, series, notes = self._reader.read([self._places[f] for f in wanted])
         start = min((time_axis.earliest(t) for t in axes if len(t)), default=0)
         late = (note for note in self._reader.contents.notes if note.times)
-        self._report(note.finding(start) for note in (*notes, *late))
+        self._found(note.finding(start) for note in (*notes, *late))
         columns = []
         for f, (axis, value, masks) in zip(wanted, series, strict=True):
             t, valid = axes[axis], np.ones(len(value), np.bool_)
             for code, mask in masks.items():
                 valid &= ~mask
-                self._report(_of_mask(code, f, t, mask, start))
+                self._found(_of_mask(code, f, t, mask, start))
             columns.append(Column(t, np.where(valid, value, np.nan), valid))
         return columns
-
-    def _report(self, findings: Iterable[Finding]) -> None:
-        """Adds findings that are not there yet; with strict an error ends the reading."""
-        for finding in findings:
-            if self._options.strict and finding.severity == "error":
-                where = f" {finding.channel}:" if finding.channel else ""
-                text = f"{self.path}:{where} {finding.message}"
-                raise UserError(text, "read without --strict to leave these samples out")
-            if finding not in self.findings:
-                self.findings.append(finding)
 
 
 def _of_mask(code: str, f: Field, t: Times, mask: Bools, start: int) -> Iterable[Finding]:
@@ -173,7 +167,38 @@ def nanoseconds(seconds: Floats, start: int) -> tuple[Times, Bools]:
     return np.rint(np.where(ok, ticks, 0.0)).astype(np.int64) + start, ok
 
 
-def grouped(names: Sequence[tuple[str, str]]) -> list[str]:
+class Named(NamedTuple):
+    """What a file says of one channel."""
+
+    group: str  # with one time axis
+    name: str
+    unit: str  # "" if silent
+    folder: str  # the group, distinct from others of its name
+
+
+def fields(named: Sequence[Named], unit_from: str) -> list[Field]:
+    """A field for each channel of numbers.
+
+    Args:
+        named: of each channel.
+        unit_from: where its unit stands.
+
+    >>> both = [Named("Axle 1", "p", "bar", "1"), Named("Axle 2", "p", "bar", "2")]
+    >>> [(f.channel, f.group) for f in fields([*both, Named("Train", "v", "", "3")], "DBC")]
+    [('p', 'Axle 1'), ('p', 'Axle 2'), ('v', '')]
+    """
+    shown = _grouped([(x.group, x.name) for x in named])
+    titles = distinct([f"{group}\0{x.name}" for group, x in zip(shown, named, strict=True)])
+    return [
+        Field(
+            title.split("\0", 1)[1], group=group, unit=x.unit,
+            unit_from=unit_from if x.unit else "", folder=x.folder,
+        )
+        for x, group, title in zip(named, shown, titles, strict=True)
+    ]  # fmt: skip
+
+
+def _grouped(names: Sequence[tuple[str, str]]) -> list[str]:
     """What a channel's title names of the group that holds it, "" where its name is enough.
 
     Groups that share the name of a channel are the same for several devices. All channels of these
@@ -182,7 +207,7 @@ def grouped(names: Sequence[tuple[str, str]]) -> list[str]:
     Args:
         names: of each field, its group and its own name.
 
-    >>> grouped([("Axle 1", "p"), ("Axle 1", "v"), ("Axle 2", "v"), ("Train", "speed")])
+    >>> _grouped([("Axle 1", "p"), ("Axle 1", "v"), ("Axle 2", "v"), ("Train", "speed")])
     ['Axle 1', 'Axle 1', 'Axle 2', '']
     """
     groups: dict[str, set[str]] = {}

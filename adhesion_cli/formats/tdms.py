@@ -9,12 +9,11 @@ import pyarrow as pa
 
 from ..core.errors import UserError
 from ..core.model import Bools, Times
-from ..core.text import distinct
 from . import time_columns
 from .csv.clock import Clock
 from .prefix import Prefix
 from .source import Field, ReadOptions
-from .tables import YEAR_1990, Columns, Contents, Note, Samples, grouped, nanoseconds
+from .tables import YEAR_1990, Columns, Contents, Named, Note, Samples, fields, nanoseconds
 
 _LEAD = 28  # bytes before each segment
 _OPEN = 0xFFFF_FFFF_FFFF_FFFF  # length of a segment that the logger did not close
@@ -150,19 +149,12 @@ class Reader:
 
     def _fields(self) -> list[Field]:
         """A field for each channel of numbers."""
-        named = [(c.group_name, c.name or "(no name)") for c, _ in self._channels]
-        shown = grouped(named)
-        titles = distinct([f"{g}\0{name}" for g, (_, name) in zip(shown, named, strict=True)])
         axes = list(dict.fromkeys((c.group_name, axis) for c, axis in self._channels))
-        fields = []
-        for (channel, axis), group, title in zip(self._channels, shown, titles, strict=True):
-            unit = _unit(channel)
-            fields.append(Field(
-                title.split("\0", 1)[1], group=group, unit=unit,
-                unit_from="channel's unit" if unit else "",
-                folder=f"{axes.index((channel.group_name, axis))} {channel.group_name}",
-            ))  # fmt: skip
-        return fields
+        named = []
+        for c, axis in self._channels:
+            folder = f"{axes.index((c.group_name, axis))} {c.group_name}"
+            named.append(Named(c.group_name, c.name or "(no name)", _unit(c), folder))
+        return fields(named, "channel's unit")
 
     def read(self, wanted: Sequence[int]) -> Columns:
         """See `tables.Reader`."""

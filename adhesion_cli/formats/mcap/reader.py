@@ -9,7 +9,7 @@ import numpy as np
 from ...core.errors import UserError
 from ...core.finding import Finding, Severity
 from ...core.model import Column, Reject
-from ..source import Field, ReadOptions, TimeSource
+from ..source import Field, ReadOptions, TimeSource, report
 from .collect import Collector
 from .series import YEAR_1990, Discovery, Series, grouped
 from .walk import Walk
@@ -46,7 +46,6 @@ class McapSource:
         self.rows = walk.rows
         self.metadata, self.account = walk.metadata, walk.account()
         self.findings: list[Finding] = []
-        self._reported: set[Finding] = set()
         self._report(self._of_walk())
         self._series = grouped(walk)
         self._report(Discovery(options).every(self._series))
@@ -90,16 +89,8 @@ class McapSource:
             names, count = {"damage": damage[:200]}, walk.unchecked or 1
             yield Finding("mcap-recovered", severity, count=count, names=names)
 
-    def _report(self, findings: Iterable[Finding]) -> None:
-        """Adds findings that are not there yet; with strict an error ends the reading."""
-        for finding in findings:
-            if self._options.strict and finding.severity == "error":
-                where = f" {finding.channel}:" if finding.channel else ""
-                text = f"{self.path}:{where} {finding.message}"
-                raise UserError(text, "read without --strict to leave these messages out")
-            if finding not in self._reported:
-                self._reported.add(finding)
-                self.findings.append(finding)
+    def _report(self, found: Iterable[Finding]) -> None:
+        report(self, found, self._options, "messages")
 
     # ------------------------------------------------------------------ time
 
