@@ -6,7 +6,6 @@ analysis. The bytes of a message are those the protobuf library would have writt
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core import physics, signals, toml
+from ..core import physics, rounding, signals, toml
 from ..core.errors import UserError
 from ..core.model import (
     MADE,
@@ -207,6 +206,10 @@ def _known(values: Floats | _Values | None) -> _Values:
     return values if callable(values) else values.__getitem__
 
 
+def _digits(values: Floats | None) -> Floats | _Values | None:
+    return None if values is None else lambda part: rounding.digits(values[part])
+
+
 def _slip(
     topic: str, t: Times, columns: Sequence[Floats | _Values | None], region: Regions | None
 ) -> _Stream:
@@ -235,8 +238,16 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
     record, ref = axle.record, axle.reference
     t = record.t
 
-    def mu(force: Floats) -> _Values:
-        return lambda part: physics.coefficient(force[part], result.vehicle)
+    def kept(x: Floats, sigma: Floats = ref.sigma) -> _Values:
+        return lambda part: rounding.rounded(x[part], sigma[part])
+
+    def mu(force: Floats, sigma: Floats = ref.sigma) -> _Values:
+        return lambda part: rounding.rounded(
+            *(physics.coefficient(x[part], result.vehicle) for x in (force, sigma))
+        )
+
+    def error(algo: str) -> _Values:
+        return lambda part: rounding.rounded(axle.error(algo, part), ref.sigma[part])
 
     yield _stream(
         f"{topic}/input", "AxleInput", t,
@@ -250,16 +261,19 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
     yield _stream(
         f"{topic}/reference", "Reference", t,
-        ref.force, ref.sigma, ref.lower, ref.upper, mu(ref.force),
+        kept(ref.force), _digits(ref.sigma), kept(ref.lower), kept(ref.upper), mu(ref.force),
     )  # fmt: skip
     for algo, force in sorted(axle.estimates.items()):
-        error = partial(axle.error, algo)
-        sigma = axle.sigmas.get(algo)
-        yield _stream(f"{topic}/estimate/{algo}", "Estimate", t, force, mu(force), error, sigma)
+        sigma, own = axle.sigmas.get(algo, ref.sigma), axle.sigmas.get(algo)
+        yield _stream(
+            f"{topic}/estimate/{algo}", "Estimate", t,
+            kept(force, sigma), mu(force, sigma), error(algo), _digits(own),
+        )  # fmt: skip
     if record.truth is not None or record.true_slip is not None:
         yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
     if axle.slip is not None:
-        columns = (axle.slip, mu(ref.force), axle.slope, axle.slope_confidence)
+        slip = kept(axle.slip, np.full(len(t), rounding.SLIP))
+        columns = slip, mu(ref.force), _digits(axle.slope), _digits(axle.slope_confidence)
         yield _slip(topic, t, columns, axle.region)
 
 
