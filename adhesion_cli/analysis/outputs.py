@@ -30,7 +30,7 @@ def named(files: Sequence[Path]) -> dict[str, str]:
 
 def write_result(
     places: Sequence[Path], result: "Result", entry: Entry, slip: str = "",
-    notes: "Sequence[Note]" = (),
+    notes: "Sequence[Note]" = (), full: bool = False,
 ) -> None:  # fmt: skip
     """Writes record and recording of one analysed log.
 
@@ -40,25 +40,27 @@ def write_result(
         entry: its entry of the document, from `json_documents.entry`.
         slip: the document on its slip, if that was asked for.
         notes: text on the slip of each axle, with its rail.
+        full: whether the recording of a long log has every sample.
     """
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
     mcap.write_result(record, result, embedded([entry]), slip)
-    rrd.write_result(recording, result, notes)
+    rrd.write_result(recording, result, notes, full)
 
 
 def write_comparison(
-    places: Sequence[Path], results: "Sequence[Result]", entries: Sequence[Entry]
-) -> None:
+    places: Sequence[Path], results: "Sequence[Result]", entries: Sequence[Entry],
+    full: bool = False,
+) -> None:  # fmt: skip
     """Writes record and recording of several analysed logs, see `write_result`."""
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
     mcap.write_comparison(record, results, embedded(entries))
-    rrd.write_comparison(recording, results)
+    rrd.write_comparison(recording, results, full)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:

@@ -38,7 +38,7 @@ def command(
     analysed = results.analysed(shared, logs, pair)
     entries = [entry(r, results.named(pair)) for r in analysed]
     with places(shared, [pair], (r.log for r in analysed), logs) as (found,):
-        write_comparison(found, analysed, entries)
+        write_comparison(found, analysed, entries, shared.full)
     if shared.json:
         print(dumps(document(entries)))
     else:

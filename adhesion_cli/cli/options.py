@@ -82,6 +82,9 @@ class Shared:
         "--rejects", "FILE.csv", "Write each rejected row and cell of CSV logs here.")] = None
     figure: Annotated[Path | None, option(
         "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")] = None
+    full: Annotated[bool, option(
+        "--full", None, "Recording of a long log: every sample also between brakes.",
+        )] = False
     quiet: Annotated[bool, option(
         "-q --quiet", None, "No progress and no notes on stderr; results and errors stay.",
         )] = False

@@ -125,7 +125,7 @@ def write(
     with places(shared, sets, (r.log for r in results), read) as found:
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
-            outputs.write_result(of[:2], result, entries[i], slip, notes)
+            outputs.write_result(of[:2], result, entries[i], slip, notes, shared.full)
             for name, place in zip(sets[i][2:], of[2:], strict=True):
                 more[name](place, of[0])
 

@@ -4,7 +4,7 @@ Uncertainties are those of JCGM 100 (GUM), see `reference.budget`.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -73,7 +73,9 @@ def of_axle(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
             joined[-1].append(s)
         else:
             joined.append([s])
-    return [_application(axle, vehicle, parts, found) for parts in joined]
+    whole = slip.Whole(axle, vehicle)
+    moved = budget.by_parameter(axle.record, vehicle, axle.reference) if joined else {}
+    return [_application(whole, parts, found, moved) for parts in joined]
 
 
 def _locked(record: AxleRecord, between: slice) -> bool:
@@ -85,8 +87,10 @@ def _locked(record: AxleRecord, between: slice) -> bool:
 
 
 def _application(
-    axle: AxleResult, vehicle: Vehicle, parts: Sequence[slice], slides: Sequence[Slide]
-) -> Application:
+    whole: slip.Whole, parts: Sequence[slice], slides: Sequence[Slide],
+    moved: Mapping[str, Floats],
+) -> Application:  # fmt: skip
+    axle, vehicle = whole.axle, whole.vehicle
     record, where = axle.record, slice(parts[0].start, parts[-1].stop)
     start, end = int(record.t[where.start]), int(record.t[where.stop - 1])
     if record.train_speed is None:
@@ -95,18 +99,18 @@ def _application(
         speed = record.train_speed[where]
     known = speed[np.isfinite(speed)]
     first, last = (float(known[i]) if len(known) else None for i in (0, -1))
-    force, own_budget = _measured(axle, vehicle, parts) or (None, None)
+    force, own_budget = _measured(axle, vehicle, parts, moved) or (None, None)
     weight = vehicle.axle_mass.value * physics.G
     own = tuple(x for x in slides if where.start <= x.where.start < where.stop)
     return Application(
         where, start, end, first, last, force,
         force and _over(force, weight, _mass(axle, where, vehicle)), own,
-        slip.utilisation(axle, vehicle, own), own_budget,
+        slip.utilisation(whole, own), own_budget,
     )  # fmt: skip
 
 
 def _measured(
-    axle: AxleResult, vehicle: Vehicle, parts: Sequence[slice]
+    axle: AxleResult, vehicle: Vehicle, parts: Sequence[slice], moved: Mapping[str, Floats]
 ) -> tuple[Measured, Budget] | None:
     """The force of an application [N]; None where the reference has no value.
 
@@ -114,6 +118,7 @@ def _measured(
         axle: with its reference.
         vehicle: with its tolerances.
         parts: of the application in which the wheel turns.
+        moved: what each parameter adds, from `budget.by_parameter`.
 
     The highest force is that with the highest lower limit of its noise: no outlier of the noise.
     """
@@ -127,7 +132,7 @@ def _measured(
     every = np.concatenate(known)
     top = int(every[np.argmax(ref.force[every] - Z95 * ref.sigma[every])])
     mean = partial(_mean, axle.record.t, known=known)
-    of = budget.of_mean(axle.record, vehicle, ref, mean, len(every))
+    of = budget.of_mean(axle, vehicle, moved, mean, len(every))
     noise, u = float(ref.sigma[top]), math.hypot(ref.sigma[top], ref.tolerance[top])
     k = coverage_factor(budget.freedom(noise, u, len(every)))
     return Measured(mean(ref.force), of.k * of.u, float(ref.force[top]), k * u), of

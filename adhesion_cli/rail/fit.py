@@ -149,22 +149,25 @@ def _part(k: int, slip: float, speed: float, bend: Bend) -> float:
     return faster if k == n else faster * (at - bend.slip)
 
 
-def _adhesion(slip: float, speed: float, x: Floats, patch: Patch, bend: Bend) -> float:
-    """μ on the rail x: (3) e^g."""
+def _adhesion(
+    slip: float, speed: float, rail: Condition, x: Floats, patch: Patch, bend: Bend
+) -> float:
+    """μ on the rail x, whose constants of (3) are `rail`: (3) e^g."""
     g = 0.0
     for k in range(len(x) - _WEIGHTS):
         g += float(x[_WEIGHTS + k]) * _part(k, slip, speed, bend)
-    force = creep_force(slip * speed, speed, _rail(x), patch)[0]
+    force = creep_force(slip * speed, speed, rail, patch)[0]
     return math.exp(g) * force / patch.load
 
 
 def _course(of: Setup, x: Floats, aside: float, mean: Floats, variance: Floats) -> None:
     """Fills mean and variance of μ over the noise of each point's slip, moved by `aside`."""
+    rail = _rail(x)
     for i in range(len(of.p.slip)):
         slip = _slip(of, x, i) + aside
         first, second = 0.0, 0.0
         for weight, far in _NODES:
-            mu = _adhesion(slip + far * of.p.noise[i], of.p.speed[i], x, of.patch, of.bend)
+            mu = _adhesion(slip + far * of.p.noise[i], of.p.speed[i], rail, x, of.patch, of.bend)
             first += weight * mu
             second += weight * mu * mu
         mean[i], variance[i] = first, max(second - first * first, 0.0)
@@ -202,16 +205,17 @@ def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, found: Floats
     """Fills slip and μ of the largest adhesion, shape (rails, speeds, 2)."""
     first, whole = math.log(_SLIPS[0]), math.log(_SLIPS[1] / _SLIPS[0])
     for i in range(len(rails)):
+        rail = _rail(rails[i])
         for j in range(len(speed)):
             at, most, step = first, 0.0, whole / _GRID
             for k in range(_GRID + 1):
-                mu = _adhesion(math.exp(first + k * step), speed[j], rails[i], patch, bend)
+                mu = _adhesion(math.exp(first + k * step), speed[j], rail, rails[i], patch, bend)
                 if mu > most:
                     at, most = first + k * step, mu
             for _ in range(_HALVINGS):
                 step *= 0.5
                 for side in (at - step, at + step):
-                    mu = _adhesion(math.exp(side), speed[j], rails[i], patch, bend)
+                    mu = _adhesion(math.exp(side), speed[j], rail, rails[i], patch, bend)
                     if mu > most:
                         at, most = side, mu
             found[i, j, 0], found[i, j, 1] = math.exp(at), most

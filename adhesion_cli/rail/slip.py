@@ -12,6 +12,7 @@ F is the offline reference's. The estimators lag, and a lag in μ alone bends ev
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -387,33 +388,74 @@ class Summary(NamedTuple):
 def summary(axle: AxleResult, vehicle: Vehicle) -> tuple[Summary, list[Finding]]:
     """Slides, shares, rail, peak and adhesion utilisation of an axle."""
     found = slides(axle)
-    rail, findings = fitted(axle, vehicle, found)
+    rail, findings = fitted(Whole(axle, vehicle), found)
     late = None if axle.record.train_speed_made else axle.record.train_speed_late
     return Summary(axle.record.axle, shares(axle), found, rail, _rmse(axle), late), findings
 
 
-def utilisation(axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]) -> fit.Interval | None:
+class Whole:
+    """What a fit needs of the whole axle, computed once for all its brake applications.
+
+    Args:
+        axle: with its slip and a train speed, before anything is asked for.
+        vehicle: for μ and the wheel radius.
+    """
+
+    def __init__(self, axle: AxleResult, vehicle: Vehicle) -> None:
+        self.axle, self.vehicle = axle, vehicle
+
+    @cached_property
+    def radius(self) -> Parameter:
+        """At which it coasts without slip [m]."""
+        return calibrated(self.axle.record, self.vehicle)[0]
+
+    @cached_property
+    def noise(self) -> Floats:
+        """1 sigma of v − ωR [m/s], (n,)."""
+        return speed_noise(self.axle.record, self.radius.value)
+
+    @cached_property
+    def clock(self) -> Floats:
+        """1 sigma of slip by the train speed, (n,)."""
+        return _speed_error(self.axle.record, _DELAY)
+
+    @cached_property
+    def swing(self) -> Floats:
+        """1 sigma of μ by the reference, (n,)."""
+        return physics.coefficient(
+            _around(self.axle.record, self.axle.reference.sigma), self.vehicle
+        )
+
+    @cached_property
+    def creeps(self) -> list[slice]:
+        """Where it creeps, as `creeps`."""
+        assert self.axle.slip is not None
+        return creeps(self.axle.record, self.axle.slip)
+
+
+def utilisation(whole: Whole, found: Sequence[Slide]) -> fit.Interval | None:
     """Adhesion utilisation in these slides of an axle, by the rail under them; None if not known.
 
     As in `summary`, with fewer draws: it takes about half a second.
     """
-    rail, _ = fitted(axle, vehicle, found, _FEW)
+    rail, _ = fitted(whole, found, _FEW)
     return rail.utilisation if rail else None
 
 
 def fitted(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], draws: int | None = None
+    whole: Whole, found: Sequence[Slide], draws: int | None = None
 ) -> tuple[fit.RailFit | None, list[Finding]]:
     """The rail under slides of an axle, and findings about what they do not show."""
-    name = f"axle {axle.record.axle}"
+    record, vehicle = whole.axle.record, whole.vehicle
+    name = f"axle {record.axle}"
     if not found:
         return None, [Finding("no-slide", "info", channel=name)]
-    if axle.record.train_speed_made:
+    if record.train_speed_made:
         return None, [Finding("rail-needs-train-speed", "info", channel=name)]
-    if _slow(axle.record):
+    if _slow(record):
         return None, [Finding("rail-needs-train-clock", "info", channel=name)]
-    radius = calibrated(axle.record, vehicle)[0]
-    seen, mu_error = points(axle, vehicle, found, radius.value)
+    radius = whole.radius
+    seen, mu_error = points(whole, found)
     if fit.clear_time(seen) < fit.SHORTEST:
         needed = {"needed_s": fit.SHORTEST}
         return None, [Finding("slides-too-short", "info", channel=name, values=needed)]
@@ -442,20 +484,19 @@ def _rmse(axle: AxleResult) -> float | None:
     return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
 
-def points(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide], radius: float
-) -> tuple[fit.Points, float]:
+def points(whole: Whole, found: Sequence[Slide]) -> tuple[fit.Points, float]:
     """Operating points of slides and of creep close to them; 1 sigma of μ's scale.
 
     After a long pause the rail may be another one.
     """
+    axle, vehicle = whole.axle, whole.vehicle
     record, ref = axle.record, axle.reference
     assert axle.slip is not None
     assert record.train_speed is not None
     sliding, near = np.zeros((2, len(record)), dtype=np.bool_)
     for x in found:
         sliding[x.where] = True
-    runs = {x.start: x for x in (*creeps(record, axle.slip), *(x.where for x in found))}
+    runs = {x.start: x for x in (*whole.creeps, *(x.where for x in found))}
     for segment in record.segments:
         inside = [runs[i] for i in sorted(runs) if segment.start <= i < segment.stop]
         together = slice(0, 0)
@@ -474,10 +515,10 @@ def points(
     variance = (float(np.median(scale)) if len(at) else 0.0) + (mass.tolerance / mass.value) ** 2
     error = math.sqrt(max(variance, 0.0))
     t = (record.t[at] - record.t[0]) * 1e-9
-    v, clock = record.train_speed[at], _speed_error(record, _DELAY)[at]
-    noise = speed_noise(record, radius)[at] / v  # of (2)
-    swing = physics.coefficient(_around(record, ref.sigma)[at], vehicle)
-    return fit.Points(t, v, axle.slip[at], mu, noise, swing, clock, sliding[at]), error
+    v = record.train_speed[at]
+    noise = whole.noise[at] / v  # of (2)
+    of = whole.swing[at], whole.clock[at], sliding[at]
+    return fit.Points(t, v, axle.slip[at], mu, noise, *of), error
 
 
 def _around(record: AxleRecord, sigma: Floats) -> Floats:

@@ -7,10 +7,10 @@ does not shrink with the number of samples.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
-from ..core.model import AxleRecord, Floats, Reference, Vehicle, quantities
+from ..core.model import AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
 from ..core.physics import faded, wheelset
 from ..core.signals import coverage_factor
 from .force import moves
@@ -55,29 +55,41 @@ class Budget(NamedTuple):
         return coverage_factor(self.freedom)
 
 
-def of_mean(
-    record: AxleRecord, vehicle: Vehicle, reference: Reference, mean: Callable[[Floats], float],
-    samples: int,
-) -> Budget:  # fmt: skip
-    """The budget of the mean force of a brake application.
+def by_parameter(
+    record: AxleRecord, vehicle: Vehicle, reference: Reference
+) -> Mapping[str, Floats]:
+    """By how much each parameter's tolerance moves the force of an axle [N]; (n,) each.
 
     Args:
         record: one axle's record.
         vehicle: with its tolerances.
         reference: the force; NaN where it is not known.
-        mean: over the application's samples with a force, of a column of shape (n,).
-        samples: how many these are.
     """
     w = wheelset(vehicle, record.axle)
     record = faded(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
-    columns = moves(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
+    return moves(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
+
+
+def of_mean(
+    axle: AxleResult, vehicle: Vehicle, columns: Mapping[str, Floats],
+    mean: Callable[[Floats], float], samples: int,
+) -> Budget:  # fmt: skip
+    """The budget of the mean force of a brake application.
+
+    Args:
+        axle: with its reference.
+        vehicle: with its tolerances.
+        columns: of the axle, from `by_parameter`.
+        mean: over the application's samples with a force, of a column of shape (n,).
+        samples: how many these are.
+    """
     moved = {name: mean(column) for name, column in columns.items()}
-    noise = mean(reference.sigma)
+    noise = mean(axle.reference.sigma)
     variance = max(vehicle.covariance(moved, moved), 0.0) + noise**2
     rows = [Row(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
     for name, by in moved.items():
-        q = vehicle.radius(record.axle) if name == "wheel_radius" else getattr(vehicle, name)
+        q = vehicle.radius(axle.record.axle) if name == "wheel_radius" else getattr(vehicle, name)
         if q.tolerance > 0.0:
             share = _share(vehicle.covariance({name: by}, moved), variance)
             unit = quantities(Vehicle)[name].unit

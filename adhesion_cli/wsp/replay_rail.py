@@ -51,12 +51,13 @@ def under(
     Raises:
         UserError: the slides show no rail, with the reason.
     """
-    rail, findings = slip.fitted(axle, vehicle, found)
+    whole = slip.Whole(axle, vehicle)
+    rail, findings = slip.fitted(whole, found)
     better: int | None = None
     if rail is None:
         if findings[0].code not in ("slides-too-short", "rail-changes"):
             raise UserError(findings[0].message, findings[0].hint or "")
-        rail, better, findings = _short(axle, vehicle, found)
+        rail, better, findings = _short(whole, found)
     more = _more(axle, vehicle, rail)
     if better is not None:
         more |= (axle.record.t >= better) & (
@@ -66,15 +67,15 @@ def under(
 
 
 def _short(
-    axle: AxleResult, vehicle: Vehicle, found: Sequence[Slide]
+    whole: slip.Whole, found: Sequence[Slide]
 ) -> tuple[fit.RailFit, int | None, list[Finding]]:
     """A fit to the slides up to where the rail gets better, and when that is [ns].
 
     Raises:
         UserError: too little slip, or no curve fits.
     """
-    record, radius = axle.record, slip.calibrated(axle.record, vehicle)[0]
-    points, mu_error = slip.points(axle, vehicle, found, radius.value)
+    record, radius = whole.axle.record, whole.radius
+    points, mu_error = slip.points(whole, found)
     past = _gets_better(points)
     better = None if past == len(points.t) else int(record.t[0] + round(points.t[past] * 1e9))
     points = fit.Points._make(x[:past] for x in points)
@@ -83,7 +84,7 @@ def _short(
         text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
         hint = "Log train and wheel speed at a higher rate or with less noise."
         raise UserError(f"{text}; {fit.LEAST:g} s are needed", hint)
-    rail = fit.fit(points, vehicle, radius.tolerance / radius.value, mu_error)
+    rail = fit.fit(points, whole.vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
         raise UserError(text, "Log a stop on one kind of rail.")

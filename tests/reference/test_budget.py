@@ -40,7 +40,9 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
     def mean(x: Floats) -> float:
         return float(x[at].mean())
 
-    found = budget.of_mean(record, vehicle, ref, mean, len(at))
+    moved = budget.by_parameter(record, vehicle, ref)
+    of = replace(axle, record=record, reference=ref)
+    found = budget.of_mean(of, vehicle, moved, mean, len(at))
     assert np.isinf(found.freedom)
     assert found.k == Z95
     assert record.pressure is not None

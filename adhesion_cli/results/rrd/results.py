@@ -3,7 +3,7 @@
 import math
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +12,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from ...core import physics, signals
+from ...core import physics, rounding, signals
 from ...core.finding import catalogue
-from ...core.model import Z95, AxleResult, Bools, Floats, Result, Score, Times
+from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit
@@ -24,7 +24,9 @@ from . import parts
 from .curve import Fitted, curve_view, send_curve
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
-_OVERVIEW_ROWS = 20_000  # rows of an overview
+_OVERVIEW_ROWS = 20_000  # rows of an overview; an axle with more is thinned between brakes
+_SPAN = 500_000_000  # of which the lowest and the highest value are drawn between brakes [ns]
+_AROUND = 2_000_000_000  # before and after a brake application every sample is drawn [ns]
 _EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
@@ -32,30 +34,33 @@ Note = tuple[str, fit.RailFit | None]
 _NO_NOTE: Note = "`adhesion slip` shows peak, rail and slides.", None
 
 
-def write_result(path: Path, result: Result, notes: Sequence[Note] = ()) -> None:
+def write_result(
+    path: Path, result: Result, notes: Sequence[Note] = (), full: bool = False
+) -> None:
     """Write one analysed log.
 
     Args:
         path: file to write; its old content is lost.
         result: the analysed log.
         notes: on the slip of each axle, with its rail; with them, slip is what is shown first.
+        full: whether a long log is drawn with every sample between its brake applications, too.
 
     Raises:
         OSError: the file cannot be written or does not read back.
     """
-    _write(path, [("", result)], notes)
+    _write(path, [("", result)], notes, full)
 
 
-def write_comparison(path: Path, results: Sequence[Result]) -> None:
+def write_comparison(path: Path, results: Sequence[Result], full: bool = False) -> None:
     """Write several analysed logs into one recording, each in its own tab; else `write_result`.
 
     On the timeline `brake`, time counts from each log's own brake start.
     """
-    _write(path, list(zip(names.logs(results), results, strict=True)), ())
+    _write(path, list(zip(names.logs(results), results, strict=True)), (), full)
 
 
-def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note]) -> None:
-    pages = [_Page(name, result, notes) for name, result in logs]
+def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], full: bool) -> None:
+    pages = [_Page(name, result, notes, full) for name, result in logs]
     title = ", ".join(page.title for page in pages)
     parts.write(path, title, " ".join(r.log.sha256 for _, r in logs), pages)
 
@@ -63,13 +68,16 @@ def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note]) ->
 class _Page:
     """One log: its entities under `root` and the views that show them."""
 
-    def __init__(self, name: str, result: Result, notes: Sequence[Note]) -> None:
-        self.result, self.notes = result, notes
+    def __init__(self, name: str, result: Result, notes: Sequence[Note], full: bool) -> None:
+        self.result, self.notes, self.full = result, notes, full
         self.title = printable(Path(result.log.path).name)
         self.root = rr.new_entity_path([name]) if name else ""
-        self.zeros = {"time": result.log.start_ns(), "brake": result.brake_ns()}
-        points = sum(len(a.record) * (2 * len(a.estimates) + 9) for a in result.axles)
+        self.zeros = {"time": result.log.start_ns()}
+        if name:  # the logs of a comparison, by their own brakes
+            self.zeros["brake"] = result.brake_ns()
+        points = sum(len(self._spans(a)) * (2 * len(a.estimates) + 9) for a in result.axles)
         self.large = points > OVERVIEW_FROM
+        self.thinned = any(len(self._spans(a)) < len(a.record) for a in result.axles)
         stated = result.settings.get("bands")
         self.bands = Bands(**stated) if stated else None
 
@@ -80,16 +88,20 @@ class _Page:
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             t, index, inside = _rows(axle)
+            drawn = self._spans(axle)
             span = -(-2 * len(t) // _OVERVIEW_ROWS)
             step = max(_ROWS // span, 1) * span
             for at in range(0, len(t), step):
                 part = slice(at, at + step)
+                first = drawn[(drawn > at) & (drawn < at + step)] - at
+                first = np.insert(first, 0, 0)
                 for plot in self._plots(axle, index[part], inside[part]):
                     whole = f"{self.root}/{path}/{plot.name}"
-                    parts.send_plot(rec, whole, self._times, t[part], plot, at == 0)
+                    thin = _envelope(t[part], plot, first)
+                    parts.send_plot(rec, whole, self._times, *thin, at == 0)
                     if self.large:
                         over = f"{self.root}/overview/{path}/{plot.name}"
-                        short = _envelope(t[part], plot, span)
+                        short = _envelope(t[part], plot, np.arange(0, len(t[part]), span))
                         parts.send_plot(rec, over, self._times, *short, at == 0)
                 rec.flush()  # or the SDK queues the whole log
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -99,7 +111,24 @@ class _Page:
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
         self._send_events(rec)
         parts.send_text(rec, f"{self.root}/summary", _summary(self.result))
-        parts.send_text(rec, f"{self.root}/about", _about(self.result, self.large))
+        about = _about(self.result, self.large, self.thinned)
+        parts.send_text(rec, f"{self.root}/about", about)
+
+    def _spans(self, axle: AxleResult) -> NDArray[np.int64]:
+        """First row, of `_rows`, of each span of which one or two rows are drawn, (k,).
+
+        In and around brake applications and slides that is every row, and in short logs.
+        """
+        t, index, _ = _rows(axle)
+        if self.full or len(t) <= _OVERVIEW_ROWS:
+            return np.arange(len(t))
+        exact = index < 0
+        times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
+        for begin, end in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
+            exact |= (t >= begin - _AROUND) & (t <= end + _AROUND)
+        new = np.diff(t // _SPAN, prepend=t[0] // _SPAN - 1) != 0
+        new |= exact | np.append(False, exact[:-1])
+        return np.flatnonzero(new)
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
         columns = [
@@ -109,6 +138,21 @@ class _Page:
         if self.result.log.absolute:
             columns.append(rr.TimeColumn("clock", timestamp=t.astype("datetime64[ns]")))
         return columns
+
+    def _measured(
+        self, record: AxleRecord, column: Callable[[Floats, float], Floats]
+    ) -> Iterator[parts.Plot]:
+        """What the sensors say."""
+        radius = self.result.vehicle.radius(record.axle).value
+        speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
+        if record.train_speed is not None:
+            speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
+        yield parts.lines("speed", speeds)
+        brake = [("clamping force K [10 kN]", parts.CLAMPING, column(record.clamping_force, 1e-4))]
+        if record.pressure is not None:
+            bar = column(record.pressure, 1e-5)
+            brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
+        yield parts.lines("braking", brake)
 
     def _plots(
         self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
@@ -122,48 +166,49 @@ class _Page:
         def computed(values: Floats) -> Floats:
             return np.where(inside, column(values), np.nan)
 
-        radius = self.result.vehicle.radius(record.axle).value
-        speeds = [("wheel", parts.WHEEL, column(record.wheel_speed, radius * 3.6))]
-        if record.train_speed is not None:
-            speeds.insert(0, ("train", parts.TRAIN, column(record.train_speed, 3.6)))
-        yield parts.lines("speed", speeds)
-        brake = [("clamping force K [10 kN]", parts.CLAMPING, column(record.clamping_force, 1e-4))]
-        if record.pressure is not None:
-            bar = column(record.pressure, 1e-5)
-            brake.insert(0, ("brake cylinder pressure [bar]", parts.PRESSURE, bar))
-        yield parts.lines("braking", brake)
+        noise = column(reference.sigma)
 
+        def force(values: Floats, sigma: Floats = noise) -> Floats:
+            return rounding.rounded(computed(values), sigma)
+
+        yield from self._measured(record, column)
         lower, upper = computed(reference.lower), computed(reference.upper)
         yield parts.Plot(
             "force/band", ("95 % band",), (parts.REFERENCE,),
-            (lower + upper)[:, None] / 2, (upper - lower)[:, None] / 2, (0.0,),
+            rounding.rounded((lower + upper) / 2, noise)[:, None],
+            rounding.digits((upper - lower) / 2)[:, None], (0.0,),
         )  # fmt: skip
         yield parts.Plot(
             "force/reference", ("reference ± 1 sigma",), (parts.REFERENCE,),
-            computed(reference.force)[:, None], computed(reference.sigma)[:, None], (1.0,),
+            force(reference.force)[:, None], rounding.digits(computed(reference.sigma))[:, None],
+            (1.0,),
         )  # fmt: skip
         if record.truth is not None:
-            yield parts.lines("force/truth", [("truth", parts.TRUTH, computed(record.truth))])
+            yield parts.lines("force/truth", [("truth", parts.TRUTH, force(record.truth))])
         colours = {a: palette.rgba(palette.of_method(a)) for a in sorted(axle.estimates)}
-        estimates = [(a, c, computed(axle.estimates[a])) for a, c in colours.items()]
+        own = {a: column(axle.sigmas.get(a, reference.sigma)) for a in colours}
+        estimates = [(a, c, force(axle.estimates[a], own[a])) for a, c in colours.items()]
         errors = [
-            (a, c, np.where(inside, axle.error(a, index), np.nan)) for a, c in colours.items()
+            (a, c, np.where(inside, rounding.rounded(axle.error(a, index), noise), np.nan))
+            for a, c in colours.items()
         ]
         bands = [a for a in colours if a in axle.sigmas]
         if bands:
-            half = [Z95 * computed(axle.sigmas[a]) for a in bands]
+            half = [rounding.digits(Z95 * computed(axle.sigmas[a])) for a in bands]
             yield parts.Plot(
                 "force/own", tuple(f"{a}: own 95 % band" for a in bands),
                 tuple(colours[a] for a in bands),
-                np.stack([computed(axle.estimates[a]) for a in bands], axis=1),
+                np.stack([force(axle.estimates[a], own[a]) for a in bands], axis=1),
                 np.stack(half, axis=1), (0.0,) * len(bands),
             )  # fmt: skip
         if colours:
             yield parts.lines("force/estimates", estimates)
             yield parts.lines("error", errors)
         if axle.slope is not None and axle.slope_confidence is not None:
-            yield parts.lines("slope", [("slope dµ/ds", parts.SLOPE, computed(axle.slope))])
-            sure = computed(axle.slope_confidence)
+            slope, sure = (
+                rounding.digits(computed(x)) for x in (axle.slope, axle.slope_confidence)
+            )
+            yield parts.lines("slope", [("slope dµ/ds", parts.SLOPE, slope)])
             yield parts.lines("confidence", [("confidence", parts.REFERENCE, sure)])
 
     def _send_slip(
@@ -221,7 +266,7 @@ class _Page:
         tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in self.result.axles]
         if self.large:
             full = [self._axle_tab(a, "") for a in self.result.axles]
-            tabs.append(rrb.Tabs(*full, name="Full data"))
+            tabs.append(rrb.Tabs(*full, name="Brake applications" if self.thinned else "Full data"))
         scores = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings")
         summary = rrb.Horizontal(scores, self._about(), name="Summary")
         return rrb.Tabs(*tabs, summary, name=self.title)
@@ -311,19 +356,31 @@ def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
     return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
 
 
-def _envelope(t: Times, plot: parts.Plot, step: int) -> tuple[Times, parts.Plot]:
-    """The lowest and the highest value of each span of `step` rows, as two rows a span."""
-    at = np.arange(0, len(t), step)
+def _envelope(t: Times, plot: parts.Plot, first: NDArray[np.int64]) -> tuple[Times, parts.Plot]:
+    """The lowest and the highest value of each span of rows, in the order in which the line goes.
+
+    Args:
+        t: of the rows [ns], shape (n,).
+        plot: their values.
+        first: row of each span, rising from 0, shape (k,). A span of one row stays that row.
+    """
+    if len(first) == len(t):
+        return t, plot
     below, above = plot.values, plot.values
     if plot.half is not None:
         below, above = below - plot.half, above + plot.half
-    low = np.fmin.reduceat(below, at, axis=0)  # fmin, fmax pass over NaN
-    high = np.fmax.reduceat(above, at, axis=0)
-    values, half = np.stack([low, high], axis=1).reshape(-1, low.shape[1]), None
+    low = np.fmin.reduceat(below, first, axis=0)  # fmin, fmax pass over NaN
+    high = np.fmax.reduceat(above, first, axis=0)
+    size = np.diff(first, append=len(t))
+    each = np.repeat(np.arange(len(first)), np.minimum(size, 2))
+    second = np.diff(each, prepend=-1) == 0
+    at = first[each] + np.where(second, size[each] // 2, 0)
     if plot.half is not None:
-        values, half = (np.repeat(x / 2, 2, axis=0) for x in (low + high, high - low))
-    middle = np.minimum(at + step // 2, len(t) - 1)
-    return np.stack([t[at], t[middle]], axis=1).ravel(), replace(plot, values=values, half=half)
+        values, half = (low + high)[each] / 2, (high - low)[each] / 2
+        return t[at], replace(plot, values=values, half=half)
+    rises = plot.values[first + size - 1] >= plot.values[first]
+    top = rises[each] == second[:, None]
+    return t[at], replace(plot, values=np.where(top, high[each], low[each]))
 
 
 # ---- text
@@ -345,22 +402,28 @@ Grey is the reference. The wide band holds the truth with 95 %, vehicle toleranc
 narrow one is one sigma of its noise. Green is the truth, where the log has it. Each estimator has
 its own colour everywhere. A gap in a line is a gap in the data.
 
-Time counts from the start of the log, as on the screen and in the findings. The timeline `brake`
-counts from the first brake application, and `clock` is the log's own.
+Time counts from the start of the log, as on the screen and in the findings. The timeline `clock` is
+the log's own. In a comparison, `brake` counts from the first brake application of each log.
 """
 _OVERVIEW = f"""
-The log is long: the overviews show the lowest and the highest value of each of
-{_OVERVIEW_ROWS // 2} spans of time, the tab Full data every sample.
+The log is long. The overviews show the lowest and the highest value of each of
+{_OVERVIEW_ROWS // 2} spans of time.
+"""
+_THINNED = f"""
+Every sample is drawn in brake applications and slides and {_AROUND / 1e9:g} s around them. Between
+them each {_SPAN / 1e9:g} s is drawn by its lowest and its highest value. `--full` draws every
+sample. The MCAP file has all of them.
 """
 
 
-def _about(result: Result, large: bool) -> str:
+def _about(result: Result, large: bool, thinned: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
     settings = names.flat(result.settings).items()
     lines = [
         _LINES,
         f"Reference: {', '.join(map(_plain, methods))}.",
         _OVERVIEW * large,
+        _THINNED * thinned,
         "## Settings\n\n| setting | value |\n|---|---|",
         *(f"| {_plain(k)} | {_plain(v)} |" for k, v in settings),
         "\n## Sources\n",

@@ -74,9 +74,11 @@ def test_a_result_is_read_as_it_was_written(run: Run) -> None:
     assert [a.number for a in run.axles] == [1, 2]
     for axle, of in zip(run.axles, made.axles, strict=True):
         assert axle.t == pytest.approx(np.arange(3000) / 100.0, abs=1e-6)  # after the log's start
-        np.testing.assert_array_equal(axle.force, of.reference.force)
-        np.testing.assert_allclose(axle.upper - axle.force, of.reference.half, rtol=1e-9)
-        np.testing.assert_allclose(axle.errors["td"], of.estimates["td"] - of.record.truth)
+        most = float(np.nanmax(of.reference.sigma)) / 32.0  # a result is rounded by less
+        np.testing.assert_allclose(axle.force, of.reference.force, atol=most)
+        np.testing.assert_allclose(axle.upper - axle.force, of.reference.half, atol=2.0 * most)
+        error = of.estimates["td"] - of.record.truth
+        np.testing.assert_allclose(axle.errors["td"], error, atol=2.0 * most)
         assert axle.against == "truth"
         rolling = of.record.train_speed * (1.0 - axle.slip)
         known = np.isfinite(rolling) & (of.record.train_speed > 3.0)
