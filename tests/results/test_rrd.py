@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+import rerun.blueprint as rrb
 from made_results import EPOCH, result
 from recordings import batches, column, static
 from rerun.chunk import RrdReader
@@ -20,7 +21,7 @@ from adhesion_cli.core.physics import G
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
 from adhesion_cli.results import palette, rrd
-from adhesion_cli.results.rrd import parts, results
+from adhesion_cli.results.rrd import overview, parts, results, rows
 
 PATCH = Contact().patch(Vehicle().axle_mass.value * G)
 ALGORITHMS = ("gradient", "kalman", "leso", "neso", "td")
@@ -160,12 +161,34 @@ def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
         [{"start": None, "end": None}]  # infinite
     ]
     linked = [v for k, v in seen.items() if k.endswith("TimeAxis:link")]
-    assert len(linked) == 2 * (4 + 2 + 1)  # charts of force, of slip, states
+    assert len(linked) == 4 + 2 * (4 + 2 + 1)  # of all axles; of force, of slip, states
     titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
     assert {"Axle 1: speed [km/h]", "Axle 2: adhesion force [N]", "Events"} <= titles
     assert "Axle 1: estimate minus truth [N]" in titles
     states = [v for k, v in seen.items() if k.endswith(":play_state")]
     assert states == [[[1]]]  # paused
+
+
+def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
+    analysed = result(2, 400)
+    rolls, slides = np.zeros(400), np.where(np.arange(400) // 60 == 2, 0.3, 0.001)
+    axles = tuple(
+        replace(a, slip=x, record=replace(a.record, clamping_force=np.full(400, 1e4)))
+        for a, x in zip(analysed.axles, (rolls, slides), strict=True)
+    )
+    path, made = tmp_path / "a.rrd", replace(analysed, axles=axles)
+    assert [overview.worst(a) for a in axles] == [0.0, 0.3]
+    rrd.write_result(path, made)
+    (text,) = static(path, "/summary", "text")
+    (line,) = [x for x in text.splitlines() if x.startswith("| 2 | ")]
+    assert line.endswith(" | 30.0 |")
+    t, slip = column(path, "/all/slip/2", "scalars")
+    assert len(t) == 402
+    assert np.nanmax(slip) == pytest.approx(30.0)
+    tabs = results._Page("", made, (), False).layout().contents
+    names = [tab.name for tab in tabs if isinstance(tab, rrb.Container | rrb.View)]
+    assert names[:3] == ["All axles", "Axle 2", "Axle 1"]
+    assert names[-1] == "How this was made, settings"
 
 
 def test_sparse_result(tmp_path: Path) -> None:
@@ -187,7 +210,7 @@ def test_sparse_result(tmp_path: Path) -> None:
 
 def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(results, "OVERVIEW_FROM", 1000)
-    monkeypatch.setattr(results, "_OVERVIEW_ROWS", 100)
+    monkeypatch.setattr(rows, "OVERVIEW", 100)
     path = tmp_path / "a.rrd"
     rrd.write_result(path, result(1, 2000))
     t, full = column(path, "/axle/1/force/estimates", "scalars")
@@ -199,13 +222,13 @@ def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert np.isnan(few).any()  # the gap shows
     step = -(-2 * len(t) // 100)
     for k in range(0, len(few), 2):
-        rows = slice(k // 2 * step, k // 2 * step + step)
-        assert few_t[k] == t[rows][0]
-        if np.isfinite(full[rows]).any():
+        span = slice(k // 2 * step, k // 2 * step + step)
+        assert few_t[k] == t[span][0]
+        if np.isfinite(full[span]).any():
             drawn = np.sort(few[k : k + 2], axis=0)  # they come in the order of the line
-            np.testing.assert_array_equal(drawn[0], np.nanmin(full[rows], axis=0))
-            np.testing.assert_array_equal(drawn[1], np.nanmax(full[rows], axis=0))
-            rises = full[rows][-1] >= full[rows][0]
+            np.testing.assert_array_equal(drawn[0], np.nanmin(full[span], axis=0))
+            np.testing.assert_array_equal(drawn[1], np.nanmax(full[span], axis=0))
+            rises = full[span][-1] >= full[span][0]
             np.testing.assert_array_equal(few[k] == drawn[0], rises | (drawn[0] == drawn[1]))
     _, band = column(path, "/overview/axle/1/force/band", "values")
     assert len(band) == len(few)
@@ -227,7 +250,7 @@ def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
 def test_a_long_log_is_thinned_between_its_brakes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(results, "_OVERVIEW_ROWS", 1000)
+    monkeypatch.setattr(rows, "OVERVIEW", 1000)
     analysed = result(1, 4000)
     (axle,) = analysed.axles
     t, where = axle.record.t, slice(1500, 2000)
@@ -352,7 +375,11 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert len(first) == 10
     assert second == [n.replace("Axle 1", "Axle 2") for n in first]
     rest = set(names) - {*first, *second}
-    assert rest == {"Events", "How this was made", "Scores and findings"}
+    every = {f"All axles: {x}" for x in (
+        "speed [km/h]", "adhesion force, reference [kN]", "adhesion coefficient µ", "slip [%]"
+    )}  # fmt: skip
+    text = {"Events", "How this was made, settings", "Summary", "What the lines mean"}
+    assert rest == every | text
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
     assert {t.name for t in shown.timelines} == {"time", "clock"}

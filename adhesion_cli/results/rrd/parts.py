@@ -214,8 +214,10 @@ def states_view(origin: str, name: str) -> rrb.View:
     return rrb.StateTimelineView(origin=origin, name=name, time_view=axis)
 
 
-def span_of(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, float] | None:
-    """Range of a chart: all of some series, and of others all but their rarest spikes.
+def span_of(
+    whole: Sequence[Floats], most: Sequence[Floats], bands: Sequence[Floats] = ()
+) -> tuple[float, float] | None:
+    """Range of a chart: all of some series, of others all but their rarest spikes, most of bands.
 
     The viewer's own range leaves out the bands, and one wild sample flattens everything else.
     """
@@ -226,6 +228,7 @@ def span_of(whole: Sequence[Floats], most: Sequence[Floats]) -> tuple[float, flo
 
     extremes = [ends(v, [0.0, 1.0]) for v in whole]
     extremes += [ends(v[:: max(1, len(v) // JUDGED)], [0.001, 0.999]) for v in most]
+    extremes += [ends(v[:: max(1, len(v) // JUDGED)], [0.02, 0.98]) for v in bands]
     every = np.concatenate([*extremes, [0.0]])
     low, high = float(every.min()), float(every.max())
     margin = 0.05 * (high - low)

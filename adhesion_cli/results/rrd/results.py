@@ -4,7 +4,6 @@ import math
 import re
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,10 @@ from ...core.text import printable
 from ...rail import fit
 from ...rail.slope import Bands
 from .. import log_events, names, palette
-from . import parts
+from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
-_OVERVIEW_ROWS = 20_000  # rows of an overview; an axle with more is thinned between brakes
 _SPAN = 500_000_000  # of which the lowest and the highest value are drawn between brakes [ns]
 _AROUND = 2_000_000_000  # before and after a brake application every sample is drawn [ns]
 _EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
@@ -87,9 +85,9 @@ class _Page:
         """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
-            t, index, inside = _rows(axle)
+            t, index, inside = rows.of_axle(axle)
             drawn = self._spans(axle)
-            span = -(-2 * len(t) // _OVERVIEW_ROWS)
+            span = -(-2 * len(t) // rows.OVERVIEW)
             step = max(_ROWS // span, 1) * span
             for at in range(0, len(t), step):
                 part = slice(at, at + step)
@@ -97,11 +95,11 @@ class _Page:
                 first = np.insert(first, 0, 0)
                 for plot in self._plots(axle, index[part], inside[part]):
                     whole = f"{self.root}/{path}/{plot.name}"
-                    thin = _envelope(t[part], plot, first)
+                    thin = rows.envelope(t[part], plot, first)
                     parts.send_plot(rec, whole, self._times, *thin, at == 0)
                     if self.large:
                         over = f"{self.root}/overview/{path}/{plot.name}"
-                        short = _envelope(t[part], plot, np.arange(0, len(t[part]), span))
+                        short = rows.envelope(t[part], plot, np.arange(0, len(t[part]), span))
                         parts.send_plot(rec, over, self._times, *short, at == 0)
                 rec.flush()  # or the SDK queues the whole log
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
@@ -109,8 +107,11 @@ class _Page:
                 note, rail = self.notes[n] if self.notes else _NO_NOTE
                 self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
+        if len(self.result.axles) > 1:
+            overview.send(rec, self.root, self._times, self.result)
         self._send_events(rec)
         parts.send_text(rec, f"{self.root}/summary", _summary(self.result))
+        parts.send_text(rec, f"{self.root}/lines", _LINES)
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
@@ -119,8 +120,8 @@ class _Page:
 
         In and around brake applications and slides that is every row, and in short logs.
         """
-        t, index, _ = _rows(axle)
-        if self.full or len(t) <= _OVERVIEW_ROWS:
+        t, index, _ = rows.of_axle(axle)
+        if self.full or len(t) <= rows.OVERVIEW:
             return np.arange(len(t))
         exact = index < 0
         times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
@@ -218,7 +219,7 @@ class _Page:
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
         mu = physics.coefficient(axle.reference.force, vehicle)
-        t, index, inside = _rows(axle)
+        t, index, inside = rows.of_axle(axle)
         send_curve(
             rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
@@ -262,21 +263,27 @@ class _Page:
     # -- layout
 
     def layout(self) -> rrb.Container:
-        """Tabs: one per axle, then the summary; a second set of axles with full data if large."""
-        tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in self.result.axles]
+        """Tabs: all axles, one per axle, the brakes of a long log in full, summary, settings.
+
+        The axle with the worst slide comes first.
+        """
+        axles = sorted(self.result.axles, key=lambda a: -overview.worst(a))
+        tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in axles]
+        if len(axles) > 1:
+            tabs.insert(0, overview.tab(self.root, self.result))
         if self.large:
-            full = [self._axle_tab(a, "") for a in self.result.axles]
+            full = [self._axle_tab(a, "") for a in axles]
             tabs.append(rrb.Tabs(*full, name="Brake applications" if self.thinned else "Full data"))
-        scores = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Scores and findings")
-        summary = rrb.Horizontal(scores, self._about(), name="Summary")
-        return rrb.Tabs(*tabs, summary, name=self.title)
+        summary = rrb.TextDocumentView(origin=f"{self.root}/summary", name="Summary")
+        first = 1 if self.notes and len(axles) > 1 else 0  # the slip of an axle, where asked for
+        return rrb.Tabs(*tabs, summary, self._about(), name=self.title, active_tab=first)
 
     def _axle_tab(self, axle: AxleResult, prefix: str) -> rrb.Container:
         N = axle.record.axle
         path, exact = f"{self.root}/{prefix}axle/{N}", f"{self.root}/axle/{N}"
         against = "truth" if any(s.against == "truth" for s in axle.scores) else "reference"
         reference, estimates = axle.reference, axle.estimates
-        force = parts.span_of([reference.lower, reference.upper], list(estimates.values()))
+        force = parts.span_of([], list(estimates.values()), [reference.lower, reference.upper])
         rows = [
             *_inputs(path, N),
             parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
@@ -294,7 +301,8 @@ class _Page:
             rrb.Vertical(*rows, row_shares=shares),
             rrb.Vertical(
                 rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
-                self._events(), self._about(), row_shares=[2.5, 4.0, 5.0],
+                rrb.TextDocumentView(origin=f"{self.root}/lines", name="What the lines mean"),
+                self._events(), row_shares=[3.0, 3.0, 5.0],
             ),
             column_shares=[2, 1], name=title if axle.slip is None else "Force",
         )  # fmt: skip
@@ -322,7 +330,7 @@ class _Page:
         )  # fmt: skip
 
     def _about(self) -> rrb.View:
-        return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made")
+        return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made, settings")
 
     def _events(self) -> rrb.View:
         columns = rrb.TextLogColumns(
@@ -339,50 +347,6 @@ def _inputs(path: str, N: int) -> list[rrb.View]:
     ]
 
 
-def _rows(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
-    """Rows to draw: each sample, and one without values wherever a segment begins or ends.
-
-    Returns:
-        time [ns], index into the record's columns (−1 for a break), and whether the row lies in a
-        segment; shape (m,).
-    """
-    t = axle.record.t
-    inside = np.zeros(len(t), bool)
-    for s in axle.record.segments:
-        inside[s] = True
-    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} - {0, len(t)}
-    edges = np.array(sorted(bounds), np.int64)
-    index = np.insert(np.arange(len(t)), edges, -1)
-    return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
-
-
-def _envelope(t: Times, plot: parts.Plot, first: NDArray[np.int64]) -> tuple[Times, parts.Plot]:
-    """The lowest and the highest value of each span of rows, in the order in which the line goes.
-
-    Args:
-        t: of the rows [ns], shape (n,).
-        plot: their values.
-        first: row of each span, rising from 0, shape (k,). A span of one row stays that row.
-    """
-    if len(first) == len(t):
-        return t, plot
-    below, above = plot.values, plot.values
-    if plot.half is not None:
-        below, above = below - plot.half, above + plot.half
-    low = np.fmin.reduceat(below, first, axis=0)  # fmin, fmax pass over NaN
-    high = np.fmax.reduceat(above, first, axis=0)
-    size = np.diff(first, append=len(t))
-    each = np.repeat(np.arange(len(first)), np.minimum(size, 2))
-    second = np.diff(each, prepend=-1) == 0
-    at = first[each] + np.where(second, size[each] // 2, 0)
-    if plot.half is not None:
-        values, half = (low + high)[each] / 2, (high - low)[each] / 2
-        return t[at], replace(plot, values=values, half=half)
-    rises = plot.values[first + size - 1] >= plot.values[first]
-    top = rises[each] == second[:, None]
-    return t[at], replace(plot, values=np.where(top, high[each], low[each]))
-
-
 # ---- text
 
 
@@ -390,14 +354,13 @@ def _summary(result: Result) -> str:
     found = [
         f"- **{f.severity}** {_plain(f'{f.code}: {log_events.text(f)}')}" for f in result.findings
     ]
-    lines = [f"# {_plain(Path(result.log.path).name)}\n\n## Findings\n", *(found or ["none"])]
+    lines = [f"# {_plain(Path(result.log.path).name)}\n\n## Slides\n", overview.slides(result)]
+    lines += ["\n## Findings\n", *(found or ["none"])]
     lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
 
 
 _LINES = """\
-## What the lines mean
-
 Grey is the reference. The wide band holds the truth with 95 %, vehicle tolerances included. The
 narrow one is one sigma of its noise. Green is the truth, where the log has it. Each estimator has
 its own colour everywhere. A gap in a line is a gap in the data.
@@ -407,7 +370,7 @@ the log's own. In a comparison, `brake` counts from the first brake application 
 """
 _OVERVIEW = f"""
 The log is long. The overviews show the lowest and the highest value of each of
-{_OVERVIEW_ROWS // 2} spans of time.
+{rows.OVERVIEW // 2} spans of time.
 """
 _THINNED = f"""
 Every sample is drawn in brake applications and slides and {_AROUND / 1e9:g} s around them. Between
@@ -420,7 +383,6 @@ def _about(result: Result, large: bool, thinned: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
     settings = names.flat(result.settings).items()
     lines = [
-        _LINES,
         f"Reference: {', '.join(map(_plain, methods))}.",
         _OVERVIEW * large,
         _THINNED * thinned,
