@@ -78,6 +78,7 @@ def test_every_figure_is_made_by_a_command_of_its_page() -> None:
         "reproduce.svg": "adhesion reproduce",
         "response.svg": "--response",
         "viewer.png": "adhesion view",
+        "viewer-axle.png": "adhesion view",
         "report.png": "adhesion report",
     }
     shown = {

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 _FOLDER = Path("fleet-results")
 _SHOWN = 10  # failed logs that are listed
-_DAYS = 14  # that a summary shows
 _WIDTH = 100  # columns of a summary
 _OPTIONS = (
     "config", "set_", "dbc", "algo", "reference", "axle", "from_", "to", "json", "force", "strict",
@@ -173,44 +172,21 @@ def _summary(paths: list[str], shared: Shared) -> int:
 def _text(found: dict[str, Any]) -> str:
     """The summary as tables, at most 100 columns wide."""
     from ..core.text import printable
+    from ..fleet import summary_tables
     from . import terminal
 
-    def lines(title: str, rows: list[dict[str, str]], left: int = 1) -> list[str]:
-        return ["", title, terminal.records(rows, _WIDTH, left)] if rows else []
-
-    counts, days = found["logs"], found["by_day"]
-    last = f", last {_DAYS} of {len(days)} days" if len(days) > _DAYS else ""
-    speeds = [
-        {"speed [km/h]": f"{row['from_kmh']:.0f} to {row['to_kmh']:.0f}"
-         if row["to_kmh"] else f"from {row['from_kmh']:.0f}", **_spread(row)}
-        for row in found["by_speed"]
-    ]  # fmt: skip
-    vehicles = [
-        {"settings": row["settings"], "vehicle": row["stated"], **_spread(row)}
-        for row in found["by_settings"]
-    ]
-    codes = [
-        {"finding": row["code"], "severity": row["severity"], "example": row["example"],
-         "logs": str(row["logs"])}
-        for row in found["findings"]
-    ]  # fmt: skip
-    slides = [_slid(row) for row in found["worst_slides"]]
     failed = [
         f"  {printable(row['log'])}\n    error: {printable(row['error'])}"
         for row in found["failed"]
     ]
     damaged = [f"  {printable(log)}" for log in found["damaged"]]
-    return "\n".join([
-        f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
-        f"{counts['error']} failed; {found['applications']} brake applications of an axle",
-        *lines("Mean adhesion coefficient by mean speed of the application:", speeds),
-        *lines("By settings:", vehicles, 2),
-        *lines(f"By day{last}:", [{"day": r["day"], **_spread(r)} for r in days[-_DAYS:]]),
-        *lines("Worst slides (distance times largest slip):", slides),
-        *lines("Findings on the data:", codes, 3),
-        *_first("Failed logs:", failed),
-        *_first("Damaged logs:", damaged),
-    ])  # fmt: skip
+    parts = [
+        line
+        for title, rows, left in summary_tables.tables(found)
+        for line in ("", f"{title}:", terminal.records(rows, _WIDTH, left))
+    ]
+    lists = [*_first("Failed logs:", failed), *_first("Damaged logs:", damaged)]
+    return "\n".join([summary_tables.head(found), *parts, *lists])
 
 
 def _first(title: str, lines: list[str]) -> list[str]:
@@ -218,27 +194,3 @@ def _first(title: str, lines: list[str]) -> list[str]:
     more = len(lines) - _SHOWN
     rest = [f"  and {more} more: --json lists them"] if more > 0 else []
     return ["", title, *lines[:_SHOWN], *rest] if lines else []
-
-
-def _spread(row: dict[str, Any]) -> dict[str, str]:
-    """The cells of a distribution."""
-    from .terminal import number
-
-    return {
-        "number": str(row["applications"]), "slid": str(row["with_slides"]),
-        "5 %": number(row["p5"], 3), "median": number(row["median"], 3),
-        "95 %": number(row["p95"], 3), "median slid": number(row["median_with_slides"], 3),
-    }  # fmt: skip
-
-
-def _slid(row: dict[str, Any]) -> dict[str, str]:
-    """The cells of a brake application with slides."""
-    from .terminal import number
-
-    heat = row["slide_energy_j"]
-    return {
-        "log": row["log"], "axle": str(row["axle"]), "at [s]": number(row["start_s"], 1),
-        "km/h": number(row["from_mps"] and 3.6 * row["from_mps"], 0),
-        "slid [s]": number(row["slide_s"], 1), "[m]": number(row["slide_distance_m"], 0),
-        "max slip": f"{row['max_slip']:.0%}", "kJ": number(heat and heat / 1e3, 1),
-    }  # fmt: skip

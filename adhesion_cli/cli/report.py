@@ -1,14 +1,20 @@
 """`adhesion report`: a result as one page that can be forwarded."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from . import results
 from .options import Shared, option, shared
 
-_Results = Annotated[list[Path], typer.Argument(metavar="RESULT", help="Results: *.adhesion.mcap.")]
+if TYPE_CHECKING:
+    from ..fleet.summary_tables import Table
+
+_Results = Annotated[
+    list[Path],
+    typer.Argument(metavar="RESULT", help="Results: *.adhesion.mcap, or the folder of a fleet."),
+]
 
 
 @shared("json", "force")
@@ -25,6 +31,9 @@ def command(
     Several results are compared with the first one: overlaid from the start of braking, with
     differences and their uncertainty. The page is then <log>.compare.html.
 
+    Of a folder that `adhesion fleet` wrote, the page has what `fleet --summary` shows. It is then
+    <folder>.html.
+
     Example: adhesion report service-brake.adhesion.mcap -o brake.html
     """
     from ..analysis.json_documents import dumps, tagged
@@ -33,22 +42,44 @@ def command(
     from ..results.report import differences, page, run
     from . import terminal
 
+    folders = [path for path in paths if path.is_dir()]
+    if folders and len(paths) > 1:
+        text = f"{folders[0]}: is a folder beside other results"
+        raise UserError(text, "one page shows result files, or one folder of a fleet", code=2)
     kind = "adhesion" if len(paths) == 1 else "compare"
-    target = out or Path(f"{results.stem(paths[0])}.{kind}.html")
+    name = folders[0].resolve().name if folders else f"{results.stem(paths[0])}.{kind}"
+    target = out or Path(f"{name}.html")
     if target.suffix.lower() not in (".html", ".htm"):
         raise UserError(f"{target}: a report is an HTML page", "-o FILE.html", code=2)
     atomic_files.check([target], shared.force, inputs=paths)
     tell = terminal.progress(shared.quiet)
-    runs = []
-    for path in paths:
+    runs: list[run.Run] = []
+    campaign = _campaign(folders[0]) if folders else None
+    for path in () if folders else paths:
         tell(f"reading {path.name}")
         runs.append(run.read(path))
     tell(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
-        page.write(place, runs)
+        if campaign:
+            page.write_tables(place, name, *campaign)
+        else:
+            page.write(place, runs)
     if shared.json:
         found = [d._asdict() for d in differences.every(runs)]
         print(dumps(tagged("report", outputs={"html": str(target)}, differences=found)))
     else:
         print(terminal.wrote(target))
     return 0
+
+
+def _campaign(folder: Path) -> "tuple[str, list[Table]]":
+    """The sentence and the tables on the results of a fleet."""
+    from ..fleet.summary import summarised
+    from ..fleet.summary_tables import Table, head, tables
+
+    found = summarised(folder)
+    lists = (
+        Table("Failed logs", [{k: str(v) for k, v in row.items()} for row in found["failed"]], 3),
+        Table("Damaged logs", [{"log": log} for log in found["damaged"]]),
+    )
+    return head(found), [*tables(found), *(of for of in lists if of.rows)]

@@ -2,6 +2,7 @@
 
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,10 +42,14 @@ def test_the_figures_have_the_data_that_a_result_file_has(
         reports.of_result(run.result, entry).axles, reports.read(record).axles, strict=True
     ):
         assert (own.number, own.applications) == (read.number, read.applications)
+        (sigma,) = (a.reference.sigma for a in run.result.axles if a.record.axle == own.number)
+        most: dict[str, Any] = {"slip": 2.0**-17}  # is rounded away
+        most |= dict.fromkeys(("force", "lower", "upper"), np.nan_to_num(sigma) / 32.0)
         for name in ("t", "train", "rim", "pressure", "force", "lower", "upper", "slip", "truth"):
-            np.testing.assert_allclose(
-                getattr(own, name), getattr(read, name), rtol=1e-3, atol=1.0, equal_nan=True
-            )
+            one, other = getattr(own, name), getattr(read, name)
+            within = most.get(name, 0.0) + 1e-3 * np.abs(one) + 1e-6
+            np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
+            assert not (np.abs(one - other) > within).any(), name
         assert set(own.errors) == set(read.errors)
 
 

@@ -29,6 +29,14 @@ def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:
     assert summary["schema"] == "adhesion.fleet-summary/1"
     assert summary["logs"] == {"ok": 2, "damaged": 0, "error": 1}
     assert summary["by_speed"][0]["applications"] == summary["applications"] == 2
+    assert run("report", "fleet-results").returncode == 0
+    page = (tmp_path / "fleet-results.html").read_text("utf-8")
+    assert shown.stdout.splitlines()[0] in page  # logs and brake applications
+    for cell in ("By day", "default vehicle", "none.csv"):
+        assert cell in page
+    assert run("report", "fleet-results", "other.mcap", "-o", "a.html").returncode == 2
+    assert run("report", "logs").stderr.startswith("error: logs: holds no results of a fleet")
+    assert not (tmp_path / "logs.html").exists()
 
 
 @pytest.mark.parametrize(

@@ -60,16 +60,46 @@ def page(runs: Sequence[Run]) -> str:
         body += [packed("library", figures.library()), packed("figures", figures.as_json())]
         if sum(map(len, body)) < _MOST:
             break
+    return _whole(", ".join(r.name for r in runs), body)
+
+
+def write_tables(
+    path: Path, name: str, lead: str, tables: Sequence[tuple[str, Sequence[dict[str, str]], int]]
+) -> None:
+    """Writes a page of tables, as of a fleet.
+
+    Args:
+        path: file to write; its old content is lost.
+        name: the page's heading.
+        lead: the sentence below it.
+        tables: title, rows with the same keys, and how many columns are texts, from the left.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: it does not read back.
+    """
+    body = [element("h1", text(name)), paragraph(lead)]
+    for title, rows, left in tables:
+        shown = rows[: sections.MOST]
+        more = len(rows) - len(shown)
+        body += [element("h2", text(title)), table(shown, left, css="long" * (len(shown) > 40))]
+        body += [paragraph(f"And {more} more.", "note")] * (more > 0)
+    with verified(path) as file:
+        file.write(_whole(name, body).encode("utf-8"))
+
+
+def _whole(name: str, body: list[str]) -> str:
+    """A page of this body."""
     here = files(__package__)
     style, script = (here.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
     head = [
         '<meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f'<meta name="generator" content="adhesion {__version__}">',
-        element("title", text(f"Adhesion report: {', '.join(r.name for r in runs)}")),
+        element("title", text(f"Adhesion report: {name}")),
         element("style", style),
     ]
-    body.append(element("script", script))
+    body = [*body, element("script", script)]
     parts = ['<!DOCTYPE html>\n<html lang="en">\n<head>', *head, "</head>\n<body>", *body]
     return "\n".join([*parts, "</body>\n</html>\n"])
 

@@ -1,0 +1,79 @@
+"""The summary of a fleet as tables of text, for the screen and for a page."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from ..results.text_tables import number
+
+DAYS = 14  # that a summary shows
+
+
+class Table(NamedTuple):
+    """Rows with the same keys, which are their header."""
+
+    title: str
+    rows: list[dict[str, str]]
+    left: int = 1  # how many columns are texts, from the left
+
+
+def head(found: Mapping[str, Any]) -> str:
+    """How many logs and brake applications there are.
+
+    Args:
+        found: from `summary.summarised`.
+    """
+    counts = found["logs"]
+    return (
+        f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
+        f"{counts['error']} failed; {found['applications']} brake applications of an axle"
+    )
+
+
+def tables(found: Mapping[str, Any]) -> list[Table]:
+    """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
+    days: Sequence[Mapping[str, Any]] = found["by_day"]
+    last = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
+    speeds = [
+        {"speed [km/h]": f"{row['from_kmh']:.0f} to {row['to_kmh']:.0f}"
+         if row["to_kmh"] else f"from {row['from_kmh']:.0f}", **_spread(row)}
+        for row in found["by_speed"]
+    ]  # fmt: skip
+    vehicles = [
+        {"settings": row["settings"], "vehicle": row["stated"], **_spread(row)}
+        for row in found["by_settings"]
+    ]
+    codes = [
+        {"finding": row["code"], "severity": row["severity"], "example": row["example"],
+         "logs": str(row["logs"])}
+        for row in found["findings"]
+    ]  # fmt: skip
+    every = (
+        Table("Mean adhesion coefficient by mean speed of the application", speeds),
+        Table("By settings", vehicles, 2),
+        Table(f"By day{last}", [{"day": r["day"], **_spread(r)} for r in days[-DAYS:]]),
+        Table(
+            "Worst slides (distance times largest slip)", list(map(_slid, found["worst_slides"]))
+        ),
+        Table("Findings on the data", codes, 3),
+    )
+    return [table for table in every if table.rows]
+
+
+def _spread(row: Mapping[str, Any]) -> dict[str, str]:
+    """The cells of a distribution."""
+    return {
+        "number": str(row["applications"]), "slid": str(row["with_slides"]),
+        "5 %": number(row["p5"], 3), "median": number(row["median"], 3),
+        "95 %": number(row["p95"], 3), "median slid": number(row["median_with_slides"], 3),
+    }  # fmt: skip
+
+
+def _slid(row: Mapping[str, Any]) -> dict[str, str]:
+    """The cells of a brake application with slides."""
+    heat = row["slide_energy_j"]
+    return {
+        "log": row["log"], "axle": str(row["axle"]), "at [s]": number(row["start_s"], 1),
+        "km/h": number(row["from_mps"] and 3.6 * row["from_mps"], 0),
+        "slid [s]": number(row["slide_s"], 1), "[m]": number(row["slide_distance_m"], 0),
+        "max slip": f"{row['max_slip']:.0%}", "kJ": number(heat and heat / 1e3, 1),
+    }  # fmt: skip
