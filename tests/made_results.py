@@ -11,6 +11,7 @@ from adhesion_cli.core.model import (
     AxleResult,
     Channel,
     Column,
+    Floats,
     Log,
     Reference,
     Result,
@@ -114,3 +115,9 @@ def result(
         "Rauch, Tung, Striebel: Maximum likelihood estimates of linear dynamic systems, 1965",
     )
     return Result(log, Vehicle(), computed, findings, settings, sources)
+
+
+def near(written: Floats, values: Floats, within: Floats | float) -> None:
+    """Asserts that numbers of a file are those of a result, but for what is rounded away."""
+    np.testing.assert_array_equal(np.isnan(written), np.isnan(values))
+    assert (np.nan_to_num(np.abs(written - values)) <= within).all()

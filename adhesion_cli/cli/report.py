@@ -1,5 +1,7 @@
 """`adhesion report`: a result as one page that can be forwarded."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,17 +55,20 @@ def command(
         raise UserError(f"{target}: a report is an HTML page", "-o FILE.html", code=2)
     atomic_files.check([target], shared.force, inputs=paths)
     tell = terminal.progress(shared.quiet)
-    runs: list[run.Run] = []
-    campaign = _campaign(folders[0]) if folders else None
-    for path in () if folders else paths:
-        tell(f"reading {path.name}")
-        runs.append(run.read(path))
+    runs = []
+    if folders:
+        lead, tables = _campaign(folders[0])
+        write: Callable[[Path], None] = partial(
+            page.write_tables, name=name, lead=lead, tables=tables
+        )
+    else:
+        for path in paths:
+            tell(f"reading {path.name}")
+            runs.append(run.read(path))
+        write = partial(page.write, runs=runs)
     tell(f"writing {target.name}")
     with atomic_files.outputs([target], shared.force, inputs=paths) as (place,):
-        if campaign:
-            page.write_tables(place, name, *campaign)
-        else:
-            page.write(place, runs)
+        write(place)
     if shared.json:
         found = [d._asdict() for d in differences.every(runs)]
         print(dumps(tagged("report", outputs={"html": str(target)}, differences=found)))
@@ -75,11 +80,7 @@ def command(
 def _campaign(folder: Path) -> "tuple[str, list[Table]]":
     """The sentence and the tables on the results of a fleet."""
     from ..fleet.summary import summarised
-    from ..fleet.summary_tables import Table, head, tables
+    from ..fleet.summary_tables import head, lists, tables
 
     found = summarised(folder)
-    lists = (
-        Table("Failed logs", [{k: str(v) for k, v in row.items()} for row in found["failed"]], 3),
-        Table("Damaged logs", [{"log": log} for log in found["damaged"]]),
-    )
-    return head(found), [*tables(found), *(of for of in lists if of.rows)]
+    return head(found), [*tables(found), *lists(found)]

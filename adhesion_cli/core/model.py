@@ -391,6 +391,10 @@ class AxleResult:
     events: tuple[Event, ...] = ()  # slides and changes of region
     sigmas: Mapping[str, Floats] = field(default_factory=dict)  # of estimators that have one [N]
 
+    def sigma(self, algo: str) -> Floats:
+        """1 sigma of an estimate, by itself where it has one, else by the reference [N], (n,)."""
+        return self.sigmas.get(algo, self.reference.sigma)
+
     def error(self, algo: str, rows: slice | NDArray[np.int64] = slice(None)) -> Floats:
         """Estimate minus truth or reference, whichever it is scored against [N], of these rows."""
         against = {s.algo: s.against for s in self.scores}.get(algo, "reference")

@@ -456,8 +456,8 @@ def fit(
     most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5, 5e-4
     for _ in range(15):
         A, b = _normal(p, best)
-        rows = np.sqrt(np.maximum(np.diag(A), 1e-30))  # the units differ by powers of ten
-        change = np.linalg.pinv(A / np.outer(rows, rows), hermitian=True) @ (b / rows) / rows
+        d = _sizes(A)  # the units differ by powers of ten
+        change = np.linalg.pinv(A / np.outer(d, d), hermitian=True) @ (b / d) / d
         trials = [np.clip(best - part * change, -most, most) for part in _PARTS]
         costs = [_cost(p, x) for x in trials]
         gained = cost - min(costs)
@@ -490,11 +490,15 @@ def _completed(p: _Problem, x: Floats) -> Floats:
     return np.concatenate(found)
 
 
+def _sizes(A: Floats) -> Floats:
+    """Divisors of rows and columns that make normal equations of like size; 1 for an empty row."""
+    d = np.sqrt(np.maximum(np.diag(A), 0.0))
+    return np.where(d > 0.0, d, 1.0)
+
+
 def inverse(A: Floats) -> Floats:
     """Inverse of normal equations, by rows of like size; infinite where nothing determines one."""
-    d = np.sqrt(np.maximum(np.diag(A), 0.0))
-    unknown = d == 0.0
-    d[unknown] = 1.0
+    d, unknown = _sizes(A), np.diag(A) <= 0.0
     C = A / np.outer(d, d)
     values, vectors = np.linalg.eigh(C)
     kept = values > _SINGULAR

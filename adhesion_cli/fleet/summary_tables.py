@@ -59,6 +59,14 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
     return [table for table in every if table.rows]
 
 
+def lists(found: Mapping[str, Any]) -> list[Table]:
+    """The logs that failed, with error and hint, and those that are damaged; those with rows."""
+    failed = [{k: str(v) for k, v in row.items()} for row in found["failed"]]
+    damaged = [{"log": log} for log in found["damaged"]]
+    every = Table("Failed logs", failed, 3), Table("Damaged logs", damaged)
+    return [table for table in every if table.rows]
+
+
 def _spread(row: Mapping[str, Any]) -> dict[str, str]:
     """The cells of a distribution."""
     return {

@@ -264,15 +264,15 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
         kept(ref.force), _digits(ref.sigma), kept(ref.lower), kept(ref.upper), mu(ref.force),
     )  # fmt: skip
     for algo, force in sorted(axle.estimates.items()):
-        sigma, own = axle.sigmas.get(algo, ref.sigma), axle.sigmas.get(algo)
+        sigma = axle.sigma(algo)
         yield _stream(
             f"{topic}/estimate/{algo}", "Estimate", t,
-            kept(force, sigma), mu(force, sigma), error(algo), _digits(own),
+            kept(force, sigma), mu(force, sigma), error(algo), _digits(axle.sigmas.get(algo)),
         )  # fmt: skip
     if record.truth is not None or record.true_slip is not None:
         yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
     if axle.slip is not None:
-        slip = kept(axle.slip, np.full(len(t), rounding.SLIP))
+        slip = kept(axle.slip, np.broadcast_to(rounding.SLIP, len(t)))
         columns = slip, mu(ref.force), _digits(axle.slope), _digits(axle.slope_confidence)
         yield _slip(topic, t, columns, axle.region)
 

@@ -12,7 +12,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_results import EPOCH, result
+from made_results import EPOCH, near, result
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Message, Statistics
 from mcap.stream_reader import StreamReader
@@ -58,11 +58,6 @@ def decoded(path: Path) -> dict[str, list[tuple[Message, Any]]]:
 
 def column(messages: list[tuple[Message, Any]], field: str) -> Floats:
     return np.array([getattr(m, field) for _, m in messages])
-
-
-def near(written: Floats, values: Floats, within: Floats | float) -> None:
-    np.testing.assert_array_equal(np.isnan(written), np.isnan(values))
-    assert (np.nan_to_num(np.abs(written - values)) <= within).all()
 
 
 def same(

@@ -11,13 +11,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import rerun.blueprint as rrb
-from made_results import EPOCH, result
+from made_results import EPOCH, near, result
 from recordings import batches, column, static
 from rerun.chunk import RrdReader
 
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Floats, Result, Vehicle
 from adhesion_cli.core.physics import G
+from adhesion_cli.rail import slip
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
 from adhesion_cli.results import palette, rrd
@@ -79,11 +80,6 @@ def test_numbers_and_gaps(small: Path) -> None:
         most += float(np.nanmax(half)) / 512.0
         near(middle[:, 0] - half, drawn(axle.reference.lower, True), most)
         near(middle[:, 0] + half, drawn(axle.reference.upper, True), most)
-
-
-def near(written: Floats, values: Floats, within: float) -> None:
-    np.testing.assert_array_equal(np.isnan(written), np.isnan(values))
-    assert (np.abs(written - values)[np.isfinite(values)] <= within).all()
 
 
 def test_time_counts_from_the_log_beside_its_clock(small: Path, tmp_path: Path) -> None:
@@ -177,14 +173,14 @@ def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
         for a, x in zip(analysed.axles, (rolls, slides), strict=True)
     )
     path, made = tmp_path / "a.rrd", replace(analysed, axles=axles)
-    assert [overview.worst(a) for a in axles] == [0.0, 0.3]
+    assert [overview.worst(slip.slides(a)) for a in axles] == [0.0, 0.3]
     rrd.write_result(path, made)
     (text,) = static(path, "/summary", "text")
     (line,) = [x for x in text.splitlines() if x.startswith("| 2 | ")]
     assert line.endswith(" | 30.0 |")
-    t, slip = column(path, "/all/slip/2", "scalars")
+    t, drawn = column(path, "/all/slip/2", "scalars")
     assert len(t) == 402
-    assert np.nanmax(slip) == pytest.approx(30.0)
+    assert np.nanmax(drawn) == pytest.approx(30.0)
     tabs = results._Page("", made, (), False).layout().contents
     names = [tab.name for tab in tabs if isinstance(tab, rrb.Container | rrb.View)]
     assert names[:3] == ["All axles", "Axle 2", "Axle 1"]

@@ -82,7 +82,10 @@ def write_tables(
     for title, rows, left in tables:
         shown = rows[: sections.MOST]
         more = len(rows) - len(shown)
-        body += [element("h2", text(title)), table(shown, left, css="long" * (len(shown) > 40))]
+        body += [
+            element("h2", text(title)),
+            table(shown, left, css="long" * (len(shown) > sections.MANY)),
+        ]
         body += [paragraph(f"And {more} more.", "note")] * (more > 0)
     with verified(path) as file:
         file.write(_whole(name, body).encode("utf-8"))

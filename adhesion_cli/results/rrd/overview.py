@@ -1,6 +1,6 @@
 """The first tab of several axles: all of them on common charts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from ...core import physics
 from ...core.model import AxleResult, Floats, Result
-from ...rail import slip
+from ...rail.events import Slide
 from .. import palette
 from . import parts, rows
 
@@ -16,20 +16,23 @@ _SLIP = 3.0  # least range of slip [%]
 _MOST = 20  # slides that are listed
 
 
-def worst(axle: AxleResult) -> float:
+Slides = Mapping[int, Sequence[Slide]]  # of each axle, by its number
+
+
+def worst(slides: Sequence[Slide]) -> float:
     """The largest slip of an axle's slides; 0 without a slide."""
-    return max((x.max_slip for x in slip.slides(axle)), default=0.0)
+    return max((x.max_slip for x in slides), default=0.0)
 
 
-def slides(result: Result) -> str:
-    """Every slide as Markdown, the deepest first."""
-    found = [(a.record.axle, x) for a in result.axles for x in slip.slides(a)]
+def listed(slides: Slides, start_ns: int) -> str:
+    """Slides as Markdown, the deepest first; their times count from the start of the log."""
+    found = [(axle, x) for axle, of in slides.items() for x in of]
     if not found:
         return "none"
     found.sort(key=lambda of: -of[1].max_slip)
     lines = ["| axle | at [s] | for [s] | distance [m] | max slip [%] |", "|---|---|---|---|---|"]
     for axle, x in found[:_MOST]:
-        at, bound = (x.start - result.log.start_ns()) / 1e9, "≥ " * x.at_least
+        at, bound = (x.start - start_ns) / 1e9, "≥ " * x.at_least
         numbers = f"{x.duration:.2f}", f"{x.distance:.1f}", f"{100.0 * min(x.max_slip, 1.0):.1f}"
         lines.append(f"| {axle} | {at:.2f} | {' | '.join(bound + n for n in numbers)} |")
     if len(found) > _MOST:
@@ -69,7 +72,7 @@ def _lines(result: Result, axle: AxleResult, colour: int) -> Iterator[tuple[str,
         yield f"slip/{N}", name, colour, 100.0 * axle.slip
 
 
-def tab(root: str, result: Result) -> rrb.Container:
+def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
     """Speeds, forces, coefficients and slips of all axles, one chart each."""
     forces = [a.reference.force / 1e3 for a in result.axles]
     mu = [physics.coefficient(a.reference.force, result.vehicle) for a in result.axles]
@@ -86,7 +89,7 @@ def tab(root: str, result: Result) -> rrb.Container:
         ),
     ]  # fmt: skip
     if any(a.slip is not None for a in result.axles):
-        top = 100.0 * max(min(worst(a), 1.0) for a in result.axles)
+        top = 100.0 * max(min(worst(of), 1.0) for of in slides.values())
         span = (-0.1 * max(top, _SLIP), 1.1 * max(top, _SLIP))
         charts.append(parts.chart(f"{path}/slip", "All axles: slip [%]", span, legend=None))
     summary = rrb.TextDocumentView(origin=f"{root}/summary", name="Summary")

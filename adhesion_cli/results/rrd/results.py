@@ -16,7 +16,7 @@ from ...core.finding import catalogue
 from ...core.model import Z95, AxleRecord, AxleResult, Bools, Floats, Result, Score, Times
 from ...core.stop import SLIDES
 from ...core.text import printable
-from ...rail import fit
+from ...rail import fit, slip
 from ...rail.slope import Bands
 from .. import log_events, names, palette
 from . import overview, parts, rows
@@ -73,9 +73,11 @@ class _Page:
         self.zeros = {"time": result.log.start_ns()}
         if name:  # the logs of a comparison, by their own brakes
             self.zeros["brake"] = result.brake_ns()
-        points = sum(len(self._spans(a)) * (2 * len(a.estimates) + 9) for a in result.axles)
-        self.large = points > OVERVIEW_FROM
-        self.thinned = any(len(self._spans(a)) < len(a.record) for a in result.axles)
+        self.spans = [self._spans(a) for a in result.axles]
+        self.slides = {a.record.axle: slip.slides(a) for a in result.axles}
+        drawn = list(zip(self.spans, result.axles, strict=True))
+        self.large = sum(len(s) * (2 * len(a.estimates) + 9) for s, a in drawn) > OVERVIEW_FROM
+        self.thinned = any(len(s) < len(a.record) for s, a in drawn)
         stated = result.settings.get("bands")
         self.bands = Bands(**stated) if stated else None
 
@@ -86,7 +88,7 @@ class _Page:
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
             t, index, inside = rows.of_axle(axle)
-            drawn = self._spans(axle)
+            drawn = self.spans[n]
             span = -(-2 * len(t) // rows.OVERVIEW)
             step = max(_ROWS // span, 1) * span
             for at in range(0, len(t), step):
@@ -110,7 +112,7 @@ class _Page:
         if len(self.result.axles) > 1:
             overview.send(rec, self.root, self._times, self.result)
         self._send_events(rec)
-        parts.send_text(rec, f"{self.root}/summary", _summary(self.result))
+        parts.send_text(rec, f"{self.root}/summary", _summary(self.result, self.slides))
         parts.send_text(rec, f"{self.root}/lines", _LINES)
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
@@ -187,7 +189,7 @@ class _Page:
         if record.truth is not None:
             yield parts.lines("force/truth", [("truth", parts.TRUTH, force(record.truth))])
         colours = {a: palette.rgba(palette.of_method(a)) for a in sorted(axle.estimates)}
-        own = {a: column(axle.sigmas.get(a, reference.sigma)) for a in colours}
+        own = {a: column(axle.sigma(a)) for a in colours}
         estimates = [(a, c, force(axle.estimates[a], own[a])) for a, c in colours.items()]
         errors = [
             (a, c, np.where(inside, rounding.rounded(axle.error(a, index), noise), np.nan))
@@ -267,10 +269,10 @@ class _Page:
 
         The axle with the worst slide comes first.
         """
-        axles = sorted(self.result.axles, key=lambda a: -overview.worst(a))
+        axles = sorted(self.result.axles, key=lambda a: -overview.worst(self.slides[a.record.axle]))
         tabs = [self._axle_tab(a, "overview/" if self.large else "") for a in axles]
         if len(axles) > 1:
-            tabs.insert(0, overview.tab(self.root, self.result))
+            tabs.insert(0, overview.tab(self.root, self.result, self.slides))
         if self.large:
             full = [self._axle_tab(a, "") for a in axles]
             tabs.append(rrb.Tabs(*full, name="Brake applications" if self.thinned else "Full data"))
@@ -350,11 +352,14 @@ def _inputs(path: str, N: int) -> list[rrb.View]:
 # ---- text
 
 
-def _summary(result: Result) -> str:
+def _summary(result: Result, slides: overview.Slides) -> str:
     found = [
         f"- **{f.severity}** {_plain(f'{f.code}: {log_events.text(f)}')}" for f in result.findings
     ]
-    lines = [f"# {_plain(Path(result.log.path).name)}\n\n## Slides\n", overview.slides(result)]
+    lines = [
+        f"# {_plain(Path(result.log.path).name)}\n\n## Slides\n",
+        overview.listed(slides, result.log.start_ns()),
+    ]
     lines += ["\n## Findings\n", *(found or ["none"])]
     lines += [f"\n## Axle {a.record.axle}\n\n{_scores(a.scores)}" for a in result.axles]
     return "\n".join(lines)
