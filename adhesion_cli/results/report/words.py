@@ -81,16 +81,23 @@ def headline(run: Run) -> tuple[Mark, str]:
         others = f" {of('slid')} slid." if "slid" in by_mark else ""
         return "locked", f"{of('locked')} locked: the wheel stood while the train moved.{others}"
     if "slid" in by_mark:
-        return "slid", f"{of('slid')} slid in {braked}."
+        slid = [len(_slid(a)) for a in run.axles if marks[a.number] == "slid"]
+        share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
+        return "slid", f"{of('slid')} slid in {share}{braked}."
     if "unknown" in by_mark:
         return "unknown", "The log does not show whether wheels slid: there is no train speed."
     return "good", f"No wheel slid in {braked}."
 
 
+def _slid(axle: Axle) -> list[Mapping[str, Any]]:
+    """The brake applications of an axle that have slides."""
+    return [one for one in axle.applications if one["slides"]]
+
+
 def verdict(axle: Axle) -> Verdict:
     """The verdict on one axle."""
     title, every = f"Axle {axle.number}", axle.applications
-    slid = [one for one in every if one["slides"]]
+    slid = _slid(axle)
     if not every:
         return Verdict(title, "unknown", "not braked", "The log shows no brake application.", NONE)
     worst = max(slid, key=lambda one: one["max_slip"]) if slid else _highest(every)

@@ -128,7 +128,18 @@ def test_every_figure_has_its_place_and_shares_the_time(text: str) -> None:
 def test_the_axle_that_slid_is_named_and_the_other_is_not(run: Run) -> None:
     first, second = map(words.verdict, run.axles)
     assert (first.mark, second.mark) == ("good", "slid")
-    assert words.headline(run)[0] == "slid"
+    assert words.headline(run) == ("slid", "Axle 2 slid in the brake application.")
+    slid, rolled = run.axles[1].applications[0], run.axles[0].applications[0]
+
+    def braked(*each: list[Any]) -> str:
+        axles = zip(run.axles, each, strict=True)
+        own = (replace(a, document={**a.document, "applications": e}) for a, e in axles)
+        return words.headline(replace(run, axles=tuple(own)))[1]
+
+    assert braked([rolled], [slid, rolled]) == "Axle 2 slid in 1 of 2 brake applications."
+    assert braked([rolled], [slid, slid]) == "Axle 2 slid in 2 of 2 brake applications."
+    said = braked([slid, rolled, slid], [slid, rolled, rolled])
+    assert said == "Axles 1 and 2 slid in up to 2 of 3 brake applications."
     marks = {row["Axle"]: (mark, row["Slides"]) for mark, row in words.application_rows(run)}
     assert marks == {"1": ("good", "0"), "2": ("slid", "1")}
 
