@@ -32,20 +32,15 @@ def channel(
     values = column.value if column.valid.all() else column.value[column.valid]
     data, starts, step, tick = axis.data, axis.starts, quantum(values), 0.0
     unit = units.of(m.unit, m.meaning) if m.meaning else None
-    radius = vehicle.radius(m.axle or 1).value if unit else 1.0
-    if unit and unit.dimension in ("count", "angle"):
-        counted = unit.dimension == "count"
-        turn = 2.0 * math.pi / max(m.teeth, 1) if counted else unit.factor
-        step = (1.0 if counted else step) * turn / max(axis.interval_ns / 1e9, 1e-9)
+    factor = scale(m, unit, vehicle) if unit else 1.0
+    if unit and is_total(unit):
+        turn = factor
+        step = (1.0 if unit.dimension == "count" else step) * turn
+        step /= max(axis.interval_ns / 1e9, 1e-9)
         data, starts, wrapped, reset = _rate(axis, turn, m.wrap or _wrap(data.value, unit))
         findings += _of_counter("counter-wrapped", "info", m, axis, wrapped, start)
         findings += _of_counter("counter-reset", "warning", m, axis, reset, start)
     elif unit:
-        factor = unit.factor
-        if m.meaning == "wheel_speed" and unit.dimension == "speed":
-            factor /= radius
-        if unit.dimension == "pulse rate":
-            factor *= 2.0 * math.pi / max(m.teeth, 1)
         data = replace(data, value=factor * data.value + unit.offset)
         tick = period_tick(values, step) / factor if m.meaning == "wheel_speed" else 0.0
         step *= factor
@@ -61,6 +56,28 @@ def channel(
         starts, axis.gap_ns, step, rate, axis.gaps, axis.duplicates, axis.backward, row_of,
         m.meaning == "train_speed" and units.is_acceleration(m.unit), m.field.label, tick,
     ), findings  # fmt: skip
+
+
+def is_total(unit: units.Unit) -> bool:
+    """Whether a wheel speed in this unit is a cumulative counter of pulses or angle."""
+    return unit.dimension in ("count", "angle")
+
+
+def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
+    """What makes a value SI, before the unit's offset; of a cumulative counter, an angle [rad].
+
+    Args:
+        m: the channel with its meaning.
+        unit: its unit.
+        vehicle: for the wheel radius, where a wheel speed is in km/h.
+    """
+    if unit.dimension == "count":
+        return 2.0 * math.pi / max(m.teeth, 1)
+    if unit.dimension == "pulse rate":
+        return unit.factor * (2.0 * math.pi / max(m.teeth, 1))
+    if m.meaning == "wheel_speed" and unit.dimension == "speed":
+        return unit.factor / vehicle.radius(m.axle or 1).value
+    return unit.factor
 
 
 def _axis(m: Meant, column: Column, start: int, max_gap_ns: int) -> tuple[TimeAxis, Column]:

@@ -53,15 +53,20 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
     return force
 
 
-def faded(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
-    """The record with φ(v) / φ as a factor of K: both act as φK only. Source: (1).
+def friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
+    """φ(v) / φ [-] at the rim speed v = ωR [m/s], shape (n,).
 
-    v is ωR, the speed of the pad on its disc. No pad loses more than nine tenths of its friction.
+    v is the speed of the pad on its disc. No pad loses more than nine tenths of its friction.
     """
-    if not (fade := vehicle.friction_fade.value):
+    faster = rim - vehicle.friction_speed.value
+    return np.maximum(1.0 + vehicle.friction_fade.value * faster, 0.1)
+
+
+def faded(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
+    """The record with φ(v) / φ as a factor of K: both act as φK only. Source: (1)."""
+    if not vehicle.friction_fade.value:
         return record
-    faster = record.wheel_speed * vehicle.radius(record.axle).value - vehicle.friction_speed.value
-    share = np.maximum(1.0 + fade * faster, 0.1)
+    share = friction_share(record.wheel_speed * vehicle.radius(record.axle).value, vehicle)
     return replace(
         record, clamping_force=share * record.clamping_force,
         clamping_force_smooth=share * record.clamping_force_smooth,

@@ -1,6 +1,6 @@
 """Which channels of a log the records are made of, or why there are none."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from ..core import toml
@@ -57,20 +57,11 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
     for c in log.channels:
         if c.meaning and len(c.data.t) and not c.is_rate:
             channels.setdefault((c.meaning, c.axle), c)
-    meanings = {meaning for meaning, _ in channels}
-    if "wheel_speed" not in meanings:
-        raise _missing(log, "wheel speed", "speed", "km/h")
-    if not meanings & {"pressure", "clamping_force"}:
-        raise _missing(log, "brake-cylinder pressure", "pressure", "bar")
-    of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
-    numbers = sorted({a for meaning, a in channels if a and meaning in of_axles}) or [1]
-    if unknown := set(axles) - set(numbers):
-        known = f"the log has axles {', '.join(map(str, numbers))}"
-        raise UserError(f"{log.path}: no axle {min(unknown)}", known, code=2)
+    numbers = axle_numbers(log.path, channels, axles, [c.title for c in log.channels])
     asked, found, findings = tuple(axles or numbers), [], []
     for axle in numbers:
         speed = find(channels, "wheel_speed", axle)
-        brake = find(channels, "pressure", axle) or find(channels, "clamping_force", axle)
+        brake = brake_of(channels, axle)
         if speed and brake:
             found.append(AxleKeys(axle, speed, brake))
         elif axle in asked and (key := speed or brake):
@@ -83,16 +74,48 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
     return Choice(channels, tuple(found), asked, rates[0] if rates else None, findings)
 
 
-def find(channels: Channels, meaning: Meaning, axle: int | None) -> Key | None:
+def axle_numbers(
+    path: str, keys: Collection[Key], axles: Sequence[int], titles: Sequence[str]
+) -> list[int]:
+    """Numbers of the axles of which a log has anything; a log without numbers is of axle 1.
+
+    Args:
+        path: of the log.
+        keys: what its channels mean.
+        axles: those that are asked for, all if empty.
+        titles: names of its channels.
+
+    Raises:
+        UserError: where a needed channel is missing, or an axle asked for is not there.
+    """
+    meanings = {meaning for meaning, _ in keys}
+    if "wheel_speed" not in meanings:
+        raise _missing(path, titles, "wheel speed", "speed", "km/h")
+    if not meanings & {"pressure", "clamping_force"}:
+        raise _missing(path, titles, "brake-cylinder pressure", "pressure", "bar")
+    of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
+    numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
+    if unknown := set(axles) - set(numbers):
+        known = f"the log has axles {', '.join(map(str, numbers))}"
+        raise UserError(f"{path}: no axle {min(unknown)}", known, code=2)
+    return numbers
+
+
+def brake_of(keys: Collection[Key], axle: int) -> Key | None:
+    """The key of an axle's pressure, else of its clamping force."""
+    return find(keys, "pressure", axle) or find(keys, "clamping_force", axle)
+
+
+def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | None:
     """The key of an axle's own channel, else of the one that belongs to no axle."""
-    keys: tuple[Key, Key] = ((meaning, axle), (meaning, None))
-    return next((k for k in keys if k in channels), None)
+    known: tuple[Key, Key] = ((meaning, axle), (meaning, None))
+    return next((k for k in known if k in keys), None)
 
 
-def _missing(log: Log, what: str, key: str, unit: str) -> UserError:
-    names = ", ".join(repr(c.title) for c in log.channels[:8]) or "none"
+def _missing(path: str, titles: Sequence[str], what: str, key: str, unit: str) -> UserError:
+    names = ", ".join(map(repr, titles[:8])) or "none"
     return UserError(
-        f"{log.path}: no channel is a {what} (recognised: {names})",
+        f"{path}: no channel is a {what} (recognised: {names})",
         "`adhesion inspect` lists the channels; state one, as "
         + toml.option(f'channels.{key}."axle 1" = {{channel = "NAME", unit = "{unit}"}}'),
     )

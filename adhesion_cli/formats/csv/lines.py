@@ -22,7 +22,7 @@ from ...core.errors import UserError
 from .dialect import HEAD_BYTES, Dialect, split
 
 _BLOCK = 1 << 20  # it stays in a processor's cache; smaller ones make threads wait for each other
-_MAX_LINE = 16 << 20
+MAX_LINE = 16 << 20
 _TAIL = 1 << 14  # bytes that hold the last rows
 _MAX_TEXT = 2_000  # characters of a row in the list of rejects
 
@@ -67,9 +67,9 @@ class Lines:
             end = data.rfind(b"\n") + 1
             data, rest = data[:end], data[end:]
             lines = int(np.count_nonzero(np.frombuffer(data, np.uint8) == 10))
-            if len(rest) > _MAX_LINE:
+            if len(rest) > MAX_LINE:
                 raise UserError(
-                    f"{self.path}: line {line + lines} is longer than {_MAX_LINE >> 20} MiB",
+                    f"{self.path}: line {line + lines} is longer than {MAX_LINE >> 20} MiB",
                     "give a text log with one row per line",
                 )
             before = min(skip, lines)
@@ -78,10 +78,10 @@ class Lines:
                 at = data.find(b"\n", at) + 1
             line, skip, lines = line + before, skip - before, lines - before
             if lines:
-                yield Block(self._plain(data[at:]), line, lines)
+                yield Block(self.plain(data[at:]), line, lines)
                 line += lines
 
-    def _plain(self, rows: bytes) -> bytes:
+    def plain(self, rows: bytes) -> bytes:
         """The rows as the parser needs them."""
         if b"\0" in rows:  # each end of a hole may be a part of another row
             rows = re.sub(rb"(?m)^[^\n\0]*\0[^\n]*\n", b"\0\n", rows)

@@ -76,24 +76,24 @@ class CsvSource:
         self.rejects: Iterable[Reject] = ()
         self._options, self._dialect, self._clock = options, dialect, clock
         types = dict.fromkeys(clock.columns, clock.type)
-        self._table = Table(path, options, dialect, clock, types, round(1.06 * rows))
-        self._keys = find_keys(self._table)
-        self._series = list(self._keys.series.values()) or [Series()]
-        self.findings += self._keys.findings
+        self.table = Table(path, options, dialect, clock, types, round(1.06 * rows))
+        self.keys = find_keys(self.table)
+        self._series = list(self.keys.series.values()) or [Series()]
+        self.findings += self.keys.findings
         names = dialect.names
-        taken = {*clock.columns, *self._keys.columns}
+        taken = {*clock.columns, *self.keys.columns}
         free = [i for i in range(len(names)) if i not in taken]
         numeric = [i for i in free if self._is_numeric(i)]
-        self._places = self._fields(numeric)  # number of the series, and column
-        self.fields: list[Field] = list(self._places)
+        self.places = self._fields(numeric)  # number of the series, and column
+        self.fields: list[Field] = list(self.places)
         self.stated: dict[str, Any] = dict(dialect.why)
         self.stated["time"] = clock.reason
         if text := [i for i in free if i not in numeric]:
             self.stated["not numeric"] = ", ".join(names[i] for i in text)
         for i in text:
             self._report_text(i)
-        if self._keys.columns:
-            keys = " and ".join(repr(names[i]) for i in self._keys.columns)
+        if self.keys.columns:
+            keys = " and ".join(repr(names[i]) for i in self.keys.columns)
             self.stated["group"] = f"{keys}: {'; '.join(x.title for x in self._series)}"
         elif found := interleaved(dialect, clock.columns):
             self._report(found)
@@ -141,8 +141,8 @@ class CsvSource:
             UserError: where the log cannot be read, with file, place and remedy; with
                 `ReadOptions.strict` also where a row or cell cannot.
         """
-        indices = sorted({self._places[f][1] for f in wanted})
-        read = read_rows(self._table, indices, self._keys.columns, list(self._keys.series))
+        indices = sorted({self.places[f][1] for f in wanted})
+        read = read_rows(self.table, indices, self.keys.columns, list(self.keys.series))
         t, codes = read.times, read.codes
         self.lines = Counter({kind: n for kind, n in read.losses.lines.items() if n})
         self.rows = self.lines["used"] + self.lines["other group"]
@@ -169,7 +169,7 @@ class CsvSource:
         times: dict[int, Times] = {}
         out = []
         for f in wanted:
-            k, i = self._places[f]
+            k, i = self.places[f]
             value = read.values[i]
             if rows:
                 value = value[rows[k]]

@@ -59,12 +59,12 @@ def read_rows(
         table.types.setdefault(i, pa.float64())
     lines = Lines(table.path, table.dialect, table.options.max_unpacked)
     losses = Losses(table.dialect, lines, table.options.rejects)
-    groups = _Groups(keys, wanted)
+    groups = Groups(keys, wanted)
     kept: dict[int, NDArray[Any]] = {}
     used = 0
     for part in _parts(lines, Parser(table, indices, keys)):
         if not part.timed.all():
-            _classify_untimed(table, part)
+            classify_untimed(table, part)
         keep = part.timed.copy()
         codes = groups.codes(part, keep)
         losses.add(part, keep, used)
@@ -101,7 +101,7 @@ def _parts(lines: Lines, parser: Parser) -> Iterator[Part]:
             yield waiting.popleft().result()
 
 
-def _classify_untimed(table: Table, part: Part) -> None:
+def classify_untimed(table: Table, part: Part) -> None:
     """Notes the rows that have no time by class.
 
     Raises:
@@ -135,7 +135,7 @@ def _classify_untimed(table: Table, part: Part) -> None:
         part.gone[kind] = np.sort(np.append(part.gone.get(kind, np.empty(0, np.int64)), at))
 
 
-class _Groups:
+class Groups:
     """Finds the key of each row, and the rows of no or another series."""
 
     def __init__(self, keys: tuple[int, ...], wanted: list[Key] | None) -> None:

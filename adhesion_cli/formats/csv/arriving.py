@@ -1,0 +1,81 @@
+"""Rows of an opened text log, block by block, as a program writes them."""
+
+import codecs
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pyarrow as pa
+
+from ...core.errors import UserError
+from ..source import Field
+from .block_parser import Parser
+from .lines import MAX_LINE, Block, Lines
+from .losses import Losses
+from .reader import CsvSource
+from .rows import Groups, classify_untimed
+
+Row = tuple[int, dict[int, float]]  # time [ns]; values by place in what was wanted
+
+
+class Arriving:
+    """The rows after header and preamble.
+
+    Args:
+        source: the log, opened by its first rows.
+        wanted: fields of it.
+    """
+
+    def __init__(self, source: CsvSource, wanted: Sequence[Field]) -> None:
+        self._table, self._wanted = source.table, [source.places[f] for f in wanted]
+        self._keys, self._series = source.keys.columns, list(source.keys.series)
+        indices = sorted({i for _, i in self._wanted})
+        for i in indices:
+            self._table.types.setdefault(i, pa.float64())
+        self._parser = Parser(self._table, indices, self._keys)
+        self._lines = Lines(self._table.path, self._table.dialect, 0)
+        self.losses = Losses(self._table.dialect, self._lines, False)
+        self._decoder = codecs.getincrementaldecoder(self._table.dialect.encoding)("replace")
+        self._bom, self._text = self._table.dialect.bom, ""
+        self._line, self._skip = 1, self._table.dialect.first_line - 1
+
+    def rows(self, data: bytes) -> Iterator[Row]:
+        """The rows that these bytes, the next ones of the file, complete.
+
+        Raises:
+            UserError: where a line has no end, or another header stands among the rows.
+        """
+        data, self._bom = data[self._bom :], max(self._bom - len(data), 0)
+        text = self._text + self._decoder.decode(data)
+        text = text.replace("\r\n", "\n")  # one that is not complete yet stays at the end
+        lines, end, self._text = text.rpartition("\n")
+        if len(self._text) > MAX_LINE:
+            raise UserError(
+                f"{self._table.path}: line {self._line} is longer than {MAX_LINE >> 20} MiB",
+                "give a text log with one row per line",
+            )
+        if not end:
+            return
+        kept = lines.split("\n")
+        skipped = min(self._skip, len(kept))
+        self._line, self._skip = self._line + skipped, self._skip - skipped
+        if kept := kept[skipped:]:
+            raw = ("\n".join(kept) + "\n").encode()
+            block = Block(self._lines.plain(raw), self._line, len(kept))
+            self._line += len(kept)
+            yield from self._parsed(block)
+
+    def _parsed(self, block: Block) -> Iterator[Row]:
+        part = self._parser.parse(block)
+        if not part.timed.all():
+            classify_untimed(self._table, part)
+        keep = part.timed.copy()
+        codes = Groups(self._keys, self._series).codes(part, keep)
+        self.losses.add(part, keep, 0)
+        times, series = part.times.tolist(), codes.tolist()
+        values = {i: column.tolist() for i, column in part.values.items()}
+        for n in np.flatnonzero(keep).tolist():
+            yield times[n], {
+                place: values[i][n]
+                for place, (k, i) in enumerate(self._wanted)
+                if k == series[n]
+            }  # fmt: skip
