@@ -15,7 +15,7 @@ from ..core.errors import UserError
 
 _COMMANDS = (
     "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
-    "simulate", "reproduce", "explain", "convert", "recover", "report",
+    "live", "simulate", "reproduce", "explain", "convert", "recover", "report",
     "view", "estimators",
 )  # fmt: skip
 app = typer.Typer(

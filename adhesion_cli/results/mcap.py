@@ -4,11 +4,11 @@ The messages are laid out by numpy, because one protobuf object per sample costs
 analysis. The bytes of a message are those the protobuf library would have written.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -171,6 +171,75 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
         *_events((x for i in axles for x in _stop_events(stop, i)), ""),
     ]
     _write(path, streams, metadata, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What is new of one axle: columns of shape (n,), NaN where not known."""
+
+    t: Times
+    pressure: Floats  # [Pa]
+    clamping: Floats  # K [N]
+    wheel_speed: Floats  # [rad/s]
+    train_speed: Floats  # [m/s]
+    slip: Floats  # [-]
+    estimates: Mapping[str, tuple[Floats, Floats]]  # force and its sigma by estimator [N]
+
+
+class GrowingResult:
+    """A result that grows with its log. What `add` wrote can be read, even after a kill.
+
+    Args:
+        file: to write, empty.
+        log: name of the log.
+        settings: every parameter in force.
+        vehicle: for the coefficient.
+        nothing: `Samples` of no row for each axle, with the estimators that will come.
+    """
+
+    def __init__(
+        self, file: BinaryIO, log: str, settings: dict[str, Any], vehicle: Vehicle,
+        nothing: Mapping[int, Samples],
+    ) -> None:  # fmt: skip
+        self._file, self._vehicle, self._nothing = file, vehicle, nothing
+        provenance = {
+            "version": __version__, "input": printable(log), "input_sha256": "",
+            "input_format": "live", "sources": "",
+        }  # fmt: skip
+        metadata = {names.SETTINGS: names.flat(settings), names.PROVENANCE: provenance}
+        self._out = _begun(file, self._streams({}), metadata)
+        file.flush()
+
+    def add(self, new: Mapping[int, Samples]) -> None:
+        """Writes the new samples of some axles as one chunk.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        streams = self._streams(new)
+        parts = [slice(0, len(s.t)) for s in streams]
+        if any(p.stop for p in parts):
+            _write_chunk(self._out, streams, parts, 0)
+            self._file.flush()
+
+    def finish(self) -> None:
+        """Writes the end of the file."""
+        self._out.finish()
+        self._file.flush()
+
+    def _streams(self, new: Mapping[int, Samples]) -> list[_Stream]:
+        """Every topic, in the same order each time."""
+        streams = []
+        for axle, nothing in self._nothing.items():
+            x, topic = new.get(axle, nothing), f"/axle/{axle}"
+            inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
+            streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
+            for algo, (force, sigma) in x.estimates.items():
+                mu = physics.coefficient(force, self._vehicle)
+                columns = force, mu, None, sigma
+                streams.append(_stream(f"{topic}/estimate/{algo}", "Estimate", x.t, *columns))
+            streams.append(_stream(f"{topic}/slip", "Slip", x.t, x.slip, None, None, None))
+        return streams
 
 
 # ---- what goes into the file
@@ -378,6 +447,17 @@ def _write(
             f"{len(streams)} channels to write, an MCAP file holds {_MOST_CHANNELS}",
             "choose channels in [channels] of the TOML",
         )
+    with verified(path) as file:
+        out = _begun(file, streams, metadata)
+        for parts in _partition(streams):
+            _write_chunk(out, streams, parts, shift)
+        out.finish()
+
+
+def _begun(
+    file: BinaryIO, streams: Sequence[_Stream], metadata: dict[str, dict[str, str]]
+) -> mcap_container.Container:
+    """A file with all but its messages; channels count from 1, in the order of the streams."""
     messages = sorted({s.message for s in streams})
     schemas = [
         Schema(i, descriptors.schema(m), "protobuf", f"adhesion.{m}")
@@ -387,14 +467,11 @@ def _write(
         Channel(i, s.topic, "protobuf", s.units, messages.index(s.message) + 1)
         for i, s in enumerate(streams, 1)
     ]
-    with verified(path) as file:
-        out = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
-        for name, entries in metadata.items():
-            out.metadata(name, entries)
-        out.define(schemas, channels)
-        for parts in _partition(streams):
-            _write_chunk(out, streams, parts, shift)
-        out.finish()
+    out = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
+    for name, entries in metadata.items():
+        out.metadata(name, entries)
+    out.define(schemas, channels)
+    return out
 
 
 def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:

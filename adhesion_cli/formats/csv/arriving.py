@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from ...core.errors import UserError
+from ...core.finding import Finding
 from ..source import Field
 from .block_parser import Parser
 from .lines import MAX_LINE, Block, Lines
@@ -33,10 +34,18 @@ class Arriving:
             self._table.types.setdefault(i, pa.float64())
         self._parser = Parser(self._table, indices, self._keys)
         self._lines = Lines(self._table.path, self._table.dialect, 0)
-        self.losses = Losses(self._table.dialect, self._lines, False)
-        self._decoder = codecs.getincrementaldecoder(self._table.dialect.encoding)("replace")
-        self._bom, self._text = self._table.dialect.bom, ""
-        self._line, self._skip = 1, self._table.dialect.first_line - 1
+        self._first: int | None = None  # time of the first row [ns]
+        self._last = 0  # and of the newest
+        self.lost: list[Finding] = []  # what was left out; whoever reads it may empty it
+        self.restart()
+        self._skip = self._table.dialect.first_line - 1
+
+    def restart(self) -> None:
+        """The next bytes are the first ones of a file, which may have a header again."""
+        dialect = self._table.dialect
+        self._decoder = codecs.getincrementaldecoder(dialect.encoding)("replace")
+        self._bom, self._text = dialect.bom, ""
+        self._line, self._skip = 1, 0
 
     def rows(self, data: bytes) -> Iterator[Row]:
         """The rows that these bytes, the next ones of the file, complete.
@@ -70,7 +79,13 @@ class Arriving:
             classify_untimed(self._table, part)
         keep = part.timed.copy()
         codes = Groups(self._keys, self._series).codes(part, keep)
-        self.losses.add(part, keep, 0)
+        used = part.times[keep]
+        if self._first is None:
+            self._first = self._last = int(used[0]) if len(used) else 0
+        losses = Losses(self._table.dialect, self._lines, False)
+        losses.add(part, keep, 1)
+        self.lost += losses.findings(np.append(self._last, used), self._first)
+        self._last = int(used[-1]) if len(used) else self._last
         times, series = part.times.tolist(), codes.tolist()
         values = {i: column.tolist() for i, column in part.values.items()}
         for n in np.flatnonzero(keep).tolist():

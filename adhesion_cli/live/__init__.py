@@ -1,0 +1,1 @@
+"""Logs while they grow: the same estimators, sample by sample."""

@@ -1,0 +1,81 @@
+"""Bytes that arrive: from standard input, or from a file to which another program appends."""
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+from ..core.errors import UserError
+from .feed import TICK, Pump
+
+_BLOCK = 1 << 16
+STDIN = "standard input"
+
+
+class Pieces:
+    """Bytes as they arrive, None where none came for `TICK`; ends with the sender.
+
+    Attributes:
+        name: of the sender, for people.
+        begins: the first bytes, once `peek` was called.
+    """
+
+    def __init__(self, name: str, pieces: Iterator[bytes | None]) -> None:
+        self.name, self.begins = name, b""
+        self._pieces = pieces
+
+    def __iter__(self) -> Iterator[bytes | None]:
+        return self._pieces
+
+    def peek(self) -> bytes:
+        """The first bytes that are no blank; waits for them.
+
+        Raises:
+            UserError: where the sender ends before.
+        """
+        for piece in self._pieces:
+            self.begins += piece or b""
+            if begins := self.begins.lstrip(b"\xef\xbb\xbf \t\r\n"):
+                self._pieces = chain([self.begins], self._pieces)
+                return begins
+        raise UserError(f"{self.name}: ended without a row", "check what sends the samples")
+
+
+def standard_input() -> Pieces:
+    """What another program pipes into this one."""
+    pump = Pump(lambda: os.read(sys.stdin.fileno(), _BLOCK) or None, patient=True)
+    return Pieces(STDIN, iter(pump))
+
+
+def growing(path: Path) -> Pieces:
+    """A file that grows. It ends where the file is cut, or another one takes its name.
+
+    Raises:
+        UserError: where there is no such file.
+    """
+    try:
+        file = path.open("rb")
+    except FileNotFoundError:
+        hint = "start the logger first, or check the path"
+        raise UserError(f"{path}: no such file", hint) from None
+
+    def pieces() -> Iterator[bytes | None]:
+        with file:
+            while not _is_new(path, file.fileno(), file.tell()):
+                while piece := file.read(_BLOCK):
+                    yield piece
+                yield None
+                time.sleep(TICK)
+
+    return Pieces(str(path), pieces())
+
+
+def _is_new(path: Path, own: int, read: int) -> bool:
+    """Whether the file was cut, or another one has its name."""
+    try:
+        now = path.stat()
+    except OSError:
+        return False  # it may come again
+    return now.st_size < read or not os.path.samestat(now, os.fstat(own))

@@ -1,0 +1,107 @@
+"""What gives samples while they are measured: first its fields, then row after row."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+from ..core.finding import Finding
+from ..formats.source import Field, Source
+
+TICK = 0.02  # longest wait for a row, after which the others may do something [s]
+WAITING = 4096  # pieces of a sender that does not wait; more are dropped
+
+T = TypeVar("T")
+
+
+class Row(NamedTuple):
+    """What was measured at one time."""
+
+    t: int  # [ns]
+    values: dict[int, float]  # by place among the wanted fields; NaN is no value
+
+
+class Feed(Protocol):
+    """A sender of samples.
+
+    Attributes:
+        name: for people and for the names of files.
+        patient: it waits for whoever reads. A sender that does not wait loses what nobody takes.
+    """
+
+    name: str
+    patient: bool
+
+    def head(self) -> Source:
+        """The fields, by the header or the first messages; waits for them.
+
+        Raises:
+            UserError: where they cannot be understood, or nothing ever came.
+        """
+        ...
+
+    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+        """The rows from the first on, as they arrive; None where none came for `TICK`.
+
+        Raises:
+            UserError: where the sender cannot be read on.
+        """
+        ...
+
+    def findings(self) -> list[Finding]:
+        """What was lost or repaired since the last call."""
+        ...
+
+    def close(self) -> None:
+        """Ends the connection."""
+        ...
+
+
+class Pump(Generic[T]):
+    """Takes pieces from a blocking sender in a thread of its own.
+
+    Args:
+        take: gives the next piece, None at the end.
+        patient: whether the sender waits; else the oldest piece makes room for the newest.
+    """
+
+    def __init__(self, take: Callable[[], T | None], patient: bool) -> None:
+        self._take, self._patient = take, patient
+        self._queue: queue.Queue[T | None] = queue.Queue(WAITING)
+        self._error: BaseException | None = None
+        self.dropped = 0
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def __iter__(self) -> Iterator[T | None]:
+        """The pieces in order, None where there was none for `TICK`; ends with the sender."""
+        while True:
+            try:
+                piece = self._queue.get(timeout=TICK)
+            except queue.Empty:
+                yield None
+                continue
+            if piece is None:
+                if self._error:
+                    raise self._error
+                return
+            yield piece
+
+    def _run(self) -> None:
+        try:
+            while (piece := self._take()) is not None:
+                self._put(piece)
+        except BaseException as error:  # raised again where the pieces are taken
+            self._error = error
+        self._queue.put(None)
+
+    def _put(self, piece: T) -> None:
+        while not self._patient:
+            try:
+                return self._queue.put_nowait(piece)
+            except queue.Full:
+                try:
+                    self._queue.get_nowait()
+                    self.dropped += 1
+                except queue.Empty:  # it was taken meanwhile
+                    pass
+        self._queue.put(piece)

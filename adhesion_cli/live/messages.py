@@ -1,0 +1,216 @@
+"""Samples as objects in JSON, one a message: by standard input, a file, UDP or MQTT."""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..core.model import Column, Reject
+from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
+from ..formats.source import Field, ReadOptions
+from .feed import Row
+
+MOST_BYTES = 1 << 20  # of one message
+_DEEPEST, _MOST_VALUES = 8, 1000
+_ENOUGH = 200  # messages that show the fields
+_PAUSE = 1.0  # as many seconds do as well [s]
+_SHOWN = 40  # characters of a message that is reported
+_FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
+_LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # numbers that count from 1970 in this unit
+
+
+class _UnreadableError(Exception):
+    """A message without samples; its text says why."""
+
+
+@dataclass
+class Fields:
+    """The fields of a sender as a `Source`; samples come later."""
+
+    path: Path
+    fields: Sequence[Field]
+    format: str = "live"
+    absolute: bool = True
+    rows: int = 0
+    time_reason: str = "stamps of the messages"
+    findings: list[Finding] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    account: dict[str, str] = field(default_factory=dict)
+    stated: dict[str, Any] = field(default_factory=dict)
+    rejects: Iterable[Reject] = ()
+
+    def columns(self, wanted: Sequence[Field]) -> list[Column]:
+        """No samples: they come as rows."""
+        raise NotImplementedError
+
+
+class Messages:
+    """Messages of a sender, each an object in JSON with names and numbers.
+
+    A name of time gives the stamp: a number, or a date in ISO 8601. Without one the time of arrival
+    is the stamp. A name of an axle or device, as `axle`, says whose values they are.
+
+    Args:
+        name: of the sender.
+        arriving: its messages; None where there was none for `TICK`.
+        options: how to read them.
+        patient: whether the sender waits.
+        dropped: how many messages were dropped since the last call.
+    """
+
+    def __init__(
+        self, name: str, arriving: Iterator[bytes | None], options: ReadOptions,
+        patient: bool, dropped: Callable[[], int] = lambda: 0,
+    ) -> None:  # fmt: skip
+        self.name, self.patient = name, patient
+        self._arriving, self._options, self._dropped = arriving, options, dropped
+        self._first: list[tuple[int, dict[Field, float]]] = []
+        self._bad, self._why, self._example = 0, "", ""
+        self._stamped = True
+
+    def head(self) -> Fields:
+        """See `Feed`."""
+        begin, known = 0.0, dict[Field, None]()
+        for message in self._arriving:
+            if message is not None and (sample := self._sample(message)):
+                begin = begin or time.monotonic()
+                self._first.append(sample)
+                known |= dict.fromkeys(sample[1])
+            late = begin and time.monotonic() - begin > _PAUSE
+            if late or len(self._first) >= _ENOUGH:
+                break
+        if not known:
+            why = f" ({self._why}: {self._example})" if self._bad else ""
+            hint = 'send objects such as {"t": 12.34, "axle 1 speed [km/h]": 80.2}'
+            raise UserError(f"{self.name}: no message holds a number{why}", hint)
+        return Fields(Path(self.name), list(known))
+
+    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+        """See `Feed`."""
+        place = {f: i for i, f in enumerate(wanted)}
+
+        def row(sample: tuple[int, dict[Field, float]]) -> Row:
+            t, values = sample
+            return Row(t, {place[f]: x for f, x in values.items() if f in place})
+
+        yield from map(row, self._first)
+        self._first.clear()
+        for message in self._arriving:
+            if message is None:
+                yield None
+            elif sample := self._sample(message):
+                yield row(sample)
+
+    def findings(self) -> list[Finding]:
+        """See `Feed`."""
+        found = []
+        if self._bad:
+            names = {"reason": self._why, "example": self._example}
+            found.append(Finding("messages-unreadable", "warning", count=self._bad, names=names))
+            self._bad = 0
+        if lost := self._dropped():
+            found.append(Finding("samples-dropped", "warning", count=lost))
+        if not self._stamped:
+            found.append(Finding("time-of-arrival", "info"))
+            self._stamped = True
+        return found
+
+    def close(self) -> None:
+        """See `Feed`."""
+
+    def _sample(self, message: bytes) -> tuple[int, dict[Field, float]] | None:
+        """Time and values of a message; None where it has none, which is counted."""
+        if not message.strip():
+            return None
+        try:
+            return self._parsed(message)
+        except (_UnreadableError, ValueError, RecursionError) as error:
+            if not self._bad:
+                text = message[:_SHOWN].decode("utf-8", "replace")
+                known = isinstance(error, _UnreadableError)
+                self._why = str(error) if known else "not an object in JSON"
+                self._example = repr(text)
+            self._bad += 1
+            return None
+
+    def _parsed(self, message: bytes) -> tuple[int, dict[Field, float]]:
+        if len(message) > MOST_BYTES:
+            raise _UnreadableError(f"longer than {MOST_BYTES >> 20} MiB")
+        said = json.loads(message)
+        if not isinstance(said, dict):
+            raise _UnreadableError("not an object in JSON")
+        flat = dict(_flat(said, "", 0))
+        if len(flat) > _MOST_VALUES:
+            raise _UnreadableError(f"more than {_MOST_VALUES} values")
+        stamp = self._stamp_name(flat)
+        t = self._nanoseconds(stamp, flat.pop(stamp)) if stamp else time.time_ns()
+        group = next((k for k in flat if is_named(k, GROUP)), None)
+        of = str(flat.pop(group)) if group else ""
+        of = f"{group} {of}" if group and of.isdigit() else of
+        values = {
+            Field(name, group=of): float(x)
+            for name, x in flat.items()
+            if isinstance(x, int | float) and not isinstance(x, bool)
+        }
+        if not values:
+            raise _UnreadableError("no number")
+        self._stamped = self._stamped and bool(stamp)
+        return t, values
+
+    def _stamp_name(self, flat: dict[str, Any]) -> str:
+        """The name of the time, "" where no value is one."""
+        if stated := self._options.time_channel:
+            if stated not in flat:
+                raise _UnreadableError(f"no time {stated!r}")
+            return stated
+        ranked = sorted((rank[0], name) for name in flat if (rank := time_name(name)))
+        return ranked[0][1] if ranked else ""
+
+    def _nanoseconds(self, name: str, value: Any) -> int:
+        if isinstance(value, str):
+            at = datetime.fromisoformat(value)
+            since = (at if at.tzinfo else at.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
+            return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _UnreadableError("no time that can be read")
+        named = time_name(name)
+        unit = self._options.time_unit or (named[1] if named else None)
+        unit = unit or next((u for least, u in _LARGE if abs(value) > least), "s")
+        if unit not in NS_PER_UNIT:
+            raise _UnreadableError(f"its time is stated in {unit!r}")
+        exact = value * NS_PER_UNIT[unit]
+        if not math.isfinite(exact) or abs(exact) > _FARTHEST:
+            raise _UnreadableError("no time that can be read")
+        return round(exact)
+
+
+def _flat(said: dict[str, Any], above: str, depth: int) -> Iterator[tuple[str, Any]]:
+    """Names and values of an object and those in it, names joined by points."""
+    if depth > _DEEPEST:
+        raise _UnreadableError("nested too deeply")
+    for key, value in said.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{above}{key}.", depth + 1)
+        else:
+            yield f"{above}{key}", value
+
+
+def lines(pieces: Iterator[bytes | None]) -> Iterator[bytes | None]:
+    """Whole lines of bytes that arrive; of one that is too long, as much as shows that."""
+    rest = b""
+    for piece in pieces:
+        if piece is None:
+            yield None
+            continue
+        *whole, rest = (rest + piece).split(b"\n")
+        yield from whole
+        if len(rest) > 2 * MOST_BYTES:
+            rest = rest[: MOST_BYTES + 1]
+    if rest:
+        yield rest

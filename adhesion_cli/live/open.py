@@ -1,0 +1,49 @@
+"""The sender that a source names."""
+
+from pathlib import Path
+
+from ..core.errors import UserError
+from ..formats.open import kind
+from ..formats.source import ReadOptions
+from . import bytes_arriving
+from .feed import Feed
+from .messages import Messages, lines
+from .table import Table
+
+SOURCES = "a growing CSV or JSON file, - for standard input, or udp://HOST:PORT"
+
+
+def opened(source: str, options: ReadOptions) -> Feed:
+    """A sender of samples.
+
+    Args:
+        source: `SOURCES`.
+        options: how its samples are read.
+
+    Raises:
+        UserError: where there is none, or it cannot be opened.
+    """
+    scheme, found, rest = source.partition("://")
+    if found:
+        if scheme != "udp":
+            raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
+        from .udp import Udp
+
+        return Udp(rest, options)
+    if source == "-":
+        return _text(bytes_arriving.standard_input(), options, None)
+    path = Path(source)
+    if path.is_file() and (format_ := kind(path)):
+        raise UserError(
+            f"{source}: a file of the format {format_} is not followed while it grows",
+            f"play it: adhesion live {source} --replay",
+            code=2,
+        )
+    return _text(bytes_arriving.growing(path), options, path)
+
+
+def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:
+    if pieces.peek().startswith(b"{"):
+        return Messages(pieces.name, lines(iter(pieces)), options, patient=True)
+    again = (lambda: bytes_arriving.growing(path)) if path else None
+    return Table(pieces, options, again)

@@ -1,0 +1,66 @@
+"""A readable log, played as if it were measured now."""
+
+import time
+from collections.abc import Iterator, Sequence
+from heapq import merge
+from pathlib import Path
+
+from ..core.finding import Finding
+from ..core.model import Column
+from ..formats.open import open_source
+from ..formats.source import Field, ReadOptions, Source
+from .feed import TICK, Row
+
+
+class Replay:
+    """The rows of a log in the order of time, or in the log's own where one clock has them all.
+
+    Args:
+        path: of the log.
+        options: how to read it.
+        speed: seconds of the log per second; 0: as fast as they are taken.
+    """
+
+    def __init__(self, path: Path, options: ReadOptions, speed: float) -> None:
+        self.name, self.patient = str(path), not speed
+        self._source, self._speed = open_source(path, options), speed
+
+    def head(self) -> Source:
+        """See `Feed`."""
+        return self._source
+
+    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+        """See `Feed`."""
+        clocks: dict[int, dict[int, Column]] = {}
+        for place, column in enumerate(self._source.columns(wanted)):
+            clocks.setdefault(id(column.t), {})[place] = column
+        every = merge(*map(_rows, clocks.values()), key=lambda row: row.t)
+        begin, first = time.monotonic(), None
+        for row in every:
+            first = row.t if first is None else first
+            due = begin + (row.t - first) * 1e-9 / self._speed if self._speed else 0.0
+            while (wait := due - time.monotonic()) > 0.0 and self._speed:
+                time.sleep(min(wait, TICK))
+                if wait > TICK:
+                    yield None
+            yield row
+
+    def findings(self) -> list[Finding]:
+        """See `Feed`."""
+        found, self._source.findings = self._source.findings, []
+        return [f for f in found if f.severity != "info"]
+
+    def close(self) -> None:
+        """See `Feed`."""
+
+
+def _rows(columns: dict[int, Column]) -> Iterator[Row]:
+    """The rows of columns with one clock; a cell without a number has no value."""
+    t = next(iter(columns.values())).t.tolist()
+    values = {place: c.value.tolist() for place, c in columns.items()}
+    valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
+    for n, stamp in enumerate(t):
+        yield Row(
+            stamp,
+            {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]},
+        )

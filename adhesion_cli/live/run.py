@@ -1,0 +1,120 @@
+"""The loop: rows of a sender through the axles to whoever wants the samples."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+from ..analysis.settings import Settings
+from ..core.estimator import Estimator
+from ..core.finding import Finding
+from .axle import Axle, Sample
+from .feed import Feed, Row
+from .wheels import Wheels
+
+_SPANS = 20  # of a finding that grows
+
+
+class Sink(Protocol):
+    """What takes samples."""
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """The samples of one row, in the order of the axles."""
+        ...
+
+    def idle(self) -> None:
+        """Called after each row, and while none comes."""
+        ...
+
+    def close(self) -> None:
+        """Ends it; nothing that it has is lost."""
+        ...
+
+
+class Tally:
+    """Findings as they come, those of one kind together.
+
+    Args:
+        tell: called with each finding of a new kind.
+    """
+
+    def __init__(self, tell: Callable[[Finding], None]) -> None:
+        self._tell = tell
+        self._kinds: dict[tuple[str, ...], Finding] = {}
+
+    def add(self, found: Sequence[Finding]) -> None:
+        """Counts these."""
+        for f in found:
+            key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
+            known = self._kinds.get(key)
+            if known is None:
+                self._kinds[key] = f
+                self._tell(f)
+                continue
+            spans = (*known.spans, *f.spans)[:_SPANS]
+            values = {k: max(x, f.values.get(k, x)) for k, x in known.values.items()}
+            self._kinds[key] = replace(
+                known, count=known.count + f.count, spans=spans, values=values
+            )
+
+    @property
+    def findings(self) -> list[Finding]:
+        """All of them."""
+        return list(self._kinds.values())
+
+
+def wheels_of(feed: Feed, settings: Settings, axles: Sequence[int]) -> Wheels:
+    """What a sender measures, by its header or its first messages; waits for them.
+
+    Raises:
+        UserError: where they cannot be understood.
+    """
+    return Wheels(feed.head(), settings.mappings, settings.vehicle, axles)
+
+
+def follow(
+    feed: Feed, wheels: Wheels, settings: Settings,
+    algos: Mapping[str, tuple[Estimator, Any]], sinks: Sequence[Sink], tally: Tally,
+) -> None:  # fmt: skip
+    """Takes every row of a sender, until it ends.
+
+    Args:
+        feed: the sender.
+        wheels: what it measures.
+        settings: the vehicle, and what a gap is.
+        algos: estimators with their parameters.
+        sinks: who takes the samples.
+        tally: who takes the findings.
+
+    Raises:
+        UserError: where the sender cannot be read on.
+    """
+    tally.add(wheels.findings)
+    of, start = settings.analysis, None
+    own = [Axle(p.axle, settings.vehicle, algos, of.slowest, of.max_gap) for p in wheels.axles]
+    for row in feed.rows(wheels.fields):
+        tally.add(feed.findings())
+        if row is not None:
+            start = row.t if start is None else start
+            if samples := taken(row, wheels, own, start):
+                for sink in sinks:
+                    sink.take(samples)
+            for axle in own:
+                if axle.findings:
+                    tally.add(axle.findings)
+                    axle.findings.clear()
+        for sink in sinks:
+            sink.idle()
+    tally.add(feed.findings())
+
+
+def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:
+    """What the axles make of one row: the brake and the train first, then the wheel."""
+    si, samples = wheels.si(row), []
+    for p, axle in zip(wheels.axles, axles, strict=True):
+        if p.train in si:
+            axle.train(si[p.train][1])
+        if p.brake in si:
+            axle.brake(*si[p.brake], p.is_pressure, start)
+        if p.speed in si and (sample := axle.wheel(*si[p.speed], start)):
+            samples.append(sample)
+    return samples

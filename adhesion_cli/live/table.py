@@ -1,0 +1,97 @@
+"""A CSV log whose rows arrive."""
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..formats.csv.arriving import Arriving
+from ..formats.csv.reader import CsvSource, open_csv
+from ..formats.source import Field, ReadOptions, Source
+from .bytes_arriving import Pieces
+from .feed import Row
+
+_ENOUGH = 20  # lines that show how a table is written
+_FEWEST = 4  # lines that must do where no more come for `_PAUSE`
+_PAUSE = 1.0  # [s]
+
+
+class Table:
+    """Rows of a table of text.
+
+    Args:
+        pieces: its bytes.
+        options: how to read it.
+        again: gives the bytes of the file that took its place, if it can be replaced.
+    """
+
+    patient = True
+
+    def __init__(
+        self, pieces: Pieces, options: ReadOptions, again: Callable[[], Pieces] | None = None
+    ) -> None:
+        self.name = pieces.name
+        self._pieces, self._options, self._again = pieces, options, again
+        self._head, self._restarts = b"", 0
+        self._source: CsvSource | None = None
+        self._rows: Arriving | None = None
+
+    def head(self) -> Source:
+        """See `Feed`."""
+        quiet = time.monotonic()
+        for piece in self._pieces:
+            lines = self._head.count(b"\n")
+            if piece:
+                self._head, quiet = self._head + piece, time.monotonic()
+            elif lines >= _FEWEST and time.monotonic() - quiet > _PAUSE:
+                break
+            if lines >= _ENOUGH:
+                break
+        self._source = self._opened(self._head)
+        return self._source
+
+    def _opened(self, head: bytes) -> CsvSource:
+        """The log by its first lines: as a file, so that it is read as every other log is."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "head.csv"
+            path.write_bytes(head[: head.rfind(b"\n") + 1])
+            try:
+                source = open_csv(path, replace(self._options, rejects=False))
+            except UserError as error:
+                text = error.text.replace(str(path), self.name)
+                raise UserError(text, error.hint, error.code) from None
+        source.path = Path(self.name)
+        source.table = replace(source.table, path=source.path)
+        return source
+
+    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+        """See `Feed`."""
+        assert self._source, "head comes first"
+        self._rows = Arriving(self._source, wanted)
+        yield from (Row(*row) for row in self._rows.rows(self._head))
+        while True:
+            for piece in self._pieces:
+                if piece is None:
+                    yield None
+                else:
+                    yield from (Row(*row) for row in self._rows.rows(piece))
+            if not self._again:
+                return
+            self._pieces = self._again()
+            self._restarts += 1
+            self._rows.restart()
+
+    def findings(self) -> list[Finding]:
+        """See `Feed`."""
+        restarted = [Finding("source-restarted", "info", count=self._restarts)]
+        found = restarted * bool(self._restarts) + (self._rows.lost if self._rows else [])
+        self._restarts = 0
+        if self._rows:
+            self._rows.lost = []
+        return found
+
+    def close(self) -> None:
+        """See `Feed`."""

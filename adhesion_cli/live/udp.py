@@ -1,0 +1,63 @@
+"""Samples as datagrams: an object in JSON each, or several on lines."""
+
+import socket
+from collections.abc import Iterator
+
+from ..core.errors import UserError
+from ..formats.source import ReadOptions
+from .feed import Pump
+from .messages import Messages
+
+_LARGEST = 1 << 16  # bytes of a datagram
+
+
+class Udp(Messages):
+    """A port on which datagrams arrive; it listens where HOST says, and nowhere else.
+
+    Args:
+        place: HOST:PORT; the host is an address of this machine.
+        options: how the messages are read.
+
+    Raises:
+        UserError: where that is no address, or the port is taken.
+    """
+
+    def __init__(self, place: str, options: ReadOptions) -> None:
+        host, _, port = place.rpartition(":")
+        name = f"udp://{place}"
+        if not port.isdigit() or not 0 < int(port) < 1 << 16:
+            raise UserError(f"{name}: no port", "name one, as udp://127.0.0.1:5005", code=2)
+        try:
+            (family, _, _, _, address), *_ = socket.getaddrinfo(
+                host.strip("[]") or "127.0.0.1", int(port), type=socket.SOCK_DGRAM
+            )
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+            self._socket.bind(address)
+        except OSError as error:
+            raise UserError(
+                f"{name}: cannot listen there: {error.strerror}",
+                "name an address of this machine and a free port",
+            ) from None
+        self._pump = Pump(self._datagram, patient=False)
+        super().__init__(name, self._lines(), options, False, self._lost)
+
+    def _datagram(self) -> bytes | None:
+        try:
+            return self._socket.recv(_LARGEST)
+        except OSError:
+            return None  # closed
+
+    def _lines(self) -> Iterator[bytes | None]:
+        for datagram in self._pump:
+            if datagram is None:
+                yield None
+            else:
+                yield from datagram.splitlines()
+
+    def _lost(self) -> int:
+        lost, self._pump.dropped = self._pump.dropped, 0
+        return lost
+
+    def close(self) -> None:
+        """See `Feed`."""
+        self._socket.close()

@@ -1,0 +1,151 @@
+"""Which values of a row are which axle's, in SI."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ..channels import to_si
+from ..channels.log import needed
+from ..channels.meaning import Mapping, Meant
+from ..core import units
+from ..core.finding import Finding
+from ..core.model import Vehicle
+from ..formats.source import Field, Source
+from ..records.choose import Key, axle_numbers, brake_of, find
+from .feed import Row
+
+_COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
+_MOST = 0.25  # of such a range in one interval: more is a reset
+
+
+class Places(NamedTuple):
+    """Where the values of one axle are, among the fields that are wanted."""
+
+    axle: int
+    speed: int
+    brake: int
+    is_pressure: bool
+    train: int | None
+
+
+class Wheels:
+    """What a sender measures, by its fields.
+
+    Args:
+        source: its fields.
+        mappings: what the user stated about them.
+        vehicle: for the wheel radius, where a wheel speed is in km/h.
+        axles: only these, all if empty.
+
+    Attributes:
+        fields: those that are needed, in the order of the places.
+        axles: the axles with a wheel speed and a brake.
+        findings: what was noticed.
+
+    Raises:
+        UserError: where a field that is needed is missing, or its unit is not known.
+    """
+
+    def __init__(
+        self, source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, axles: Sequence[int]
+    ) -> None:
+        chosen, self.findings = needed(source, mappings)
+        self.findings += [f for f in source.findings if f not in self.findings]
+        by_key: dict[Key, Meant] = {}
+        for m in chosen:
+            is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
+            if m.meaning and not is_rate:
+                by_key.setdefault((m.meaning, m.axle), m)
+        titles = [m.title for m in chosen]
+        numbers = axle_numbers(str(source.path), by_key, axles, titles)
+        self._places: dict[Key, int] = {}
+        self._scales: list[_Scale | _Total] = []
+        self.fields: list[Field] = []
+        self.axles: list[Places] = []
+        known: list[tuple[int, Key, Key, Key | None]] = []
+        for axle in axles or numbers:
+            speed, brake = find(by_key, "wheel_speed", axle), brake_of(by_key, axle)
+            if speed and brake:
+                known.append((axle, speed, brake, find(by_key, "train_speed", axle)))
+            elif key := speed or brake:
+                lacking = "pressure or clamping force" if speed else "wheel speed"
+                names = {"lacking": lacking, "key": "pressure" if speed else "speed"}
+                values = {"axle": axle}
+                self.findings.append(
+                    Finding(
+                        "axle-incomplete", "warning", by_key[key].title, values=values, names=names
+                    )
+                )
+        # Of one time, the brake and the train come before the wheel: so do their places.
+        for _, _, brake, train in known:
+            for key in (brake, train):
+                if key:
+                    self._place(key, by_key, vehicle)
+        for axle, speed, brake, train in known:
+            place = self._place(speed, by_key, vehicle)
+            at = (
+                self._places[brake],
+                brake[0] == "pressure",
+                self._places.get(train) if train else None,
+            )
+            self.axles.append(Places(axle, place, *at))
+
+    def _place(self, key: Key, by_key: dict[Key, Meant], vehicle: Vehicle) -> int:
+        """The place of what has this meaning; it gets one if it has none."""
+        if key not in self._places:
+            m = by_key[key]
+            unit = units.stated(m.unit, key[0], m.title)
+            factor = to_si.scale(m, unit, vehicle)
+            total = to_si.is_total(unit)
+            size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
+            self._places[key] = len(self.fields)
+            self.fields.append(m.field)
+            self._scales.append(_Total(factor, size) if total else _Scale(factor, unit.offset))
+        return self._places[key]
+
+    def si(self, row: Row) -> dict[int, tuple[int, float]]:
+        """Time [ns] and value in SI of each place that has one."""
+        found = {}
+        for place, x in row.values.items():
+            if math.isfinite(x) and (one := self._scales[place].of(row.t, x)):
+                found[place] = one
+        return found
+
+
+class _Scale:
+    """A value that is proportional to what it measures."""
+
+    def __init__(self, factor: float, offset: float) -> None:
+        self._factor, self._offset = factor, offset
+
+    def of(self, t: int, x: float) -> tuple[int, float] | None:
+        """Time and value."""
+        return t, self._factor * x + self._offset
+
+
+class _Total:
+    """A counter of pulses or angle: its speed is the mean over an interval, at its middle.
+
+    Args:
+        turn: angle of one count [rad].
+        size: the counter starts anew there; 0: at a power of two.
+    """
+
+    def __init__(self, turn: float, size: float) -> None:
+        self._turn, self._sizes = turn, (size,) if size else _COUNTERS
+        self._before: tuple[int, float] | None = None
+
+    def of(self, t: int, x: float) -> tuple[int, float] | None:
+        """Time and speed [rad/s]; None for the first count, after a reset or without time."""
+        before, self._before = self._before, (t, x)
+        if before is None or t <= before[0]:
+            return None
+        rise = x - before[1]
+        if rise < 0.0:
+            turned = (rise + size for size in self._sizes if before[1] < size)
+            rise = next((r for r in turned if r >= 0.0), math.inf)
+            least = min(size for size in self._sizes if before[1] < size)
+            if rise > _MOST * least:
+                return None
+        dt = t - before[0]
+        return before[0] + dt // 2, rise * self._turn / (dt / 1e9)

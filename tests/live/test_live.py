@@ -1,0 +1,243 @@
+"""`adhesion live`: senders, samples, and the same results as of a log."""
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from adhesion_cli.analysis.analyze import analyze, chosen
+from adhesion_cli.analysis.settings import Settings, load
+from adhesion_cli.core import bundled
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.live.axle import Axle, Sample
+from adhesion_cli.live.feed import Feed
+from adhesion_cli.live.open import opened
+from adhesion_cli.live.replay import Replay
+from adhesion_cli.live.run import Tally, follow, wheels_of
+
+LOGS = bundled.folder("sample_logs")
+SERVICE, LOW = LOGS / "service-brake.csv", LOGS / "low-adhesion.csv"
+
+
+class Kept:
+    """A sink that keeps every sample, by axle."""
+
+    def __init__(self) -> None:
+        self.of: dict[int, list[Sample]] = {}
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        for s in samples:
+            self.of.setdefault(s.axle, []).append(s)
+
+    def idle(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def followed(
+    feed: Feed, settings: Settings, algos: Sequence[str] = ()
+) -> tuple[dict[int, list[Sample]], list[Finding]]:
+    """Every sample of a sender by axle, and the findings."""
+    kept, tally = Kept(), Tally(lambda _: None)
+    own = {e.name: (e, settings.params(e)) for e in chosen(algos)}
+    follow(feed, wheels_of(feed, settings, ()), settings, own, [kept], tally)
+    feed.close()
+    return kept.of, tally.findings
+
+
+@pytest.mark.parametrize("log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
+def test_a_replay_gives_what_analyze_gives(log: Path) -> None:
+    settings = load()
+    found, _ = followed(Replay(log, settings.read, 0.0), settings)
+    result = analyze(log, load)
+    assert sorted(found) == [a.record.axle for a in result.axles]
+    for axle in result.axles:
+        of = {s.t: s for s in found[axle.record.axle]}
+        mine = [of[t] for t in axle.record.t.tolist()]
+        for algo, force in axle.estimates.items():
+            live = np.array([s.estimates[algo].force for s in mine])
+            np.testing.assert_allclose(live, force, rtol=1e-9, atol=1e-9)
+        sigma = np.array([s.estimates["imm"].sigma for s in mine])
+        np.testing.assert_allclose(sigma, axle.sigmas["imm"], rtol=1e-9)
+
+
+# ---- the command
+
+
+def lines_of(text: str) -> list[dict[str, object]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+@contextmanager
+def running(folder: Path, *arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
+    """`adhesion live` in the background; it is killed if it still runs at the end."""
+    command = [sys.executable, "-m", "adhesion_cli", "live", *map(str, arguments)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:  # type: ignore[call-overload]
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def taken(process: "subprocess.Popen[str]", count: int) -> list[dict[str, object]]:
+    """The next lines that it prints."""
+    assert process.stdout
+    return [json.loads(process.stdout.readline()) for _ in range(count)]
+
+
+def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:
+    text = SERVICE.read_text().splitlines(keepends=True)
+    log = tmp_path / "brake.csv"
+    log.write_text("".join(text[:101]))
+    with running(tmp_path, log, "--json", "-o", "out") as process:
+        first = taken(process, 100)
+        with log.open("a") as file:
+            file.write(text[101][:9])  # a row that is not complete yet
+            file.flush()
+            time.sleep(0.1)
+            file.write(text[101][9:] + "".join(text[102:151]))
+        second = taken(process, 50)
+        log.unlink()
+        log.write_text(text[0] + "".join(text[151:161]))
+        third = taken(process, 10)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "source-restarted" in told
+    t = [one["t"] for one in (*first, *second, *third)]
+    assert t == pytest.approx([float(row.split(",")[0]) for row in text[1:161]])
+    assert {one["status"] for one in second} == {"ok"}
+    assert set(first[0]) == {"t", "axle", "force_n", "coefficient", "u95_n", "algo", "status"}
+    again = analyze(tmp_path / "out" / "brake.live.mcap", load)
+    assert len(again.axles[0].record.t) == 160
+
+
+def test_standard_input_takes_a_table_and_objects_in_json(tmp_path: Path) -> None:
+    rows = [line.split(",") for line in SERVICE.read_text().splitlines()]
+    names = rows[0]
+    objects = [{n: float(x) for n, x in zip(names, row, strict=True) if x} for row in rows[1:401]]
+    said = []
+    for text in (
+        "\n".join(",".join(row) for row in rows[:401]) + "\n",
+        "\n".join(map(json.dumps, objects)),
+    ):
+        with running(tmp_path, "-", "--json", "-a", "imm", "-a", "td") as process:
+            out, told = process.communicate(text, timeout=120)
+        assert process.returncode == 0, told
+        said.append(lines_of(out))
+    assert said[0] == said[1]
+    assert len(said[0]) == 800
+
+
+def test_messages_that_are_none_are_counted(tmp_path: Path) -> None:
+    good = [
+        json.dumps({"t": 0.1 * k, "axle": 1, "speed": {"kmh": 80 - 0.1 * k}, "bc": 1.0})
+        for k in range(50)
+    ]
+    bad = ["{", "[1, 2]", '{"t": "soon", "bc": 1}', '{"t": 1e400, "bc": 1}', "\x00\xff", "null"]
+    text = "\n".join([*good[:25], *bad, *good[25:]])
+    stated = (
+        'channels.speed = {channel = "speed.kmh", unit = "km/h"}',
+        ('channels.pressure = {channel = "bc", unit = "bar"}'),
+    )
+    with running(tmp_path, "-", "--json", "--set", stated[0], "--set", stated[1]) as process:
+        out, told = process.communicate(text, timeout=60)
+    assert (process.returncode, len(lines_of(out))) == (3, 50), told
+    assert "messages-unreadable" in told
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
+    place = f"127.0.0.1:{free_port()}"
+    host, port = place.split(":")
+    with (
+        running(tmp_path, f"udp://{place}", "--json", "-o", "out") as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        seen: list[dict[str, object]] = []
+        process.stdout and process.stdout.reconfigure()  # type: ignore[attr-defined]
+        begin, k = time.monotonic(), 0
+        while time.monotonic() - begin < 8.0:
+            said = {"t": 0.01 * k, "speed 1 [km/h]": 80.0 - 0.01 * k, "bc pressure [bar]": 1.0}
+            sender.sendto(json.dumps(said).encode(), (host, int(port)))
+            k += 1
+            time.sleep(0.01)
+        seen = taken(process, 200)
+        process.kill()
+    steps = np.diff([float(str(one["t"])) for one in seen])
+    assert np.allclose(steps, 0.01)
+    kept = analyze(tmp_path / "out" / f"udp-127-0-0-1-{port}.live.mcap", load)
+    assert len(kept.axles[0].record.t) >= 200
+
+
+@pytest.mark.parametrize(
+    ("source", "says"),
+    [
+        ("no.csv", "no such file"),
+        ("tcp://127.0.0.1:1", "no source of this kind"),
+        ("udp://127.0.0.1:0", "no port"),
+        ("udp://192.0.2.1:5005", "cannot listen"),
+        (str(LOW.with_suffix(".mcap")), "--replay"),
+    ],
+)
+def test_what_is_no_source_is_refused(source: str, says: str) -> None:
+    with pytest.raises(UserError) as told:
+        opened(source, load().read)
+    assert says in f"{told.value.text} {told.value.hint}"
+
+
+# ---- one axle
+
+
+def axle() -> Axle:
+    algos = {e.name: (e, Settings().params(e)) for e in chosen(["td", "imm"])}
+    return Axle(1, Vehicle(), algos, 1.0, 0.0)
+
+
+def test_gaps_repeats_and_late_samples_are_found_as_they_happen() -> None:
+    one = axle()
+    seconds = [*np.arange(0.0, 1.0, 0.01), 0.5, 0.99, 3.0, 3.01]
+    samples = []
+    for k, x in enumerate(seconds):
+        one.brake(round(x * 1e9), 2e5, True, 0)
+        samples.append(one.wheel(round(x * 1e9), 40.0 - 0.001 * k, 0))
+    found = [(f.code, f.spans[0][0]) for f in one.findings if not f.code.startswith("time-out")]
+    assert found == [("time-duplicate", pytest.approx(0.99)), ("gap", pytest.approx(3.0))]
+    assert [s is None for s in samples[-4:]] == [True, True, False, False]
+    assert [s and s.status for s in samples[-2:]] == ["start", "ok"]
+
+
+def test_a_wheel_that_repeats_one_value_under_brake_is_stuck() -> None:
+    one = axle()
+    for k in range(300):
+        one.brake(k * 10_000_000, 2e5, True, 0)
+        one.wheel(k * 10_000_000, 40.0 - 0.01 * min(k, 100), 0)
+    assert [(f.code, f.spans[0][0] > 1.9) for f in one.findings] == [("speed-stuck", True)]
+
+
+def test_without_a_recent_pressure_there_is_no_force() -> None:
+    one = axle()
+    for k in range(200):
+        if k < 100:
+            one.brake(k * 10_000_000, 2e5, True, 0)
+        last = one.wheel(k * 10_000_000, 40.0 - 0.001 * k, 0)
+    assert last
+    assert (last.status, dict(last.estimates)) == ("no-pressure", {})
