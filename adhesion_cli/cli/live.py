@@ -1,6 +1,7 @@
 """`adhesion live`: the estimators while samples arrive."""
 
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from ..live.feed import Feed
     from ..live.run import Sink
 
-_OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict")
+_OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
+_CHUNK, _FRAME = 0.5, 0.05  # between two chunks of the file, and two frames of the viewer [s]
 _SHOWN = "imm"  # the estimator with a band of its own
 
 
@@ -32,6 +34,9 @@ def command(
         float | None,
         option("--speed", "X", "With --replay: X times as fast as measured; 0: at once.", min=0.0),
     ] = None,
+    connect: Annotated[
+        str, option("--connect", "URL", "A Rerun viewer, as rerun+http://HOST:9876/proxy.")
+    ] = "",
 ) -> int:
     """Adhesion while the samples arrive, by the same estimators as in a log.
 
@@ -39,8 +44,9 @@ def command(
     the same on standard input, or udp://HOST:PORT for datagrams in JSON. The
     header or the first messages say what is measured, or -c does. Ctrl-C ends.
 
-    -o DIR also writes a recording, <name>.live.mcap. It can be read at any time,
-    even after a kill. --json prints a line per sample and axle.
+    -o DIR also writes <name>.live.mcap and <name>.live.rrd. They can be read at
+    any time, even after a kill. --view and --connect show the samples in the
+    Rerun viewer. --json prints a line per sample and axle.
 
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
@@ -58,25 +64,37 @@ def command(
     else:
         feed = opened(source, settings.read)
     try:
-        return _follow(feed, settings, shared)
+        return _follow(feed, settings, shared, _viewer(shared, connect))
     finally:
         feed.close()
 
 
-def _follow(feed: "Feed", settings: "Settings", shared: Shared) -> int:
+def _viewer(shared: Shared, connect: str) -> str:
+    """The address of the viewer that shows the samples, "" for none; starts one for --view.
+
+    Raises:
+        UserError: where there is no display.
+    """
+    if not shared.view or connect:
+        return connect
+    from .view import check_display, start_viewer
+
+    check_display("adhesion live ... -o DIR")
+    return start_viewer()
+
+
+def _follow(feed: "Feed", settings: "Settings", shared: Shared, viewer: str) -> int:
     from ..analysis.analyze import chosen
     from ..live.run import Tally, follow, wheels_of
     from . import terminal
 
     algos = {e.name: (e, settings.params(e)) for e in chosen(shared.algo)}
-    first = shared.algo or [_SHOWN]
     tally = Tally(lambda f: terminal.show([f], shared.quiet))
     wheels = wheels_of(feed, settings, shared.axle)
+    axles = [p.axle for p in wheels.axles]
     with ExitStack() as ends:
         sinks: list[Sink] = []
-        for sink in _sinks(
-            feed.name, settings, algos, first, [p.axle for p in wheels.axles], shared
-        ):
+        for sink in _sinks(feed.name, settings, algos, axles, shared, viewer):
             ends.callback(sink.close)
             sinks.append(sink)
         follow(feed, wheels, settings, algos, sinks, tally)
@@ -84,22 +102,33 @@ def _follow(feed: "Feed", settings: "Settings", shared: Shared) -> int:
 
 
 def _sinks(
-    name: str, settings: "Settings", algos: dict[str, "Any"], first: list[str], axles: list[int],
-    shared: Shared,
+    name: str, settings: "Settings", algos: dict[str, Any], axles: list[int], shared: Shared,
+    viewer: str,
 ) -> "Iterator[Sink]":  # fmt: skip
     """Who takes the samples: the file first, so that it has what the others fail on."""
-    import sys
-
-    from ..live.recording import Recording
+    from ..live.recording import Batches, Mcap, Shown
     from ..live.shown import JsonLines, StatusLine
     from ..results import atomic_files
+    from ..results.rrd.live import LiveRecording
+    from . import terminal
 
+    shown = list(shared.algo) or [_SHOWN]
+    names = [*shown, *(a for a in sorted(algos) if a not in shown)]
+    recording = None
     if shared.out:
-        stem = re.sub(r"\W+", "-", Path(name).stem if "://" not in name else name).strip("-")
-        path = shared.out / f"{stem}.live.mcap"
-        atomic_files.check([path], shared.force, inputs=[*shared.config, *shared.dbc])
-        yield Recording(path, name, settings, algos, axles)
+        stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
+        record, recording = (shared.out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd"))
+        inputs = [*shared.config, *shared.dbc]
+        atomic_files.check([record, recording], shared.force, inputs=inputs)
+        yield Batches(Mcap(record, name, settings, algos, axles), sorted(algos), axles, _CHUNK)
+    if recording or viewer:
+        live = LiveRecording(name, settings.vehicle, axles, names, recording, viewer)
+
+        def tell(error: str) -> None:
+            terminal.message(f"the recording ends here: {error}", shared.quiet)
+
+        yield Batches(Shown(live, tell), names, axles, _FRAME)
     if shared.json:
-        yield JsonLines(first, settings.vehicle)
+        yield JsonLines(shown, settings.vehicle)
     elif not shared.quiet and sys.stderr.isatty():
-        yield StatusLine(first[0], settings.vehicle)
+        yield StatusLine(shown[0], settings.vehicle)

@@ -18,6 +18,7 @@ from .options import Shared, option, shared
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 _PORTS = 9090, 9876  # of page and data, as Rerun has them
+_RERUN = [sys.executable, "-m", "rerun", "--bind", "127.0.0.1"]
 _STARTS = 2.0  # after which a viewer that runs has opened its window [s]
 _WRITES = "`adhesion analyze LOG` writes one"
 _ESTIMATE = re.compile(r"/axle/\d+/estimate/")  # of a result; a comparison's begin with the log
@@ -111,18 +112,36 @@ def show_recording(recording: Path) -> None:
     Raises:
         UserError: where the viewer ends at once.
     """
+    _started(_rerun(recording), f"{_view(recording)} --serve")
+
+
+def start_viewer() -> str:
+    """Starts an empty viewer, which keeps running; returns the address that it listens to.
+
+    Raises:
+        UserError: where it ends at once.
+    """
+    port = _free(_PORTS[1])
+    _started([*_RERUN, "--port", str(port)], "adhesion live SOURCE -o DIR")
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def _started(command: list[str], serves: str) -> None:
+    """Starts a viewer.
+
+    Raises:
+        UserError: where it ends at once.
+    """
     import subprocess
 
     null = subprocess.DEVNULL
-    viewer = subprocess.Popen(
-        _rerun(recording), stdin=null, stdout=null, stderr=null, start_new_session=True
-    )
+    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null, start_new_session=True)
     try:
         code = viewer.wait(_STARTS)
     except subprocess.TimeoutExpired:
         return
     if code:
-        raise _no_window(f"it ended with exit code {code}", f"{_view(recording)} --serve")
+        raise _no_window(f"it ended with exit code {code}", serves)
 
 
 def serve_recording(recording: Path) -> None:
@@ -152,7 +171,7 @@ def serve_recording(recording: Path) -> None:
 
 
 def _rerun(recording: Path) -> list[str]:
-    return [sys.executable, "-m", "rerun", str(recording), "--bind", "127.0.0.1"]
+    return [*_RERUN, str(recording)]
 
 
 def _view(result: Path) -> str:

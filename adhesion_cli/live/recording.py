@@ -1,9 +1,9 @@
-"""Samples as an MCAP file that can be read while it grows, and after a kill."""
+"""Samples as files that can be read while they grow, and after a kill; or in a viewer."""
 
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -12,14 +12,66 @@ from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.text import printable
 from ..results.mcap import GrowingResult, Samples
+from ..results.rrd.live import LiveRecording
 from .axle import Estimate, Sample
 
-_EVERY = 0.5  # between two chunks [s]
 _NOTHING = Estimate(float("nan"), float("nan"))
 
 
-class Recording:
-    """A file of all samples.
+class Target(Protocol):
+    """What takes samples as columns."""
+
+    def add(self, new: Mapping[int, Samples]) -> None:
+        """New samples by axle, of those that have any."""
+        ...
+
+    def finish(self) -> None:
+        """Ends it."""
+        ...
+
+
+class Batches:
+    """Samples as columns, every so often.
+
+    Args:
+        target: what takes them.
+        algos: names of the estimators.
+        axles: numbers of the axles.
+        every: between two batches [s].
+    """
+
+    def __init__(
+        self, target: Target, algos: Sequence[str], axles: Sequence[int], every: float
+    ) -> None:
+        self._target, self._algos, self._every = target, list(algos), every
+        self._waiting: dict[int, list[Sample]] = {axle: [] for axle in axles}
+        self._since = time.monotonic()
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """See `Sink`."""
+        for s in samples:
+            self._waiting[s.axle].append(s)
+
+    def idle(self) -> None:
+        """See `Sink`."""
+        if time.monotonic() - self._since >= self._every:
+            self._send()
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._send()
+        self._target.finish()
+
+    def _send(self) -> None:
+        self._since = time.monotonic()
+        if new := {n: columns(of, self._algos) for n, of in self._waiting.items() if of}:
+            for of in self._waiting.values():
+                of.clear()
+            self._target.add(new)
+
+
+class Mcap:
+    """A file of all samples; see `GrowingResult`.
 
     Args:
         path: of the file; an older one is replaced.
@@ -29,71 +81,83 @@ class Recording:
         axles: numbers of the axles.
 
     Raises:
-        UserError: where the file cannot be written.
+        UserError: where the file cannot be written, here and later.
     """
 
     def __init__(
         self, path: Path, log: str, settings: Settings,
         algos: Mapping[str, tuple[Estimator, Any]], axles: Sequence[int],
     ) -> None:  # fmt: skip
-        self._path, self._algos = path, sorted(algos)
-        self._waiting: dict[int, list[Sample]] = {axle: [] for axle in axles}
-        self._since = time.monotonic()
+        self._path = path
         stated = tree(settings, [est for est, _ in algos.values()], axles)
-        nothing = {axle: self._samples([]) for axle in axles}
+        nothing = {axle: columns([], sorted(algos)) for axle in axles}
         try:
             self._file = path.open("wb")
             self._result = GrowingResult(self._file, log, stated, settings.vehicle, nothing)
         except OSError as error:
             raise self._failed(error) from error
 
-    def take(self, samples: Sequence[Sample]) -> None:
-        """See `Sink`."""
-        for s in samples:
-            self._waiting[s.axle].append(s)
-
-    def idle(self) -> None:
-        """See `Sink`."""
-        if time.monotonic() - self._since >= _EVERY:
-            self._write()
-
-    def close(self) -> None:
-        """See `Sink`."""
-        with self._file:
-            self._write()
-            try:
-                self._result.finish()
-            except OSError as error:
-                raise self._failed(error) from error
-
-    def _write(self) -> None:
-        """Writes what waits."""
-        self._since = time.monotonic()
-        new = {axle: self._samples(of) for axle, of in self._waiting.items() if of}
+    def add(self, new: Mapping[int, Samples]) -> None:
+        """See `Target`."""
         try:
             self._result.add(new)
         except OSError as error:
             raise self._failed(error) from error
-        for of in self._waiting.values():
-            of.clear()
+
+    def finish(self) -> None:
+        """See `Target`."""
+        try:
+            with self._file:
+                self._result.finish()
+        except OSError as error:
+            raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> UserError:
         text = f"{printable(str(self._path))}: cannot be written: {error.strerror}"
-        return UserError(
-            text, "what is in the file so far can be read; free space, or -o elsewhere"
-        )
+        hint = "what is in the file so far can be read; free space, or name another folder with -o"
+        return UserError(text, hint)
 
-    def _samples(self, of: Sequence[Sample]) -> Samples:
-        """The samples of one axle as columns."""
-        columns = [
-            np.array([getattr(s, name) for s in of], np.float64)
-            for name in ("pressure", "clamping", "speed", "train", "slip")
-        ]
-        pressure, clamping, speed, train, slip = columns
-        estimates = {}
-        for algo in self._algos:
-            said = [s.estimates.get(algo, _NOTHING) for s in of]
-            force, sigma = (np.array([x[i] for x in said], np.float64) for i in (0, 1))
-            estimates[algo] = force, sigma
-        t = np.array([s.t for s in of], np.int64)
-        return Samples(t, pressure, clamping, speed, train, slip, estimates)
+
+class Shown:
+    """A recording in a viewer or a file. Whatever becomes of it, the samples go on.
+
+    Args:
+        recording: that shows them.
+        tell: called once with what went wrong.
+    """
+
+    def __init__(self, recording: LiveRecording, tell: Any) -> None:
+        self._recording: LiveRecording | None = recording
+        self._tell = tell
+
+    def add(self, new: Mapping[int, Samples]) -> None:
+        """See `Target`."""
+        self._try(lambda of: of.add(new))
+
+    def finish(self) -> None:
+        """See `Target`."""
+        self._try(lambda of: of.finish())
+
+    def _try(self, what: Any) -> None:
+        if self._recording is None:
+            return
+        try:
+            what(self._recording)
+        except Exception as error:  # the binding has errors of many kinds
+            self._recording = None
+            self._tell(str(error))
+
+
+def columns(of: Sequence[Sample], algos: Sequence[str]) -> Samples:
+    """The samples of one axle as columns."""
+    pressure, clamping, speed, train, slip = (
+        np.array([getattr(s, name) for s in of], np.float64)
+        for name in ("pressure", "clamping", "speed", "train", "slip")
+    )
+    estimates = {}
+    for algo in algos:
+        said = [s.estimates.get(algo, _NOTHING) for s in of]
+        force, sigma = (np.array([x[i] for x in said], np.float64) for i in (0, 1))
+        estimates[algo] = force, sigma
+    t = np.array([s.t for s in of], np.int64)
+    return Samples(t, pressure, clamping, speed, train, slip, estimates)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recordings
 
 from adhesion_cli.analysis.analyze import analyze, chosen
 from adhesion_cli.analysis.settings import Settings, load
@@ -186,6 +187,32 @@ def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
     assert np.allclose(steps, 0.01)
     kept = analyze(tmp_path / "out" / f"udp-127-0-0-1-{port}.live.mcap", load)
     assert len(kept.axles[0].record.t) >= 200
+
+
+def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
+    port = free_port()
+    shown = tmp_path / "shown.rrd"
+    command = [sys.executable, "-m", "rerun", "--port", str(port), "--save", str(shown)]
+    null = subprocess.DEVNULL
+    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
+    try:
+        url = f"rerun+http://127.0.0.1:{port}/proxy"
+        with running(tmp_path, "--replay", SERVICE, "--connect", url, "-o", "out") as process:
+            until = time.monotonic() + 100.0
+            while not (shown.exists() and shown.stat().st_size > 100_000):
+                assert time.monotonic() < until
+                time.sleep(0.2)
+            viewer.kill()
+            viewer.wait()
+            process.send_signal(signal.SIGINT)
+            _, told = process.communicate(timeout=60)
+        assert process.returncode == 130, told
+    finally:
+        viewer.kill()
+    for path in (shown, tmp_path / "out" / "service-brake.live.rrd"):
+        times, force = recordings.column(path, "/axle/1/force/imm", "scalars")
+        assert len(times) >= 20
+        assert np.isfinite(force).all()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,121 @@
+"""Samples as a recording that grows: a file, or a viewer that shows it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...core import physics
+from ...core.model import Z95, Floats, Times, Vehicle
+from .. import palette
+from ..mcap import Samples
+from . import parts
+
+
+class LiveRecording:
+    """A recording of samples that arrive.
+
+    Args:
+        name: shown for it.
+        vehicle: for rim speed and coefficient.
+        axles: numbers of the axles.
+        algos: estimators; the first is shown for all axles.
+        file: of the recording, None for none.
+        viewer: address of a viewer that shows it, "" for none.
+    """
+
+    def __init__(
+        self, name: str, vehicle: Vehicle, axles: Sequence[int], algos: Sequence[str],
+        file: Path | None, viewer: str,
+    ) -> None:  # fmt: skip
+        self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
+        self._start: int | None = None
+        self._styled: set[str] = set()
+        rr.set_strict_mode(True)
+        self._rec = rr.RecordingStream("adhesion")
+        sinks = [rr.FileSink(file)] if file else []
+        self._rec.set_sinks(
+            *sinks, *([rr.GrpcSink(viewer)] if viewer else []), default_blueprint=self._layout()
+        )
+        self._rec.send_recording_name(name)
+
+    def add(self, new: Mapping[int, Samples]) -> None:
+        """Sends the new samples of some axles."""
+        for axle, x in new.items():
+            if self._start is None:
+                self._start = int(x.t[0])
+            for path, plot in self._plots(axle, x):
+                parts.send_plot(self._rec, path, self._times, x.t, plot, path not in self._styled)
+                self._styled.add(path)
+
+    def finish(self) -> None:
+        """Ends the recording; a viewer that does not answer is not waited for."""
+        self._rec.flush(timeout_sec=2.0)
+        self._rec.disconnect()
+
+    def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.Plot]]:
+        """Entity and plot of each chart."""
+        name = f"axle {axle}"
+        colour = palette.rgba(palette.nth(self._axles.index(axle)))
+        force, sigma = x.estimates[self._algos[0]]
+        rim = x.wheel_speed * self._vehicle.radius(axle).value
+
+        def line(of: str, values: Floats, colour: int = colour) -> parts.Plot:
+            return parts.lines("", [(of, colour, values)])
+
+        found = [
+            (f"all/speed/{axle}", line(name, 3.6 * rim)),
+            (f"all/force/{axle}", line(name, force / 1e3)),
+            (f"all/coefficient/{axle}", line(name, physics.coefficient(force, self._vehicle))),
+            (f"all/slip/{axle}", line(name, 100.0 * x.slip)),
+        ]
+        if axle == self._axles[0] and np.isfinite(x.train_speed).any():
+            found.append(("all/speed/train", line("train", 3.6 * x.train_speed, parts.TRAIN)))
+        own = f"axle/{axle}/force"
+        if np.isfinite(sigma).any():
+            band = parts.Plot(
+                "", (f"{self._algos[0]}, 95 % band",), (palette.rgba(palette.GREY),),
+                force[:, None] / 1e3, Z95 * sigma[:, None] / 1e3,
+            )  # fmt: skip
+            found.append((f"{own}/band", band))
+        for algo in self._algos:
+            values = x.estimates[algo][0] / 1e3
+            found.append(
+                (f"{own}/{algo}", line(algo, values, palette.rgba(palette.of_method(algo))))
+            )
+        clamping = line("clamping force", x.clamping / 1e3, parts.CLAMPING)
+        return [*found, (f"axle/{axle}/clamping", clamping)]
+
+    def _times(self, t: Times) -> list[rr.TimeColumn]:
+        since = (t - (self._start or 0)).astype("timedelta64[ns]")
+        return [rr.TimeColumn("time", duration=since)]
+
+    def _layout(self) -> rrb.Blueprint:
+        """All axles first, then a tab for each; the newest samples are shown."""
+        shown = self._algos[0]
+        charts = {
+            "speed": "speed [km/h]", "force": f"adhesion force, {shown} [kN]",
+            "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
+        }  # fmt: skip
+        every = rrb.Vertical(
+            *(parts.chart(f"all/{path}", f"All axles: {name}") for path, name in charts.items()),
+            name="All axles",
+        )
+        tabs = [
+            rrb.Vertical(
+                parts.chart(f"axle/{n}/force", f"Axle {n}: adhesion force [kN]"),
+                parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
+                name=f"Axle {n}", row_shares=[3, 1],
+            )
+            for n in self._axles
+        ]  # fmt: skip
+        return rrb.Blueprint(
+            rrb.Tabs(every, *tabs),
+            rrb.BlueprintPanel(state="collapsed"),
+            rrb.SelectionPanel(state="collapsed"),
+            rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
+            auto_views=False,
+            auto_layout=False,
+        )
