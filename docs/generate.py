@@ -164,6 +164,7 @@ With `--strict`, damage to the file refuses the log. Three rules hold for every 
 _SECTIONS = {
     "file": "The file", "time": "Time stamps", "channels": "Channels and units",
     "sensors": "Sensors", "train": "Train and vehicle", "results": "Results",
+    "live": "While samples arrive",
 }  # fmt: skip
 _PARTS = {
     "message": "Message", "cause": "Cause", "effect": "Effect", "remedy": "Remedy",

@@ -25,7 +25,8 @@ _SHOWN = "imm"  # the estimator with a band of its own
 def command(
     shared: Shared,
     source: Annotated[
-        str, typer.Argument(metavar="[SOURCE]", help="A growing file, - or udp://HOST:PORT.")
+        str,
+        typer.Argument(metavar="SOURCE", help="A growing file, -, udp://HOST:PORT or can:CHANNEL."),
     ] = "",
     replay: Annotated[
         Path | None, option("--replay", "LOG", "Play a log of any format, instead of SOURCE.")
@@ -41,8 +42,9 @@ def command(
     """Adhesion while the samples arrive, by the same estimators as in a log.
 
     SOURCE is a CSV file or a file of JSON lines to which a logger appends, - for
-    the same on standard input, or udp://HOST:PORT for datagrams in JSON. The
-    header or the first messages say what is measured, or -c does. Ctrl-C ends.
+    the same on standard input, udp://HOST:PORT for datagrams in JSON, or
+    can:CHANNEL with --dbc. The header or the first messages say what is
+    measured, or -c does. Ctrl-C ends.
 
     -o DIR also writes <name>.live.mcap and <name>.live.rrd. They can be read at
     any time, even after a kill. --view and --connect show the samples in the

@@ -197,6 +197,51 @@ class Reader:
         return Columns(axes, series, [])
 
 
+class FrameDecoder:
+    """Frames one by one, by the DBC of the vehicle.
+
+    Args:
+        dbc: its files.
+
+    Raises:
+        UserError: where one of them cannot be read.
+    """
+
+    def __init__(self, dbc: Sequence[str]) -> None:
+        self._known = _messages(dbc)
+        self._fields: dict[int, list[tuple[Any, Field]]] = {}
+
+    def values(self, identifier: int, extended: bool, data: bytes) -> dict[Field, float]:
+        """What a frame says; nothing where the DBC does not know it, or says that it is no value.
+
+        Args:
+            identifier: of the frame.
+            extended: whether it has 29 bits.
+            data: of the frame.
+        """
+        message = self._known.get((identifier, extended))
+        if message is None:
+            return {}
+        if id(message) not in self._fields:
+            named = [Named(message.name, s.name, s.unit or "", message.name)
+                     for s in message.signals]  # fmt: skip
+            self._fields[id(message)] = list(
+                zip(message.signals, fields(named, "DBC"), strict=True)
+            )
+        frames = _Frames(message.length)
+        frames.add(0.0, data)
+        bits, found = frames.bits(), {}
+        for signal, field_ in self._fields[id(message)]:
+            there = _selected(bits, message, signal)
+            short = 8 * len(data) <= max(_positions(signal))
+            if short or (there is not None and not there[0]):
+                continue
+            value, no_value = _decoded(bits, signal)
+            if not no_value[0]:
+                found[field_] = float(value[0])
+        return found
+
+
 def _messages(names: Sequence[str]) -> dict[tuple[int, bool], Any]:
     """The messages of the DBC files, by identifier and whether it is an extended one.
 

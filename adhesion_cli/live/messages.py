@@ -25,7 +25,10 @@ _FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
 _LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # numbers that count from 1970 in this unit
 
 
-class _UnreadableError(Exception):
+Values = tuple[int, dict[Field, float]]  # time [ns] and what was measured
+
+
+class UnreadableError(Exception):
     """A message without samples; its text says why."""
 
 
@@ -65,12 +68,12 @@ class Messages:
     """
 
     def __init__(
-        self, name: str, arriving: Iterator[bytes | None], options: ReadOptions,
+        self, name: str, arriving: Iterator[Any], options: ReadOptions,
         patient: bool, dropped: Callable[[], int] = lambda: 0,
     ) -> None:  # fmt: skip
         self.name, self.patient = name, patient
         self._arriving, self._options, self._dropped = arriving, options, dropped
-        self._first: list[tuple[int, dict[Field, float]]] = []
+        self._first: list[Values] = []
         self._bad, self._why, self._example = 0, "", ""
         self._stamped = True
 
@@ -95,7 +98,7 @@ class Messages:
         """See `Feed`."""
         place = {f: i for i, f in enumerate(wanted)}
 
-        def row(sample: tuple[int, dict[Field, float]]) -> Row:
+        def row(sample: Values) -> Row:
             t, values = sample
             return Row(t, {place[f]: x for f, x in values.items() if f in place})
 
@@ -124,30 +127,35 @@ class Messages:
     def close(self) -> None:
         """See `Feed`."""
 
-    def _sample(self, message: bytes) -> tuple[int, dict[Field, float]] | None:
+    def _sample(self, message: Any) -> Values | None:
         """Time and values of a message; None where it has none, which is counted."""
-        if not message.strip():
-            return None
         try:
-            return self._parsed(message)
-        except (_UnreadableError, ValueError, RecursionError) as error:
+            return self.parsed(message)
+        except (UnreadableError, ValueError, RecursionError) as error:
             if not self._bad:
-                text = message[:_SHOWN].decode("utf-8", "replace")
-                known = isinstance(error, _UnreadableError)
+                known = isinstance(error, UnreadableError)
                 self._why = str(error) if known else "not an object in JSON"
-                self._example = repr(text)
+                self._example = repr(message[:_SHOWN].decode("utf-8", "replace"))
             self._bad += 1
             return None
 
-    def _parsed(self, message: bytes) -> tuple[int, dict[Field, float]]:
+    def parsed(self, message: Any) -> Values | None:
+        """Time and values of a message; None where it says nothing.
+
+        Raises:
+            UnreadableError: says why it cannot be read.
+            ValueError: it is no JSON.
+        """
+        if not message.strip():
+            return None
         if len(message) > MOST_BYTES:
-            raise _UnreadableError(f"longer than {MOST_BYTES >> 20} MiB")
+            raise UnreadableError(f"longer than {MOST_BYTES >> 20} MiB")
         said = json.loads(message)
         if not isinstance(said, dict):
-            raise _UnreadableError("not an object in JSON")
+            raise UnreadableError("not an object in JSON")
         flat = dict(_flat(said, "", 0))
         if len(flat) > _MOST_VALUES:
-            raise _UnreadableError(f"more than {_MOST_VALUES} values")
+            raise UnreadableError(f"more than {_MOST_VALUES} values")
         stamp = self._stamp_name(flat)
         t = self._nanoseconds(stamp, flat.pop(stamp)) if stamp else time.time_ns()
         group = next((k for k in flat if is_named(k, GROUP)), None)
@@ -159,7 +167,7 @@ class Messages:
             if isinstance(x, int | float) and not isinstance(x, bool)
         }
         if not values:
-            raise _UnreadableError("no number")
+            raise UnreadableError("no number")
         self._stamped = self._stamped and bool(stamp)
         return t, values
 
@@ -167,7 +175,7 @@ class Messages:
         """The name of the time, "" where no value is one."""
         if stated := self._options.time_channel:
             if stated not in flat:
-                raise _UnreadableError(f"no time {stated!r}")
+                raise UnreadableError(f"no time {stated!r}")
             return stated
         ranked = sorted((rank[0], name) for name in flat if (rank := time_name(name)))
         return ranked[0][1] if ranked else ""
@@ -178,22 +186,22 @@ class Messages:
             since = (at if at.tzinfo else at.replace(tzinfo=UTC)) - datetime(1970, 1, 1, tzinfo=UTC)
             return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _UnreadableError("no time that can be read")
+            raise UnreadableError("no time that can be read")
         named = time_name(name)
         unit = self._options.time_unit or (named[1] if named else None)
         unit = unit or next((u for least, u in _LARGE if abs(value) > least), "s")
         if unit not in NS_PER_UNIT:
-            raise _UnreadableError(f"its time is stated in {unit!r}")
+            raise UnreadableError(f"its time is stated in {unit!r}")
         exact = value * NS_PER_UNIT[unit]
         if not math.isfinite(exact) or abs(exact) > _FARTHEST:
-            raise _UnreadableError("no time that can be read")
+            raise UnreadableError("no time that can be read")
         return round(exact)
 
 
 def _flat(said: dict[str, Any], above: str, depth: int) -> Iterator[tuple[str, Any]]:
     """Names and values of an object and those in it, names joined by points."""
     if depth > _DEEPEST:
-        raise _UnreadableError("nested too deeply")
+        raise UnreadableError("nested too deeply")
     for key, value in said.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{above}{key}.", depth + 1)

@@ -10,7 +10,7 @@ from .feed import Feed
 from .messages import Messages, lines
 from .table import Table
 
-SOURCES = "a growing CSV or JSON file, - for standard input, or udp://HOST:PORT"
+SOURCES = "a growing CSV or JSON file, - for standard input, udp://HOST:PORT or can:CHANNEL"
 
 
 def opened(source: str, options: ReadOptions) -> Feed:
@@ -30,6 +30,10 @@ def opened(source: str, options: ReadOptions) -> Feed:
         from .udp import Udp
 
         return Udp(rest, options)
+    if source.startswith("can:"):
+        from .can import Can
+
+        return Can(source.removeprefix("can:"), options)
     if source == "-":
         return _text(bytes_arriving.standard_input(), options, None)
     path = Path(source)

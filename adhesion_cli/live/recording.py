@@ -11,8 +11,9 @@ from ..analysis.settings import Settings, tree
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.text import printable
-from ..results.mcap import GrowingResult, Samples
+from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
+from ..results.samples import Samples
 from .axle import Estimate, Sample
 
 _NOTHING = Estimate(float("nan"), float("nan"))

@@ -37,6 +37,7 @@ from ..rail.slope import REGIONS
 from . import descriptors, mcap_container, names
 from .log_events import Told, of_result
 from .mcap_container import Offsets
+from .samples import Samples
 from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
@@ -171,19 +172,6 @@ def write_stop(  # noqa: PLR0913 (all that a stop's file holds)
         *_events((x for i in axles for x in _stop_events(stop, i)), ""),
     ]
     _write(path, streams, metadata, 0)
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """What is new of one axle: columns of shape (n,), NaN where not known."""
-
-    t: Times
-    pressure: Floats  # [Pa]
-    clamping: Floats  # K [N]
-    wheel_speed: Floats  # [rad/s]
-    train_speed: Floats  # [m/s]
-    slip: Floats  # [-]
-    estimates: Mapping[str, tuple[Floats, Floats]]  # force and its sigma by estimator [N]
 
 
 class GrowingResult:

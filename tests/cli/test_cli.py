@@ -245,6 +245,7 @@ BAD = {
     "recover": ("recover missing.mcap -o a.mcap", 1, "missing.mcap"),
     "report": ("report missing.mcap -o a.html", 1, "missing.mcap"),
     "fleet": ("fleet missing.csv -o out", 1, "missing.csv"),
+    "live": ("live missing.csv", 1, "missing.csv"),
     "estimators": ("estimators -a nesso", 2, "nesso"),
     "explain": ("explain pressure-dely", 2, "pressure-dely"),
 }

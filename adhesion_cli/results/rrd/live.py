@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from ...core import physics
 from ...core.model import Z95, Floats, Times, Vehicle
 from .. import palette
-from ..mcap import Samples
+from ..samples import Samples
 from . import parts
 
 

@@ -1,0 +1,72 @@
+"""Samples as frames on a CAN bus; the DBC of the vehicle says what they hold."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from ..core.errors import UserError
+from ..formats.source import ReadOptions
+from .feed import Pump
+from .messages import Messages, Values
+
+_INSTALL = "pip install 'adhesion-cli[can]'"
+
+
+class Can(Messages):
+    """A CAN bus, only listened to.
+
+    Args:
+        place: INTERFACE:CHANNEL as python-can has them; a channel alone is one of socketcan.
+        options: the DBC files.
+
+    Raises:
+        UserError: where there is no such bus, no DBC, or a library is missing.
+    """
+
+    def __init__(self, place: str, options: ReadOptions) -> None:
+        name = f"can:{place}"
+        if not options.dbc:
+            text = f"{name}: a bus has frames; which signals they are, a DBC file says"
+            raise UserError(text, "state it with --dbc FILE.dbc", code=2)
+        try:
+            import can
+
+            from ..formats.can import FrameDecoder
+        except ImportError as error:
+            raise UserError(f"{name}: {error.name} is not installed", _INSTALL) from error
+        self._decoder = FrameDecoder(options.dbc)
+        interface, _, channel = place.rpartition(":")
+        try:
+            self._bus: Any = can.Bus(interface=interface or "socketcan", channel=channel)
+        except Exception as error:  # each interface has errors of its own
+            text = f"{name}: cannot be opened: {error}"
+            raise UserError(text, "check interface and channel, as can:socketcan:can0") from None
+        self._closed = False
+        self._pump = Pump(self._frame, patient=False)
+        super().__init__(name, self._frames(), options, False, self._lost)
+
+    def parsed(self, message: Any) -> Values | None:
+        """See `Messages`."""
+        if message.is_error_frame or message.is_remote_frame:
+            return None
+        found = self._decoder.values(
+            message.arbitration_id, message.is_extended_id, bytes(message.data)
+        )
+        return (round(message.timestamp * 1e6) * 1000, found) if found else None
+
+    def _frame(self) -> Any:
+        while not self._closed:
+            if frame := self._bus.recv(timeout=0.2):
+                return frame
+        return None
+
+    def _frames(self) -> Iterator[Any]:
+        return iter(self._pump)
+
+    def _lost(self) -> int:
+        lost, self._pump.dropped = self._pump.dropped, 0
+        return lost
+
+    def close(self) -> None:
+        """See `Feed`."""
+        self._closed = True
+        self._bus.shutdown()
