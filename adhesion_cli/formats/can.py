@@ -197,6 +197,25 @@ class Reader:
         return Columns(axes, series, [])
 
 
+def bus(place: str) -> Any:
+    """A bus that is listened to, as python-can has it.
+
+    Args:
+        place: INTERFACE:CHANNEL; a channel alone is one of socketcan.
+
+    Raises:
+        UserError: where there is no such bus.
+    """
+    import can
+
+    interface, _, channel = place.rpartition(":")
+    try:
+        return can.Bus(interface=interface or "socketcan", channel=channel)
+    except Exception as error:  # each interface has errors of its own
+        text = f"can:{place}: cannot be opened: {error}"
+        raise UserError(text, "check interface and channel, as can:socketcan:can0") from None
+
+
 class FrameDecoder:
     """Frames one by one, by the DBC of the vehicle.
 

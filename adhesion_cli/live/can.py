@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..core.errors import UserError
+from ..formats.can import FrameDecoder, bus
 from ..formats.source import ReadOptions
 from .feed import Pump
 from .messages import Messages, Values
@@ -28,18 +29,9 @@ class Can(Messages):
             text = f"{name}: a bus has frames; which signals they are, a DBC file says"
             raise UserError(text, "state it with --dbc FILE.dbc", code=2)
         try:
-            import can
-
-            from ..formats.can import FrameDecoder
+            self._decoder, self._bus = FrameDecoder(options.dbc), bus(place)
         except ImportError as error:
             raise UserError(f"{name}: {error.name} is not installed", _INSTALL) from error
-        self._decoder = FrameDecoder(options.dbc)
-        interface, _, channel = place.rpartition(":")
-        try:
-            self._bus: Any = can.Bus(interface=interface or "socketcan", channel=channel)
-        except Exception as error:  # each interface has errors of its own
-            text = f"{name}: cannot be opened: {error}"
-            raise UserError(text, "check interface and channel, as can:socketcan:can0") from None
         self._closed = False
         self._pump = Pump(self._frame, patient=False)
         super().__init__(name, self._frames(), options, False, self._lost)
