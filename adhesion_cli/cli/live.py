@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..live.run import Sink
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
-_CHUNK, _FRAME = 0.5, 0.05  # between two chunks of the file, and two frames of the viewer [s]
+_CHUNK, _FRAME = 0.5, 0.1  # between two chunks of the file, and two frames of the viewer [s]
 _SHOWN = "imm"  # the estimator with a band of its own
 
 

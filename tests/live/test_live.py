@@ -211,7 +211,7 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     finally:
         viewer.kill()
     for path in (shown, tmp_path / "out" / "service-brake.live.rrd"):
-        times, force = recordings.column(path, "/axle/1/force/imm", "scalars")
+        times, force = recordings.column(path, "/axle/1/force/estimates", "scalars")
         assert len(times) >= 20
         assert np.isfinite(force).all()
 

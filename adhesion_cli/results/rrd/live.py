@@ -69,24 +69,27 @@ class LiveRecording:
             (f"all/speed/{axle}", line(name, 3.6 * rim)),
             (f"all/force/{axle}", line(name, force / 1e3)),
             (f"all/coefficient/{axle}", line(name, physics.coefficient(force, self._vehicle))),
-            (f"all/slip/{axle}", line(name, 100.0 * x.slip)),
         ]
-        if axle == self._axles[0] and np.isfinite(x.train_speed).any():
-            found.append(("all/speed/train", line("train", 3.6 * x.train_speed, parts.TRAIN)))
-        own = f"axle/{axle}/force"
+        if np.isfinite(x.train_speed).any():
+            found.append((f"all/slip/{axle}", line(name, 100.0 * x.slip)))
+            if axle == self._axles[0]:
+                train = line("train", 3.6 * x.train_speed, parts.TRAIN)
+                found.append(("all/speed/train", train))
+        own = f"axle/{axle}"
         if np.isfinite(sigma).any():
             band = parts.Plot(
                 "", (f"{self._algos[0]}, 95 % band",), (palette.rgba(palette.GREY),),
                 force[:, None] / 1e3, Z95 * sigma[:, None] / 1e3,
             )  # fmt: skip
-            found.append((f"{own}/band", band))
-        for algo in self._algos:
-            values = x.estimates[algo][0] / 1e3
-            found.append(
-                (f"{own}/{algo}", line(algo, values, palette.rgba(palette.of_method(algo))))
-            )
+            found.append((f"{own}/force/band", band))
+        # One entity for all estimators: each has a price, whatever it holds.
+        methods = [
+            (algo, palette.rgba(palette.of_method(algo)), x.estimates[algo][0] / 1e3)
+            for algo in self._algos
+        ]
+        found.append((f"{own}/force/estimates", parts.lines("", methods)))
         clamping = line("clamping force", x.clamping / 1e3, parts.CLAMPING)
-        return [*found, (f"axle/{axle}/clamping", clamping)]
+        return [*found, (f"{own}/clamping", clamping)]
 
     def _times(self, t: Times) -> list[rr.TimeColumn]:
         since = (t - (self._start or 0)).astype("timedelta64[ns]")
