@@ -68,9 +68,11 @@ def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bo
     from ..fleet.dataset import RECORDINGS, Dataset
     from ..fleet.locations import find
     from ..fleet.run import run
+    from ..results import atomic_files
     from . import terminal
 
     begin = time.perf_counter()
+    atomic_files.refuse_url(out)
     job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
     kept = Dataset(out, job.settings, job.version)
     with terminal.campaign(shared.quiet, len(logs)) as tell:
