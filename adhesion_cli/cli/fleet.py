@@ -191,8 +191,8 @@ def _text(found: dict[str, Any]) -> str:
     damaged = [f"  {printable(log)}" for log in found["damaged"]]
     parts = [
         line
-        for title, rows, left in summary_tables.tables(found)
-        for line in ("", f"{title}:", terminal.records(rows, _WIDTH, left))
+        for of in summary_tables.tables(found)
+        for line in ("", f"{of.title}:", terminal.records(of.rows, _WIDTH, of.left))
     ]
     lists = [*_first("Failed logs:", failed), *_first("Damaged logs:", damaged)]
     return "\n".join([summary_tables.head(found), *parts, *lists])
