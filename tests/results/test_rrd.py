@@ -430,7 +430,7 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     every = {f"All axles: {x}" for x in (
         "speed [km/h]", "adhesion force, reference [kN]", "adhesion coefficient µ", "slip [%]"
     )}  # fmt: skip
-    text = {"Lines", "How this was made, settings", "Summary", "What the lines mean"}
+    text = {"Lines", "How this was made, settings", "Summary"}
     assert rest == every | text
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
