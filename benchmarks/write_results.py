@@ -42,17 +42,18 @@ def write_log(path: Path, stops: int) -> None:
     """The stops as CSV: pressure and wheel speed of each axle, train speed."""
     made, rng = simulate.run(simulate.load("low-adhesion")), np.random.default_rng(1)
     braked = np.arange(0, len(made.t), round(1e9 / RATE / (made.t[1] - made.t[0])))
-    back = np.linspace(0.0, 1.0, round(PERIOD * RATE) - len(braked))[:, None]
+    share = np.linspace(0.0, 1.0, round(PERIOD * RATE) - len(braked))[:, None]
+    released, gained = np.interp(share, [0.0, 0.1], [0.0, 1.0]), np.interp(share, [0.1, 1], [0, 1])
 
-    def whole(of: Floats, before: Floats | float, noise: float) -> Floats:
+    def whole(of: Floats, before: Floats | float, back: Floats, noise: float) -> Floats:
         """A column per axle: braked, and then back to the value before."""
         one = np.concatenate([of[braked], (1.0 - back) * of[braked[-1]] + back * before])
         return np.tile(one, (stops, 1)) + rng.normal(0.0, noise, (stops * len(one), of.shape[1]))
 
     rim = made.wheel_speed * plant.radii(made.scenario) * 3.6
     train = made.train_speed[:, None] * 3.6
-    columns = [whole(made.pressure * 1e-5, 0.0, 0.01), whole(rim, rim[0], 0.01)]
-    columns += [whole(train, train[0], 0.02)]
+    columns = [whole(made.pressure * 1e-5, 0.0, released, 0.01), whole(rim, rim[0], gained, 0.01)]
+    columns += [whole(train, train[0], gained, 0.02)]
     names = [f"bc_pressure_{i} [bar]" for i in range(1, 5)]
     names += [f"wheel_speed_{i} [km/h]" for i in range(1, 5)]
     seconds = np.arange(len(columns[0]))[:, None] / RATE
