@@ -1,6 +1,6 @@
 """Every benchmark of this folder in one table: ours, the rival, their ratio, the target.
 
-    python benchmarks/table.py            # all of them, some ten minutes
+    python benchmarks/table.py            # all of them, a quarter of an hour
     python benchmarks/read_mcap.py        # one of them
 
 A benchmark is a file with `rows()`, which measures and gives a `Row` per case.

@@ -264,12 +264,18 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) ->
         recording,
         *places,
     ):
+        made_from: dict[str, Any] = {}
         for record, stop in zip(places, stops, strict=False):
             sources = estimators[stop.algo].source, laws[stop.controller].source
             carried = stop_settings(stop, case, of.settings, of.track, **of.origin)
+            made_from |= carried
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
         verdict = "\n".join([of.text, terminal.findings(of.findings, terminal.NARROW)]).rstrip()
-        rrd.write_stops(recording, case.name, stops, weight, drawn, verdict)
+        made_from["antiskid"] = {
+            k: v for k, v in made_from["antiskid"].items() if k != "controller"
+        }
+        said = rrd.Said(verdict, made_from)
+        rrd.write_stops(recording, case.name, stops, weight, drawn, said)
         for place in places[len(stops) :]:
             draw(shared, place, title, of_stops(stops, weight, drawn))
     kinds = ["rrd", *(f"{stop.controller}.mcap" for stop in stops)]

@@ -48,6 +48,8 @@ def command(  # noqa: PLR0913 (one option each)
     Writes Parquet files to -o DIR: applications, estimators, findings and logs. A second run
     analyses what is missing and what failed. A log that fails is a row with error and hint.
 
+    The exit code is 3 if a log failed, or if its data were lost or repaired or may be wrong.
+
     Example: adhesion fleet sample_logs -o results
     """
     from ..core.errors import UserError
@@ -68,21 +70,26 @@ def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bo
     from ..fleet.dataset import RECORDINGS, Dataset
     from ..fleet.locations import find
     from ..fleet.run import run
+    from ..results import atomic_files
     from . import terminal
 
     begin = time.perf_counter()
+    atomic_files.refuse_url(out)
     job, logs = _job(shared, out / RECORDINGS if records else None), find(paths)
     kept = Dataset(out, job.settings, job.version)
     with terminal.campaign(shared.quiet, len(logs)) as tell:
         state = run(logs, job, kept, on, shared.force, tell)
     seconds = time.perf_counter() - begin
     if shared.json:
-        counts = {"done": state.done, "skipped": state.skipped, "failed": len(state.failed)}
+        counts = {
+            "done": state.done, "skipped": state.skipped, "failed": len(state.failed),
+            "lossy": state.lossy,
+        }  # fmt: skip
         print(dumps(tagged("fleet", logs=state.logs, **counts, seconds=seconds)))
     else:
         print(_told(state, out, seconds))
     _show_failed(state, shared.quiet)
-    return 3 if state.failed else 0
+    return 3 if state.failed or state.lossy else 0
 
 
 def _job(shared: Shared, recordings: Path | None) -> "Job":
@@ -138,8 +145,10 @@ def _told(state: "State", folder: Path, seconds: float) -> str:
     worked = state.done + len(state.failed)
     rate = f" ({worked / seconds:.1f} logs/s)" if worked else ""
     where = printable(str(folder))
+    doubt = [f"data lost or repaired, or in doubt: {state.lossy} of them; see --summary"]
     return "\n".join([
         f"{state.logs} logs: {', '.join(parts)}; {seconds:.1f} s{rate}",
+        *(doubt * bool(state.lossy)),
         f"wrote {where}: applications, estimators, findings, logs",
         f"`adhesion fleet --summary {where}` shows them.",
     ])  # fmt: skip
@@ -182,8 +191,8 @@ def _text(found: dict[str, Any]) -> str:
     damaged = [f"  {printable(log)}" for log in found["damaged"]]
     parts = [
         line
-        for title, rows, left in summary_tables.tables(found)
-        for line in ("", f"{title}:", terminal.records(rows, _WIDTH, left))
+        for of in summary_tables.tables(found)
+        for line in ("", f"{of.title}:", terminal.records(of.rows, _WIDTH, of.left))
     ]
     lists = [*_first("Failed logs:", failed), *_first("Damaged logs:", damaged)]
     return "\n".join([summary_tables.head(found), *parts, *lists])

@@ -11,7 +11,7 @@ from . import results
 from .options import Shared, option, shared
 
 if TYPE_CHECKING:
-    from ..fleet.summary_tables import Table
+    from ..results.report.campaign import Table
 
 _Results = Annotated[
     list[Path],

@@ -56,6 +56,12 @@ class _Fields(dict[str, Any]):
         return _NotStated()
 
 
+def is_lossy(code: str, severity: str) -> bool:
+    """Whether a finding sets exit code 3; a code that the catalogue does not know counts."""
+    words = catalogue().get(code)
+    return severity != "info" and not (words and words.keeps_data)
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing about the data that the user must be able to know.
@@ -78,7 +84,7 @@ class Finding:
     @property
     def lossy(self) -> bool:
         """Whether it sets exit code 3: data was dropped, repaired or refused, or may be wrong."""
-        return self.severity != "info" and not catalogue()[self.code].keeps_data
+        return is_lossy(self.code, self.severity)
 
     @property
     def first_s(self) -> float | None:

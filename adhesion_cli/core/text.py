@@ -1,11 +1,14 @@
 """What people read: names from logs, which may be hostile, and numbers with an uncertainty."""
 
 import math
+import re
 import unicodedata
 from collections import Counter
+from pathlib import Path
 
 # Control, format (bidi overrides, zero width, tags), surrogate, line and paragraph separators.
 _UNSAFE = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_KIND_OF_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")  # a letter alone is a drive
 
 
 def printable(text: str) -> str:
@@ -29,6 +32,18 @@ def utf8(text: str) -> str:
     'bad\\udcff.csv'
     """
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def as_url(path: Path) -> str | None:
+    """The URL that somebody gave in place of a path; None for a path.
+
+    >>> as_url(Path("s3://trains/2026"))
+    's3://trains/2026'
+    """
+    kind, *rest = path.parts or ("",)  # a path has lost one of the slashes
+    if not _KIND_OF_URL.fullmatch(kind) or Path(kind).exists():
+        return None
+    return f"{kind}//{'/'.join(rest)}"
 
 
 def by_uncertainty(value: float, u: float, most: int = 15) -> tuple[str, str]:

@@ -68,7 +68,7 @@ class Dataset:
             raise UserError(text, "choose another folder with --out") from error
 
     def done(self) -> dict[str, list[dict[str, Any]]]:
-        """Name and status of the logs that are there, by key; a damaged file is not there."""
+        """What `run` asks of the logs that are there, by key; a damaged file is not there."""
         files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._end}"))
         found: dict[str, list[dict[str, Any]]] = {}
         for row in _rows(files):
@@ -106,12 +106,12 @@ class Dataset:
 
 
 def _rows(files: list[str]) -> list[dict[str, Any]]:
-    """Name, status and name of the file of each row of these tables of logs."""
+    """Name, status, whether it is lossy, and the file of each row of these tables of logs."""
     if not files:
         return []
     try:
         table = dataset.dataset(files, tables.LOGS, "parquet")
-        columns = ["log", "status", "__filename"]
+        columns = ["log", "status", "lossy", "__filename"]
         rows: list[dict[str, Any]] = table.to_table(columns).to_pylist()
     except (OSError, pa.ArrowException):
         half = len(files) // 2  # one of them is damaged

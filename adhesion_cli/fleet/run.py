@@ -56,6 +56,7 @@ class State:
         read: of these, how many have been looked at.
         done: analysed in this run.
         skipped: those that were there already.
+        lossy: of those two, how many have a finding that data was lost or may be wrong.
         failed: those that have no result.
     """
 
@@ -63,6 +64,7 @@ class State:
     read: int = 0
     done: int = 0
     skipped: int = 0
+    lossy: int = 0
     failed: list[Failed] = field(default_factory=list)
 
 
@@ -97,6 +99,7 @@ def run(
             items.append(item)
         else:
             state.skipped += len(of)
+            state.lossy += len(of) * bool(there[digest][0]["lossy"])
             _name(kept, digest, there[digest], of)
     tell(state)
     for batch in _worked(items, job, workers):
@@ -156,6 +159,7 @@ def _count(state: State, of: Sequence[Location], row: Mapping[str, Any]) -> None
         state.failed += [Failed(log.name, row["error"], row["hint"]) for log in of]
     else:
         state.done += len(of)
+        state.lossy += len(of) * bool(row["lossy"])
 
 
 def _worked(items: Iterable[Item], job: Job, workers: Workers) -> Iterator[list[tuple[Item, Done]]]:

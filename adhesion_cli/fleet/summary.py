@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pyarrow import dataset
 
 from ..core.errors import UserError
-from ..core.finding import catalogue
+from ..core.finding import is_lossy
 from ..core.model import Floats
 from ..core.text import printable
 from .dataset import SETTINGS, TABLES
@@ -169,8 +169,7 @@ def _codes(table: Any) -> list[dict[str, Any]]:
     found: dict[tuple[str, str], set[str]] = {}
     columns: Iterable[Any] = (table[name].to_pylist() for name in ("code", "severity", "log"))
     for code, severity, log in zip(*columns, strict=True):
-        words = catalogue().get(code)
-        if severity != "info" and not (words and words.keeps_data):
+        if is_lossy(code, severity):
             found.setdefault((code, severity), set()).add(log)
     rows = [
         {"code": code, "severity": severity, "logs": len(logs), "example": min(logs)}

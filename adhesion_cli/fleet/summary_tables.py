@@ -1,19 +1,16 @@
 """The summary of a fleet as tables of text, for the screen and for a page."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from datetime import datetime
+from math import isfinite, nan
+from typing import Any
 
+from ..results.report.campaign import Bar, Bars, Table
 from ..results.text_tables import number
 
 DAYS = 14  # that a summary shows
-
-
-class Table(NamedTuple):
-    """Rows with the same keys, which are their header."""
-
-    title: str
-    rows: list[dict[str, str]]
-    left: int = 1  # how many columns are texts, from the left
+_DAY = 86_400_000.0  # [ms]
+_BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end [km/h]
 
 
 def head(found: Mapping[str, Any]) -> str:
@@ -48,9 +45,17 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
         for row in found["findings"]
     ]  # fmt: skip
     every = (
-        Table("Mean adhesion coefficient by mean speed of the application", speeds),
-        Table("By settings", vehicles, 2),
-        Table(f"By day{last}", [{"day": r["day"], **_spread(r)} for r in days[-DAYS:]]),
+        Table(
+            "Mean adhesion coefficient by mean speed of the application",
+            speeds,
+            figure=_by_speed(found["by_speed"]),
+        ),
+        Table("By settings", vehicles, 2, _by_settings(found["by_settings"])),
+        Table(
+            f"By day{last}",
+            [{"day": r["day"], **_spread(r)} for r in days[-DAYS:]],
+            figure=_by_day(days),
+        ),
         Table(
             "Worst slides (distance times largest slip)", list(map(_slid, found["worst_slides"]))
         ),
@@ -74,6 +79,40 @@ def _spread(row: Mapping[str, Any]) -> dict[str, str]:
         "5 %": number(row["p5"], 3), "median": number(row["median"], 3),
         "95 %": number(row["p95"], 3), "median slid": number(row["median_with_slides"], 3),
     }  # fmt: skip
+
+
+def _by_speed(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
+    low = [row["from_kmh"] for row in rows]
+    high = [row["to_kmh"] or row["from_kmh"] + _BAND for row in rows]
+    names = [f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
+    bars = map(_bar, names, low, high, rows)
+    return _compared(Bars("mean speed of the brake application [km/h]", list(bars)))
+
+
+def _by_settings(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
+    bars = [_bar(row["settings"], i, i + 1.0, row) for i, row in enumerate(rows)]
+    return _compared(Bars("settings", bars, named=True))
+
+
+def _by_day(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
+    bars = []
+    for row in rows:
+        if row["day"] != "unknown":
+            noon = 1e3 * datetime.fromisoformat(f"{row['day']}T12:00:00Z").timestamp()
+            bars.append(_bar(row["day"], noon - _DAY / 2, noon + _DAY / 2, row))
+    return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
+
+
+def _compared(of: Bars) -> Bars | None:
+    """The figure, if there is something to compare in it."""
+    bars = [bar for bar in of.bars if isfinite(bar.middle)]
+    return of._replace(bars=bars) if len(bars) > 1 else None
+
+
+def _bar(name: str, begin: float, end: float, row: Mapping[str, Any]) -> Bar:
+    keys = "p5", "median", "p95", "median_with_slides"
+    low, middle, high, slid = (nan if row[key] is None else row[key] for key in keys)
+    return Bar(name, begin, end, low, middle, high, slid, row["applications"])
 
 
 def _slid(row: Mapping[str, Any]) -> dict[str, str]:

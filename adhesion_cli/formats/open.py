@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import UserError
+from ..core.text import as_url, printable
 from .isolated import Library
 from .memory import Signals
 from .source import ReadOptions, Source
@@ -106,6 +107,9 @@ def _first_bytes(path: Path) -> bytes:
         with path.open("rb") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:
+        if url := as_url(path):
+            hint = "copy the log here; only `adhesion fleet` reads URLs"
+            raise UserError(f"{printable(url)}: a URL, not a file", hint) from None
         hint = "a log is a file, write one first" if path.name == "-" else "check the path"
         raise UserError(f"{path}: no such file", hint) from None
     except IsADirectoryError:

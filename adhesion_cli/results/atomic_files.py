@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ..core.errors import UserError
-from ..core.text import printable
+from ..core.text import as_url, printable
 from .verified import verified
 
 _HIDDEN = ".adhesion-"
@@ -50,11 +50,12 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
         inputs: what it reads, which must survive.
 
     Raises:
-        UserError: a target folder is missing or read-only, a result exists already, an output is
-            an input (by whatever name), or two outputs have one name.
+        UserError: a target is a URL, its folder is missing or read-only, a result exists already,
+            an output is an input (by whatever name), or two outputs have one name.
     """
     seen: set[Path] = set()
     for path in paths:
+        refuse_url(path)
         shown, folder = _shown(path), _shown(path.parent)
         if (place := path.parent.resolve() / path.name) in seen:
             hint = "run several logs one by one, each with its own --out"
@@ -73,6 +74,17 @@ def check(paths: Sequence[Path], force: bool, *, inputs: Sequence[Path] = ()) ->
         _refuse_existing(paths)
 
 
+def refuse_url(path: Path) -> None:
+    """Refuse a target that is a URL, which would become a folder with the name `s3:`.
+
+    Raises:
+        UserError: as said.
+    """
+    if url := as_url(path):
+        hint = "write to a folder of this machine, and copy the results from there"
+        raise UserError(f"{printable(url)}: results cannot be written to a URL", hint, code=2)
+
+
 @contextmanager
 def folder(out: Path) -> Iterator[None]:
     """Makes a folder for results; removes it again if it stays empty.
@@ -80,6 +92,7 @@ def folder(out: Path) -> Iterator[None]:
     Raises:
         UserError: where it cannot be made.
     """
+    refuse_url(out)
     made = [p for p in (out, *out.parents) if not p.exists()]
     try:
         if made:

@@ -16,6 +16,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from ..core.errors import UserError
+from ..core.finding import is_lossy
 from ..core.text import printable, utf8
 from . import names
 from .verified import verified
@@ -66,7 +67,8 @@ FINDINGS = pa.schema([
 ])  # fmt: skip
 LOGS = pa.schema([
     *_OF_LOG,
-    _field("status", _TEXT), _field("error", _TEXT), _field("hint", _TEXT),
+    _field("status", _TEXT), _field("lossy", _TRUTH), _field("error", _TEXT),
+    _field("hint", _TEXT),
     _field("format", _TEXT), _field("start", pa.timestamp("us", "UTC")), *_numbers(duration_s="s"),
     _field("rows_read", _WHOLE), _field("rows_used", _WHOLE), *_numbers(seconds="s"),
     _field("version", _TEXT), _field("settings", _TEXT),
@@ -170,12 +172,16 @@ def series(columns: Mapping[str, tuple[Any, str]]) -> Any:
 def log_row(entry: Mapping[str, Any], **run: str | float | None) -> dict[str, Any]:
     """The row of a log; its status is `ok`, `damaged` (a finding is an error) or `error`.
 
+    It is `lossy` if a finding says that data was lost or repaired, or may be wrong.
+
     Args:
         entry: of the log; `error` and `hint` stand in place of results if it failed.
         run: `seconds` of the analysis, `version` of the program, hash of the `settings`.
     """
-    of, severities = entry["log"], {f["severity"] for f in entry.get("findings", ())}
-    row = {**of, **_log(entry), "status": "damaged" if "error" in severities else "ok", **run}
+    of, found = entry["log"], {(f["code"], f["severity"]) for f in entry.get("findings", ())}
+    damaged = any(severity == "error" for _, severity in found)
+    row = {**of, **_log(entry), "status": "damaged" if damaged else "ok", **run}
+    row["lossy"] = any(is_lossy(*one) for one in found)
     if start := of.get("start"):
         row["start"] = datetime.fromisoformat(start)
     if entry.get("error") is not None:

@@ -267,6 +267,28 @@ def test_errors_as_json(run: Run, tmp_path: Path, name: str) -> None:
     assert set(tmp_path.iterdir()) == before
 
 
+@pytest.mark.parametrize(
+    ("command", "url"),
+    [
+        ("fleet service-brake.csv -o s3://trains/2026", "s3://trains/2026"),
+        ("fleet service-brake.csv -o memory://", "memory://"),
+        ("analyze service-brake.csv -o s3://trains/2026", "s3://trains/2026"),
+        ("simulate service-brake -o s3://trains/a.csv", "s3://trains/a.csv"),
+        ("analyze s3://trains/a.csv", "s3://trains/a.csv"),
+    ],
+)
+def test_a_url_is_refused_where_a_path_is_needed(
+    run: Run, tmp_path: Path, command: str, url: str
+) -> None:
+    before = set(tmp_path.iterdir())
+    done = run(*command.split())
+    error, hint = done.stderr.splitlines()
+    assert done.returncode in (1, 2)
+    assert error.startswith(f"error: {url}: ")
+    assert "this machine" in hint or "adhesion fleet" in hint
+    assert set(tmp_path.iterdir()) == before
+
+
 def test_flag_beats_set_beats_file_beats_folder_beats_default(run: Run, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text("[neso]\nbeta1 = 60\nbeta2 = 61\n")
 

@@ -19,7 +19,7 @@ def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:
     document = json.loads(made.stdout)
     assert document.pop("seconds") > 0.0
     assert document == {
-        "schema": "adhesion.fleet/1", "logs": 3, "done": 2, "skipped": 0, "failed": 1
+        "schema": "adhesion.fleet/1", "logs": 3, "done": 2, "skipped": 0, "failed": 1, "lossy": 0
     }  # fmt: skip
     assert made.returncode == 3
     shown = run("fleet", "--summary", "fleet-results")
@@ -37,6 +37,19 @@ def test_counts_exit_code_and_summary(run: Run, tmp_path: Path) -> None:
     assert run("report", "fleet-results", "other.mcap", "-o", "a.html").returncode == 2
     assert run("report", "logs").stderr.startswith("error: logs: holds no results of a fleet")
     assert not (tmp_path / "logs.html").exists()
+
+
+def test_the_exit_code_is_that_of_analyze(run: Run, tmp_path: Path) -> None:
+    good, damaged = logs_of_fleet.write(tmp_path, 2)
+    damaged.write_bytes(damaged.read_bytes() + b"no number,0,0\n" * 3)
+    for log, lossy in ((good, 0), (damaged, 1)):
+        code = run("analyze", log.name, "-a", "td", "-q").returncode
+        assert code == 3 * lossy
+        for skipped in (0, 1):  # the second run finds the result
+            made = run("fleet", log.name, "-a", "td", "--json", "--workers", "1")
+            counts = json.loads(made.stdout)
+            assert made.returncode == code
+            assert [counts[k] for k in ("skipped", "failed", "lossy")] == [skipped, 0, lossy]
 
 
 @pytest.mark.parametrize(

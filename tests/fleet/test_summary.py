@@ -1,6 +1,7 @@
 """What the results of a fleet show together."""
 
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ import pytest
 
 from adhesion_cli.cli.fleet import _text
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.fleet import summary_tables
 from adhesion_cli.fleet.dataset import Dataset, Kept
 from adhesion_cli.fleet.summary import summarised
 from adhesion_cli.fleet.work import Job, _of_run, row
 from adhesion_cli.results import tables
+from adhesion_cli.results.report.page import write_tables
 
 JOB = Job({"vehicle": {"friction": 0.25}}, False, (), (), (None, None), "1.2", "abcd")
 
@@ -132,6 +135,31 @@ def test_the_text_names_every_log_to_look_at(folder: Path) -> None:
     assert "  e\n" in failed[0]
     assert "3 more" in failed[0]
     assert failed[2].split() == ["c"]
+
+
+def test_groups_that_can_be_compared_have_a_figure(folder: Path, tmp_path: Path) -> None:
+    write(folder, log("g", "2026-03-04", application(0.3, 20.0)), JOB._replace(settings="ef01"))
+    figures = {of.title.split()[1]: of.figure for of in summary_tables.tables(summarised(folder))}
+    assert [title for title, of in figures.items() if of] == ["adhesion", "settings", "day"]
+    slow, middle = figures["adhesion"].bars
+    assert (slow.begin, slow.end, slow.number) == (0.0, 40.0, 3)
+    assert (middle.name, middle.middle, middle.slid) == (
+        "40 to 80", pytest.approx(0.08), pytest.approx(0.04)
+    )  # fmt: skip
+    days = figures["day"].bars
+    assert [bar.name for bar in days] == ["2026-03-01", "2026-03-02", "2026-03-04"]
+    first = 1e-3 * days[0].begin  # midnight in UTC
+    assert datetime.fromtimestamp(first, UTC).isoformat() == "2026-03-01T00:00:00+00:00"
+    page, again = tmp_path / "a.html", tmp_path / "b.html"
+    for path in (page, again):
+        write_tables(path, "a", "", summary_tables.tables(summarised(folder)))
+    assert page.read_bytes() == again.read_bytes()
+    assert page.read_text("utf-8").count('class="figure"') == 3
+
+
+def test_one_group_has_no_figure(tmp_path: Path) -> None:
+    write(tmp_path, log("a", None, application(0.10, 20.0)))
+    assert not any(of.figure for of in summary_tables.tables(summarised(tmp_path)))
 
 
 def test_a_folder_without_results_is_an_error(tmp_path: Path) -> None:

@@ -35,6 +35,19 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def blueprint(path: Path) -> dict[str, list[Any]]:
+    """The components of the layout, by entity and name."""
+    reader = RrdReader(path)
+    (store,) = reader.blueprints()
+    seen: dict[str, list[Any]] = {}
+    for chunk in reader.stream(store=store):
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if ":" in name:  # a component
+                seen.setdefault(f"{chunk.entity_path} {name}", []).extend(batch[name].to_pylist())
+    return seen
+
+
 def brake_start(analysed: Result) -> int:
     return min(int(a.record.t[a.applications[0].start]) for a in analysed.axles)
 
@@ -123,10 +136,15 @@ def test_an_estimator_with_an_uncertainty_has_a_band(tmp_path: Path) -> None:
 
 
 def test_events_and_summary(small: Path, tmp_path: Path) -> None:
-    (batch,) = batches(small, "/events")
-    texts = [cell[0] for cell in batch["TextLog:text"].to_pylist()]
-    assert texts[0] == "0.00 s  no-application: speed 1: No brake application found."
-    assert "0.19 s  axle 1: brake applied" in texts
+    def told(entity: str) -> list[str]:
+        (batch,) = batches(small, entity)
+        return [cell[0] for cell in batch["TextLog:text"].to_pylist()]
+
+    (finding,) = told("/findings/axle/1")
+    assert finding == "0.00 s  no-application: speed 1: No brake application found."
+    assert all("gap: speed 2" in x for x in told("/findings/axle/2"))
+    assert "0.19 s  axle 1: brake applied" in told("/events/axle/1")
+    assert not any("axle 2" in x for x in told("/events/axle/1"))
     (text,) = static(small, "/summary", "text")
     assert "| neso | truth |" in text
     assert "**warning** gap\\: speed 2" in text
@@ -144,14 +162,7 @@ def test_events_and_summary(small: Path, tmp_path: Path) -> None:
 
 
 def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
-    reader = RrdReader(small)
-    (store,) = reader.blueprints()
-    seen: dict[str, list[Any]] = {}
-    for chunk in reader.stream(store=store):
-        batch = chunk.to_record_batch()
-        for name in batch.schema.names:
-            if ":" in name:  # a component
-                seen.setdefault(f"{chunk.entity_path} {name}", []).extend(batch[name].to_pylist())
+    seen = blueprint(small)
     # the range that linked charts share: without it they show half a minute
     assert seen[f"/{parts.GLOBAL_VIEW}/TimeAxis TimeAxis:view_range"] == [
         [{"start": None, "end": None}]  # infinite
@@ -159,10 +170,33 @@ def test_layout_opens_whole_paused_and_linked(small: Path) -> None:
     linked = [v for k, v in seen.items() if k.endswith("TimeAxis:link")]
     assert len(linked) == 4 + 2 * (4 + 2 + 1)  # of all axles; of force, of slip, states
     titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
-    assert {"Axle 1: speed [km/h]", "Axle 2: adhesion force [N]", "Events"} <= titles
+    speed = "Axle 1: speed [km/h], blue: wheel, grey: train"
+    assert {speed, "Axle 2: adhesion force [N]", "Lines"} <= titles
+    assert [v for k, v in seen.items() if k.endswith("PlotLegend:visible")] == [[[False]]] * (
+        4 + 2 * 6
+    )
+    assert {f"Axle {N}: {x}" for N in (1, 2) for x in ("findings", "events")} <= titles
     assert "Axle 1: estimate minus truth [N]" in titles
     states = [v for k, v in seen.items() if k.endswith(":play_state")]
     assert states == [[[1]]]  # paused
+
+
+def test_each_line_is_named_in_its_colour_outside_of_the_charts(small: Path) -> None:
+    drawn = {}
+    for entity in ("band", "reference", "truth", "estimates"):
+        names, colours = (static(small, f"/axle/2/force/{entity}", x) for x in ("names", "colors"))
+        drawn |= dict(zip(names, colours, strict=True))
+    (batch,) = batches(small, "/lines/axle/2")
+    named = {
+        text[0].removeprefix("\u25a0 "): colour[0]
+        for text, colour in zip(
+            batch["TextLog:text"].to_pylist(), batch["TextLog:color"].to_pylist(), strict=True
+        )
+    }
+    assert named == drawn
+    (batch,) = batches(small, "/lines/all")
+    texts = [text[0] for text in batch["TextLog:text"].to_pylist()]
+    assert texts == ["\u25a0 train", "\u25a0 axle 1", "\u25a0 axle 2"]
 
 
 def test_the_axle_with_the_worst_slide_comes_first(tmp_path: Path) -> None:
@@ -241,6 +275,28 @@ def test_comparison_lays_logs_over_one_another(tmp_path: Path) -> None:
         batch[name].cast(pa.int64()).to_numpy(zero_copy_only=False) for name in ("time", "brake")
     )
     assert set(time - brake) == {brake_start(logs[0]) - logs[0].log.start_ns()}
+
+
+def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
+    path, logs = tmp_path / "c.rrd", [result(2, 60, name="runs.csv"), result(1, 90, name="b.csv")]
+    rrd.write_comparison(path, logs)
+    root = r"/runs\ \(2\)"  # as one of the logs has the name
+    for chart, drawn in (
+        ("speed", [a.record.wheel_speed * 3.6 * logs[0].vehicle.radius(1).value for a in (
+            logs[0].axles[0], logs[1].axles[0])]),
+        ("force", [log.axles[0].reference.force / 1e3 for log in logs]),
+    ):  # fmt: skip
+        for i, values in enumerate(drawn, 1):
+            _, line = column(path, f"{root}/axle/1/{chart}/{i}", "scalars")
+            assert np.nanmax(line) == pytest.approx(np.nanmax(values))
+            colours = static(path, f"{root}/axle/1/{chart}/{i}", "colors")
+            assert colours == [palette.rgba(palette.nth(i - 1))]
+    assert static(path, f"{root}/axle/1/speed/2", "names") == ["b"]
+    assert not batches(path, f"{root}/axle/2/speed/2")  # this log has one axle
+    seen = blueprint(path)
+    assert [v for k, v in seen.items() if k.endswith(":timeline")] == [[["brake"]]]
+    titles = {t[0] for k, v in seen.items() if "display_name" in k for t in v if t}
+    assert {"All logs", "Axle 2: adhesion coefficient µ", "runs.csv", "b.csv"} <= titles
 
 
 def test_a_long_log_is_thinned_between_its_brakes(
@@ -368,13 +424,13 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         state = viewer.get_state()
     names = sorted(v.name for v in state.views)
     first, second = ([n for n in names if n.startswith(f"Axle {k}: ")] for k in (1, 2))
-    assert len(first) == 10
+    assert len(first) == 14
     assert second == [n.replace("Axle 1", "Axle 2") for n in first]
     rest = set(names) - {*first, *second}
     every = {f"All axles: {x}" for x in (
         "speed [km/h]", "adhesion force, reference [kN]", "adhesion coefficient µ", "slip [%]"
     )}  # fmt: skip
-    text = {"Events", "How this was made, settings", "Summary", "What the lines mean"}
+    text = {"Lines", "How this was made, settings", "Summary"}
     assert rest == every | text
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings

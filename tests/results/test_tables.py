@@ -75,6 +75,11 @@ def test_a_failed_log_is_a_row_without_results(document: dict[str, Any]) -> None
         None,
         document["log"]["start"].replace("Z", "+00:00"),
     )
+    assert good["lossy"] == any(f["severity"] != "info" for f in document["findings"])
+    (gap,) = tables.logs([tables.log_row({
+        "log": {"path": "x"}, "findings": [{"code": "gap", "severity": "warning"}],
+    })]).to_pylist()  # fmt: skip
+    assert (gap["status"], gap["lossy"]) == ("ok", True)
     assert (bad["status"], bad["error"], bad["log"]) == ("error", "no pressure", "bad\\udcff.csv")
     assert tables.applications([failed]).num_rows == 0
 

@@ -734,7 +734,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("rrd") / "stops.rrd"
     stops, bands = [stopped("short", c) for c in registry()], {"patent": wsp_controller.bands({})}
     weight = short().vehicle.axle_mass.value * physics.G
-    rrd.write_stops(path, "short", stops, weight, bands, "75 m on dry rail\n```\n![](http://evil)")
+    said = rrd.Said("75 m on dry rail\n```\n![](http://evil)", {"rule": {"slip": "a|b"}})
+    rrd.write_stops(path, "short", stops, weight, bands, said)
     return path
 
 
@@ -742,6 +743,11 @@ def test_stops_are_written_side_by_side(recording: Path) -> None:
     (text,) = static(recording, "/verdict", "text")
     assert "75 m on dry rail" in text
     assert text.count("```") == 2  # what a log says stays in its block
+    (about,) = static(recording, "/about", "text")
+    assert '| rule.slip | "a\\|b" |' in about
+    (batch,) = batches(recording, "/lines")
+    named = [text[0].removeprefix("\u25a0 ") for text in batch["TextLog:text"].to_pylist()]
+    assert named == list(registry())
     for stop in (stopped("short", c) for c in registry()):
         place = f"/{stop.controller}/axle/1"
         for name, columns in (
@@ -754,6 +760,8 @@ def test_stops_are_written_side_by_side(recording: Path) -> None:
             t, values = column(recording, f"{place}/{name}", "scalars")
             np.testing.assert_array_equal(t, stop.t)
             np.testing.assert_array_equal(values, np.stack(columns, axis=1))
+        order = static(recording, f"{place}/force", "names")
+        assert order == [f"estimated ({stop.algo})", "true", "peak of the rail"]  # last on top
         t, states = column(recording, f"{place}/state/valve", "state")
         code = np.append(stop.valve[:, 0], -1)  # none after the stop
         at = np.flatnonzero(np.diff(code, prepend=-2))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ... import __version__
 from ..verified import verified
 from . import comparison, sections, words
+from .campaign import Table
 from .markup import element, packed, paragraph, prose, table, text
 from .run import Axle, Run
 
@@ -57,38 +58,44 @@ def page(runs: Sequence[Run]) -> str:
         figures = Figures(values)
         made = _single(runs[0], figures) if len(runs) == 1 else comparison.body(runs, figures)
         body = list(made)
-        body += [packed("library", figures.library()), packed("figures", figures.as_json())]
+        body += _packed(figures)
         if sum(map(len, body)) < _MOST:
             break
     return _whole(", ".join(r.name for r in runs), body)
 
 
-def write_tables(
-    path: Path, name: str, lead: str, tables: Sequence[tuple[str, Sequence[dict[str, str]], int]]
-) -> None:
+def write_tables(path: Path, name: str, lead: str, tables: Sequence[Table]) -> None:
     """Writes a page of tables, as of a fleet.
 
     Args:
         path: file to write; its old content is lost.
         name: the page's heading.
         lead: the sentence below it.
-        tables: title, rows with the same keys, and how many columns are texts, from the left.
+        tables: with their figures.
 
     Raises:
         OSError: the file cannot be written.
         UserError: it does not read back.
     """
-    body = [element("h1", text(name)), paragraph(lead)]
-    for title, rows, left in tables:
+    from .plots import Figures  # Bokeh is slow to import
+
+    figures = Figures()
+    body = [element("h1", text(name)), paragraph(lead), paragraph(sections.TOO_OLD, "too-old")]
+    for i, (title, rows, left, figure) in enumerate(tables):
         shown = rows[: sections.MOST]
         more = len(rows) - len(shown)
-        body += [
-            element("h2", text(title)),
-            table(shown, left, css="long" * (len(shown) > sections.MANY)),
-        ]
+        body += [element("h2", text(title))]
+        body += sections.places([figures.of_bars(figure, f"bars-{i}")] if figure else [])
+        body += [table(shown, left, css="long" * (len(shown) > sections.MANY))]
         body += [paragraph(f"And {more} more.", "note")] * (more > 0)
+    body += _packed(figures)
     with verified(path) as file:
         file.write(_whole(name, body).encode("utf-8"))
+
+
+def _packed(figures: "Figures") -> list[str]:
+    """What draws the figures."""
+    return [packed("library", figures.library()), packed("figures", figures.as_json())]
 
 
 def _whole(name: str, body: list[str]) -> str:

@@ -11,6 +11,7 @@ from bokeh.document import Document
 from bokeh.models import (
     ColumnDataSource,
     CrosshairTool,
+    FixedTicker,
     HoverTool,
     Legend,
     LegendItem,
@@ -25,6 +26,7 @@ from ...core.finding import merged
 from ...core.model import Floats
 from .. import palette
 from . import decimate
+from .campaign import Bar, Bars
 from .run import Axle, Run
 
 VALUES = 800_000, 550_000, 380_000, 200_000  # numbers in all figures: what is tried, in turn
@@ -105,6 +107,42 @@ class Figures:
             _legend(speed, items)
             found[N] = [self._place(speed, f"axle-{N}-0"), self._place(adhesion, f"axle-{N}-1")]
         return found
+
+    def of_bars(self, of: Bars, place: str) -> str:
+        """Percentiles of the adhesion coefficient of groups, side by side; returns the place."""
+        fig = figure(
+            height=260, sizing_mode="stretch_width", tools="xpan,xwheel_zoom,reset,save",
+            active_drag=None, active_scroll=None, output_backend="canvas",
+            x_axis_type="datetime" if of.dated else "linear",
+        )  # fmt: skip
+        _style(fig, "Mean adhesion coefficient [-]")
+        fig.xaxis.axis_label = of.label
+        data = {name: [getattr(bar, name) for bar in of.bars] for name in Bar._fields}
+        data["left"] = [0.95 * bar.begin + 0.05 * bar.end for bar in of.bars]
+        data["right"] = [0.05 * bar.begin + 0.95 * bar.end for bar in of.bars]
+        data["at"] = [0.5 * (bar.begin + bar.end) for bar in of.bars]
+        if of.named:
+            fig.xaxis.ticker = FixedTicker(ticks=data["at"])
+            fig.xaxis.major_label_overrides = dict(zip(data["at"], data["name"], strict=True))
+        source = ColumnDataSource(data)
+        span = fig.quad(
+            left="left", right="right", bottom="low", top="high", source=source,
+            fill_color=palette.BLUE, fill_alpha=0.25, line_color=None,
+        )  # fmt: skip
+        middle = fig.segment(
+            x0="left", x1="right", y0="middle", y1="middle", source=source,
+            line_color=palette.BLUE, line_width=2.5,
+        )  # fmt: skip
+        items = {"5 % to 95 %": [span], "median": [middle]}
+        if any(np.isfinite(data["slid"])):
+            slid = fig.scatter("at", "slid", source=source, size=9, color=palette.RED)
+            items["median of those with slides"] = [slid]
+        fig.y_range = Range1d(0.0, 1.05 * max(*data["high"], *np.nan_to_num(data["slid"])) or 1.0)
+        _legend(fig, items)
+        tips = [(of.label, "@name"), ("brake applications", "@number")]
+        tips += [("5 %, median, 95 %", "@low{0.000}, @middle{0.000}, @high{0.000}")]
+        fig.add_tools(HoverTool(renderers=[span], tooltips=tips))
+        return self._place(fig, place)
 
     def at(self, places: Iterable[str]) -> list[figure]:
         """The figures in these places."""

@@ -1,6 +1,7 @@
-"""The first tab of several axles: all of them on common charts."""
+"""The first tab of several axles, or of several logs: all of them on common charts."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -8,6 +9,7 @@ import rerun.blueprint as rrb
 
 from ...core import physics
 from ...core.model import AxleResult, Floats, Result
+from ...core.text import distinct
 from ...rail.events import Slide
 from .. import palette
 from . import parts, rows
@@ -49,48 +51,143 @@ def send(rec: rr.RecordingStream, root: str, times: parts.Clock, result: Result)
         times: of time stamps.
         result: of several axles.
     """
+    names: dict[str, int] = {}
     for i, axle in enumerate(result.axles):
-        t, index, inside = rows.of_axle(axle)
-        first = np.arange(0, len(t), -(-2 * len(t) // rows.OVERVIEW))
-        for path, name, colour, values in _lines(result, axle, palette.rgba(palette.nth(i))):
-            known = (index >= 0) & (inside | path.startswith("speed"))
-            line = parts.lines(path, [(name, colour, np.where(known, values[index], np.nan))])
-            parts.send_plot(rec, f"{root}/all/{path}", times, *rows.envelope(t, line, first))
+        N, speed = axle.record.axle, axle.record.train_speed
+        lines = _lines(result, axle, str(N), f"axle {N}", i)
+        if speed is not None and i == 0:
+            lines.insert(0, _Line("speed", "train", "train", parts.TRAIN, speed * 3.6))
+        _send(rec, f"{root}/all", times, axle, lines)
+        names |= {line.name: line.colour for line in lines}
+    parts.send_names(rec, f"{root}/lines/all", times, result.log.start_ns(), [*names.items()])
 
 
-def _lines(result: Result, axle: AxleResult, colour: int) -> Iterator[tuple[str, str, int, Floats]]:
-    """Chart and entity, name, colour and values (n,) of each line of an axle."""
+class _Line(NamedTuple):
+    """A line of an axle.
+
+    Attributes:
+        chart: that it is in.
+        key: part of its entity.
+        name: in the legend.
+        colour: as Rerun has it.
+        values: of the axle's samples, (n,).
+    """
+
+    chart: str
+    key: str
+    name: str
+    colour: int
+    values: Floats
+
+
+def _lines(result: Result, axle: AxleResult, key: str, name: str, place: int) -> list[_Line]:
+    """The lines of an axle, one per chart; `place` is that of their colour."""
+    colour = palette.rgba(palette.nth(place))
+    return [_Line(chart, key, name, colour, v) for chart, v in _values(result, axle).items()]
+
+
+def _send(
+    rec: rr.RecordingStream, path: str, times: parts.Clock, axle: AxleResult, lines: Sequence[_Line]
+) -> None:
+    """Sends lines of an axle, each below the entity of its chart."""
+    t, index, inside = rows.of_axle(axle)
+    first = np.arange(0, len(t), -(-2 * len(t) // rows.OVERVIEW))
+    for chart, key, name, colour, values in lines:
+        known = (index >= 0) & (inside | (chart == "speed"))
+        plot = parts.lines(key, [(name, colour, np.where(known, values[index], np.nan))])
+        parts.send_plot(rec, f"{path}/{chart}/{key}", times, *rows.envelope(t, plot, first))
+
+
+def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:
+    """The values of an axle, (n,), by chart."""
     record, F = axle.record, axle.reference.force
-    N, name = record.axle, f"axle {record.axle}"
-    if record.train_speed is not None and axle is result.axles[0]:
-        yield "speed/train", "train", parts.TRAIN, record.train_speed * 3.6
-    rim = record.wheel_speed * result.vehicle.radius(N).value
-    yield f"speed/{N}", name, colour, rim * 3.6
-    yield f"force/{N}", name, colour, F / 1e3
-    yield f"coefficient/{N}", name, colour, physics.coefficient(F, result.vehicle)
-    if axle.slip is not None:
-        yield f"slip/{N}", name, colour, 100.0 * axle.slip
+    found = {
+        "speed": record.wheel_speed * result.vehicle.radius(record.axle).value * 3.6,
+        "force": F / 1e3,
+        "coefficient": physics.coefficient(F, result.vehicle),
+    }
+    return found if axle.slip is None else {**found, "slip": 100.0 * axle.slip}
+
+
+_TITLES = {
+    "speed": "speed [km/h]", "force": "adhesion force, reference [kN]",
+    "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
+}  # fmt: skip
+
+
+def _charts(
+    path: str, who: str, drawn: Sequence[tuple[Result, AxleResult]], slides: Sequence[Slide]
+) -> list[rrb.View]:
+    """A chart per quantity of some axles, on one time axis."""
+    values = [_values(*of) for of in drawn]
+    charts = []
+    for name, title in _TITLES.items():
+        of = [v[name] for v in values if name in v]
+        if name == "slip":  # at the limit of observation a wheel can say anything
+            top = max(100.0 * min(worst(slides), 1.0), _SLIP)
+            span: tuple[float, float] | None = (-0.1 * top, 1.1 * top)
+        else:
+            span = parts.span_of([], of) if name != "speed" else None
+        if of:
+            charts.append(parts.chart(f"{path}/{name}", f"{who}: {title}", span))
+    return charts
 
 
 def tab(root: str, result: Result, slides: Slides) -> rrb.Container:
     """Speeds, forces, coefficients and slips of all axles, one chart each."""
-    forces = [a.reference.force / 1e3 for a in result.axles]
-    mu = [physics.coefficient(a.reference.force, result.vehicle) for a in result.axles]
-    path = f"{root}/all"
-    charts = [
-        parts.chart(f"{path}/speed", "All axles: speed [km/h]", legend="RightTop"),
-        parts.chart(
-            f"{path}/force", "All axles: adhesion force, reference [kN]",
-            parts.span_of([], forces), legend=None,
-        ),
-        parts.chart(
-            f"{path}/coefficient", "All axles: adhesion coefficient µ",
-            parts.span_of([], mu), legend=None,
-        ),
-    ]  # fmt: skip
-    if any(a.slip is not None for a in result.axles):
-        top = 100.0 * max(min(worst(of), 1.0) for of in slides.values())
-        span = (-0.1 * max(top, _SLIP), 1.1 * max(top, _SLIP))
-        charts.append(parts.chart(f"{path}/slip", "All axles: slip [%]", span, legend=None))
+    every = [x for of in slides.values() for x in of]
+    charts = _charts(f"{root}/all", "All axles", [(result, a) for a in result.axles], every)
     summary = rrb.TextDocumentView(origin=f"{root}/summary", name="Summary")
-    return rrb.Horizontal(rrb.Vertical(*charts), summary, column_shares=[2, 1], name="All axles")
+    texts = rrb.Vertical(parts.names_view(f"{root}/lines/all"), summary, row_shares=[1, 4])
+    return rrb.Horizontal(rrb.Vertical(*charts), texts, column_shares=[2, 1], name="All axles")
+
+
+class Run(NamedTuple):
+    """A log among several.
+
+    Attributes:
+        name: short.
+        result: of its analysis.
+        times: of its time stamps.
+        slides: in it.
+    """
+
+    name: str
+    result: Result
+    times: parts.Clock
+    slides: Slides
+
+
+class Runs:
+    """The first tab of several logs: laid over each other from the start of braking, by axles."""
+
+    def __init__(self, runs: Sequence[Run]) -> None:
+        self.runs = runs
+        self.root = rr.new_entity_path([distinct([*(run.name for run in runs), "runs"])[-1]])
+        found = {a.record.axle for run in runs for a in run.result.axles}
+        self.axles = sorted(found, key=lambda N: (-worst(self._slides(N)), N))
+
+    def _slides(self, axle: int) -> list[Slide]:
+        return [x for run in self.runs for x in run.slides.get(axle, ())]
+
+    def send(self, rec: rr.RecordingStream) -> None:
+        """Sends a line per log, axle and chart."""
+        for i, run in enumerate(self.runs):
+            for axle in run.result.axles:
+                path = f"{self.root}/axle/{axle.record.axle}"
+                lines = _lines(run.result, axle, str(i + 1), run.name, i)
+                _send(rec, path, run.times, axle, lines)
+        drawn = [(run.name, palette.rgba(palette.nth(i))) for i, run in enumerate(self.runs)]
+        (run, *_) = self.runs
+        parts.send_names(rec, f"{self.root}/lines", run.times, run.result.log.start_ns(), drawn)
+
+    def layout(self) -> rrb.Container:
+        """A tab per axle, the one with the worst slide first."""
+        tabs = []
+        for N in self.axles:
+            drawn = [(r.result, a) for r in self.runs for a in r.result.axles if a.record.axle == N]
+            charts = _charts(f"{self.root}/axle/{N}", f"Axle {N}", drawn, self._slides(N))
+            lines = parts.names_view(f"{self.root}/lines")
+            shown = rrb.Vertical(*charts), lines
+            tabs.append(rrb.Horizontal(*shown, column_shares=[6, 1], name=f"Axle {N}"))
+        return rrb.Tabs(*tabs, name="All logs")

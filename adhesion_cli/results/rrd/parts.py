@@ -2,12 +2,13 @@
 
 import hashlib
 import os
+import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import rerun as rr
@@ -15,12 +16,15 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from ...core.model import Floats, Times
+from ...core.text import printable
 from ...rail.slope import SHOWN, Bands
+from .. import names
 from ..verified import verified
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
 SLOPE = 0xF2A33AFF
+_CELL = 200  # letters of a setting that are shown; the result file has all
 _PIPED = 1 << 20  # bytes copied at a time
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
@@ -36,7 +40,9 @@ class Page(Protocol):
         """The views."""
 
 
-def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
+def write(
+    path: Path, name: str, made_from: str, pages: Sequence[Page], timeline: str = "time"
+) -> None:
     """Writes a recording; its old content is lost.
 
     Args:
@@ -44,6 +50,7 @@ def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
         name: shown for it.
         made_from: whatever tells it from other recordings.
         pages: a tab for each.
+        timeline: that is shown.
 
     Raises:
         OSError: the file cannot be written.
@@ -57,7 +64,7 @@ def write(path: Path, name: str, made_from: str, pages: Sequence[Page]) -> None:
         copied = pool.submit(_copy, source, path)
         try:
             with os.fdopen(sink):  # the SDK opens it for itself
-                rec.save(f"/dev/fd/{sink}", default_blueprint=Layout(pages))
+                rec.save(f"/dev/fd/{sink}", default_blueprint=Layout(pages, timeline))
             rec.send_recording_name(name)
             for page in pages:
                 page.send(rec)
@@ -107,6 +114,20 @@ def send_text(rec: rr.RecordingStream, path: str, text: str) -> None:
     rec.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
+def plain(text: str) -> str:
+    """Text from a log that must not become markup, a link or a picture."""
+    return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))
+
+
+def settings_table(settings: Mapping[str, Any]) -> str:
+    """Nested settings as Markdown, a row each; a long list is cut off."""
+    rows = (
+        f"| {plain(k)} | {plain(v if len(v) <= _CELL else f'{v[:_CELL]} …')} |"
+        for k, v in names.flat(dict(settings)).items()
+    )
+    return "\n".join(["## Settings\n", "| setting | value |\n|---|---|", *rows])
+
+
 Clock = Callable[[Times], list[rr.TimeColumn]]
 
 
@@ -123,6 +144,17 @@ def send_plot(
     else:
         data = rr.Measurements.columns(values=plot.values.ravel(), variances=plot.half.ravel() ** 2)
     rec.send_columns(path, times(t), data)
+
+
+def send_names(
+    rec: rr.RecordingStream, path: str, times: Clock, t: int, names: Sequence[tuple[str, int]]
+) -> None:
+    """Sends names of lines, each in the colour of its line, at a time [ns]."""
+    texts, colours = zip(*names, strict=True)
+    data = rr.TextLog.columns(
+        text=[f"\u25a0 {text}" for text in texts], color=np.array(colours, np.uint32)
+    )
+    rec.send_columns(path, times(np.full(len(names), t)), data)
 
 
 _State = tuple[str, int]  # name and colour
@@ -163,13 +195,13 @@ def send_band(
 class Layout(rrb.Blueprint):
     """The whole window: paused, side panels shut, every chart on the same time axis, all of it."""
 
-    def __init__(self, pages: Sequence[Page]) -> None:
+    def __init__(self, pages: Sequence[Page], timeline: str) -> None:
         layouts = [page.layout() for page in pages]
         super().__init__(
             layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
             rrb.BlueprintPanel(state="collapsed"),
             rrb.SelectionPanel(state="collapsed"),
-            rrb.TimePanel(state="collapsed", timeline="time", play_state="paused"),
+            rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
             auto_views=False,
             auto_layout=False,
         )
@@ -184,15 +216,15 @@ class Layout(rrb.Blueprint):
         stream.log(f"{GLOBAL_VIEW}/TimeAxis", rrb.TimeAxis(view_range=everything))
 
 
-def chart(
-    origin: str, name: str, span: tuple[float, float] | None = None,
-    legend: Literal["LeftTop", "RightTop", "RightBottom"] | None = "LeftTop",
-) -> rrb.View:  # fmt: skip
-    """The plots below an entity over time; `span` is the range of values."""
+def chart(origin: str, name: str, span: tuple[float, float] | None = None) -> rrb.View:
+    """The plots below an entity over time; `span` is the range of values.
+
+    A legend would lie on the lines: the title has the colours, or `names_view`.
+    """
     return rrb.TimeSeriesView(
         origin=origin, name=name, axis_x=rrb.TimeAxis(link="LinkToGlobal"),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
-        plot_legend=rrb.PlotLegend(corner=legend, visible=legend is not None),
+        plot_legend=rrb.PlotLegend(visible=False),
     )  # fmt: skip
 
 
@@ -203,9 +235,28 @@ def slope_charts(path: str, who: str, slope: Floats, bands: Bands | None) -> lis
     ends = np.quantile(known, [0.05, 0.9]) if len(known) else np.zeros(2)
     span = span_of([np.clip(ends, -5.0, 5.0), np.array([-0.25, 0.25])], [])
     return [
-        chart(f"{path}/slope", f"{who}: slope of µ over slip{green}", span, legend=None),
-        chart(f"{path}/confidence", f"{who}: confidence in it", (0.0, 1.05), legend=None),
+        chart(f"{path}/slope", f"{who}: slope of µ over slip{green}", span),
+        chart(f"{path}/confidence", f"{who}: confidence in the slope", (0.0, 1.05)),
     ]
+
+
+def names_view(origin: str) -> rrb.View:
+    """The names that `send_names` sends."""
+    return list_view(origin, "Lines", ["$origin/**"], ("Body",))
+
+
+def list_view(
+    origin: str,
+    name: str,
+    contents: list[str],
+    columns: tuple[Literal["LogLevel", "Body"], ...] = ("LogLevel", "Body"),
+) -> rrb.View:
+    """Rows of text; their times stand in them."""
+    time = rrb.encodings.TimelineColumn("time", visible=False)
+    return rrb.TextLogView(
+        origin=origin, name=name, contents=contents,
+        columns=rrb.TextLogColumns(timeline_columns=[time], text_log_columns=list(columns)),
+    )  # fmt: skip
 
 
 def states_view(origin: str, name: str) -> rrb.View:

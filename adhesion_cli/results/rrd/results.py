@@ -1,7 +1,6 @@
 """Analysed logs: a tab for each axle with its forces, and its slip where it has one."""
 
 import math
-import re
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from .curve import Fitted, curve_view, send_curve
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
 _SPAN = 500_000_000  # of which the lowest and the highest value are drawn between brakes [ns]
 _AROUND = 2_000_000_000  # before and after a brake application every sample is drawn [ns]
-_EVENT_WIDTH = 94  # letters of a line of an event: what the column beside the charts holds
+_EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
 Note = tuple[str, fit.RailFit | None]
@@ -50,9 +49,10 @@ def write_result(
 
 
 def write_comparison(path: Path, results: Sequence[Result], full: bool = False) -> None:
-    """Write several analysed logs into one recording, each in its own tab; else `write_result`.
+    """Write several analysed logs into one recording; a single one as `write_result`.
 
-    On the timeline `brake`, time counts from each log's own brake start.
+    They are laid over each other in the first tab, and each has its own tab. On the timeline
+    `brake`, which is shown, time counts from each log's own brake start.
     """
     _write(path, list(zip(names.logs(results), results, strict=True)), (), full)
 
@@ -60,7 +60,13 @@ def write_comparison(path: Path, results: Sequence[Result], full: bool = False) 
 def _write(path: Path, logs: list[tuple[str, Result]], notes: Sequence[Note], full: bool) -> None:
     pages = [_Page(name, result, notes, full) for name, result in logs]
     title = ", ".join(page.title for page in pages)
-    parts.write(path, title, " ".join(r.log.sha256 for _, r in logs), pages)
+    made_from = " ".join(r.log.sha256 for _, r in logs)
+    if len(pages) == 1:
+        parts.write(path, title, made_from, pages)
+        return
+    named = zip((name for name, _ in logs), pages, strict=True)
+    runs = [overview.Run(name, page.result, page.times, page.slides) for name, page in named]
+    parts.write(path, title, made_from, [overview.Runs(runs), *pages], "brake")
 
 
 class _Page:
@@ -78,6 +84,11 @@ class _Page:
         drawn = list(zip(self.spans, result.axles, strict=True))
         self.large = sum(len(s) * (2 * len(a.estimates) + 9) for s, a in drawn) > OVERVIEW_FROM
         self.thinned = any(len(s) < len(a.record) for s, a in drawn)
+        self.lists: dict[str, list[log_events.Told]] = {}  # by the list's entity
+        for x in log_events.of_result(result):
+            kind = "findings" if x.code in catalogue() else "events"
+            of = f"/{kind}/log" if x.axle is None else f"/{kind}/axle/{x.axle}"
+            self.lists.setdefault(of, []).append(x)
         stated = result.settings.get("bands")
         self.bands = Bands(**stated) if stated else None
 
@@ -91,6 +102,7 @@ class _Page:
             drawn = self.spans[n]
             span = -(-2 * len(t) // rows.OVERVIEW)
             step = max(_ROWS // span, 1) * span
+            lines: list[tuple[str, int]] = []
             for at in range(0, len(t), step):
                 part = slice(at, at + step)
                 first = drawn[(drawn > at) & (drawn < at + step)] - at
@@ -98,22 +110,26 @@ class _Page:
                 for plot in self._plots(axle, index[part], inside[part]):
                     whole = f"{self.root}/{path}/{plot.name}"
                     thin = rows.envelope(t[part], plot, first)
-                    parts.send_plot(rec, whole, self._times, *thin, at == 0)
+                    parts.send_plot(rec, whole, self.times, *thin, at == 0)
+                    if at == 0 and plot.name.startswith("force/"):
+                        lines += zip(plot.series, plot.colours, strict=True)
                     if self.large:
                         over = f"{self.root}/overview/{path}/{plot.name}"
                         short = rows.envelope(t[part], plot, np.arange(0, len(t[part]), span))
-                        parts.send_plot(rec, over, self._times, *short, at == 0)
+                        parts.send_plot(rec, over, self.times, *short, at == 0)
                 rec.flush()  # or the SDK queues the whole log
+            parts.send_names(
+                rec, f"{self.root}/lines/{path}", self.times, self.zeros["time"], lines
+            )
             parts.send_text(rec, f"{self.root}/{path}/scores", _scores(axle.scores))
             if axle.slip is not None:
                 note, rail = self.notes[n] if self.notes else _NO_NOTE
                 self._send_slip(rec, f"{self.root}/{path}", axle, axle.slip, rail)
                 parts.send_text(rec, f"{self.root}/{path}/note", note)
         if len(self.result.axles) > 1:
-            overview.send(rec, self.root, self._times, self.result)
-        self._send_events(rec)
+            overview.send(rec, self.root, self.times, self.result)
+        self._send_lists(rec)
         parts.send_text(rec, f"{self.root}/summary", _summary(self.result, self.slides))
-        parts.send_text(rec, f"{self.root}/lines", _LINES)
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
@@ -133,7 +149,8 @@ class _Page:
         new |= exact | np.append(False, exact[:-1])
         return np.flatnonzero(new)
 
-    def _times(self, t: Times) -> list[rr.TimeColumn]:
+    def times(self, t: Times) -> list[rr.TimeColumn]:
+        """Time stamps on each timeline."""
         columns = [
             rr.TimeColumn(name, duration=(t - zero).astype("timedelta64[ns]"))
             for name, zero in self.zeros.items()
@@ -223,13 +240,13 @@ class _Page:
         mu = physics.coefficient(axle.reference.force, vehicle)
         t, index, inside = rows.of_axle(axle)
         send_curve(
-            rec, f"{path}/slip", self._times, axle.record.t, slip, mu, self.bands,
+            rec, f"{path}/slip", self.times, axle.record.t, slip, mu, self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
         )  # fmt: skip
         if axle.slope is not None and self.bands:
             for root in (self.root, f"{self.root}/overview") if self.large else (self.root,):
                 of, b = f"{root}/axle/{axle.record.axle}/slope", self.bands
-                parts.send_band(rec, of, self._times, axle.record.t, b.slope_low, b.slope_high)
+                parts.send_band(rec, of, self.times, axle.record.t, b.slope_low, b.slope_high)
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
@@ -245,22 +262,22 @@ class _Page:
         ):
             shown = np.where(inside, codes[index], -1)
             lane = f"{path}/state/{name}"
-            parts.send_states(rec, lane, self._times, t, shown, states)
+            parts.send_states(rec, lane, self.times, t, shown, states)
 
-    def _send_events(self, rec: rr.RecordingStream) -> None:
-        """Every event, its text wrapped: the viewer shows only the first line of a row."""
-        rows = []
-        for x in sorted(log_events.of_result(self.result), key=lambda e: e.t):
-            code = f"{x.code}: " if x.code in catalogue() else ""
-            text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
-            rows += [
-                (x.t, _LEVEL[x.severity], line)
-                for line in textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
-            ]
-        if rows:
-            times, levels, told = zip(*rows, strict=True)
-            data = rr.TextLog.columns(text=told, level=levels)
-            rec.send_columns(f"{self.root}/events", self._times(np.array(times, np.int64)), data)
+    def _send_lists(self, rec: rr.RecordingStream) -> None:
+        """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
+        for path, told in self.lists.items():
+            rows = []
+            for x in sorted(told, key=lambda e: e.t):
+                code = f"{x.code}: " if x.code in catalogue() else ""
+                text = f"{(x.t - self.zeros['time']) / 1e9:.2f} s  {code}{x.message}"
+                rows += [
+                    (x.t, _LEVEL[x.severity], line)
+                    for line in textwrap.wrap(text, _EVENT_WIDTH, subsequent_indent=" " * 6)
+                ]
+            times, levels, texts = zip(*rows, strict=True)
+            data = rr.TextLog.columns(text=texts, level=levels)
+            rec.send_columns(f"{self.root}{path}", self.times(np.array(times, np.int64)), data)
 
     # -- layout
 
@@ -287,7 +304,7 @@ class _Page:
         reference, estimates = axle.reference, axle.estimates
         force = parts.span_of([], list(estimates.values()), [reference.lower, reference.upper])
         rows = [
-            *_inputs(path, N),
+            *_inputs(path, axle),
             parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
         ]
         shares = [3.0, 3.0, 6.0]
@@ -296,15 +313,15 @@ class _Page:
             braking = braking[:: max(1, len(braking) // parts.JUDGED)]
             error = parts.span_of([], [axle.error(a, braking) for a in estimates])
             title = f"Axle {N}: estimate minus {against} [N]"
-            rows.append(parts.chart(f"{path}/error", title, error, legend=None))
+            rows.append(parts.chart(f"{path}/error", title, error))
             shares.append(3.0)
         title = f"Axle {N} (overview)" if prefix else f"Axle {N}"
         forces = rrb.Horizontal(
             rrb.Vertical(*rows, row_shares=shares),
             rrb.Vertical(
                 rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
-                rrb.TextDocumentView(origin=f"{self.root}/lines", name="What the lines mean"),
-                self._events(), row_shares=[3.0, 3.0, 5.0],
+                parts.names_view(f"{self.root}/lines/axle/{N}"),
+                *self._lists(N), row_shares=[2.6, 3.2, 2.1, 2.1],
             ),
             column_shares=[2, 1], name=title if axle.slip is None else "Force",
         )  # fmt: skip
@@ -315,10 +332,11 @@ class _Page:
 
     def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
         N = axle.record.axle
-        rows, shares = _inputs(path, N), [3.0, 3.0]
+        rows, shares = _inputs(path, axle), [3.0, 3.0]
         if axle.slope is not None:
             rows += parts.slope_charts(path, f"Axle {N}", axle.slope, self.bands)
             shares += [2.5, 1.5]
+        heights = [4.5, 4.5, 1.5, 1.5] if self.notes else [4.5, 1.0, 2.8, 2.8]
         states = f"Axle {N}: brake, region on the curve, wheel"
         rows.append(parts.states_view(f"{exact}/state", states))
         return rrb.Horizontal(
@@ -326,7 +344,7 @@ class _Page:
             rrb.Vertical(
                 curve_view(f"{exact}/slip", f"Axle {N}"),
                 rrb.TextDocumentView(origin=f"{exact}/note", name=f"Axle {N}: rail and slides"),
-                self._events(), row_shares=[4.5, 5.0, 2.0],
+                *self._lists(N), row_shares=heights,
             ),
             column_shares=[6, 4], name="Slip",
         )  # fmt: skip
@@ -334,18 +352,24 @@ class _Page:
     def _about(self) -> rrb.View:
         return rrb.TextDocumentView(origin=f"{self.root}/about", name="How this was made, settings")
 
-    def _events(self) -> rrb.View:
-        columns = rrb.TextLogColumns(
-            timeline_columns=[rrb.encodings.TimelineColumn("time", visible=False)],  # in the body
-            text_log_columns=["LogLevel", "Body"],
-        )
-        return rrb.TextLogView(origin=f"{self.root}/events", name="Events", columns=columns)
+    def _lists(self, axle: int) -> list[rrb.View]:
+        """Findings and events of an axle; the findings on the whole log are among them."""
+        contents = [f"$origin/{of}" for of in ("log", f"axle/{axle}")]
+        return [
+            parts.list_view(f"{self.root}/{kind}", f"Axle {axle}: {kind}", contents)
+            for kind in ("findings", "events")
+        ]
 
 
-def _inputs(path: str, N: int) -> list[rrb.View]:
+def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:
+    record = axle.record
+    speeds = "speed [km/h]" + ", blue: wheel, grey: train" * (record.train_speed is not None)
+    brake = "blue: pressure [bar], " * (record.pressure is not None)
     return [
-        parts.chart(f"{path}/speed", f"Axle {N}: speed [km/h]", legend="RightTop"),
-        parts.chart(f"{path}/braking", f"Axle {N}: pressure [bar], clamping force [10 kN]"),
+        parts.chart(f"{path}/speed", f"Axle {record.axle}: {speeds}"),
+        parts.chart(
+            f"{path}/braking", f"Axle {record.axle}: {brake}orange: clamping force [10 kN]"
+        ),
     ]
 
 
@@ -354,10 +378,11 @@ def _inputs(path: str, N: int) -> list[rrb.View]:
 
 def _summary(result: Result, slides: overview.Slides) -> str:
     found = [
-        f"- **{f.severity}** {_plain(f'{f.code}: {log_events.text(f)}')}" for f in result.findings
+        f"- **{f.severity}** {parts.plain(f'{f.code}: {log_events.text(f)}')}"
+        for f in result.findings
     ]
     lines = [
-        f"# {_plain(Path(result.log.path).name)}\n\n## Slides\n",
+        f"# {parts.plain(Path(result.log.path).name)}\n\n## Slides\n",
         overview.listed(slides, result.log.start_ns()),
     ]
     lines += ["\n## Findings\n", *(found or ["none"])]
@@ -365,10 +390,9 @@ def _summary(result: Result, slides: overview.Slides) -> str:
     return "\n".join(lines)
 
 
-_LINES = """\
-Grey is the reference. The wide band holds the truth with 95 %, vehicle tolerances included. The
-narrow one is one sigma of its noise. Green is the truth, where the log has it. Each estimator has
-its own colour everywhere. A gap in a line is a gap in the data.
+_LINES = """
+The 95 % band of the reference holds the truth with 95 %, vehicle tolerances included. Each
+estimator has its own colour everywhere. A gap in a line is a gap in the data.
 
 Time counts from the start of the log, as on the screen and in the findings. The timeline `clock` is
 the log's own. In a comparison, `brake` counts from the first brake application of each log.
@@ -386,15 +410,14 @@ sample. The MCAP file has all of them.
 
 def _about(result: Result, large: bool, thinned: bool) -> str:
     methods = sorted({a.reference.method for a in result.axles})
-    settings = names.flat(result.settings).items()
     lines = [
-        f"Reference: {', '.join(map(_plain, methods))}.",
+        f"Reference: {', '.join(map(parts.plain, methods))}.",
+        _LINES,
         _OVERVIEW * large,
         _THINNED * thinned,
-        "## Settings\n\n| setting | value |\n|---|---|",
-        *(f"| {_plain(k)} | {_plain(v)} |" for k, v in settings),
+        parts.settings_table(result.settings),
         "\n## Sources\n",
-        *(f"- {_plain(s)}" for s in result.sources),
+        *(f"- {parts.plain(s)}" for s in result.sources),
         f"\nSHA-256 of the log: `{result.log.sha256}`",
     ]
     return "\n".join(lines)
@@ -412,10 +435,5 @@ def _scores(scores: Sequence[Score]) -> str:
     for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n):
         known = ((getattr(s, name), digits) for name, digits in _SCORES.values())
         cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in known)
-        rows.append([_plain(s.algo), s.against, *cells])
+        rows.append([parts.plain(s.algo), s.against, *cells])
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def _plain(text: str) -> str:
-    """Text from a log that must not become markup, a link or a picture."""
-    return re.sub(r"([\\`*_{}\[\]()<>#+!|~&:-])", r"\\\1", printable(text))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -16,12 +17,28 @@ from . import parts
 from .curve import curve_view, send_curve
 
 _SLIPS = (-10.0, 50.0)  # drawn: what is judged ahead may be far more [%]
+_SPEEDS = "blue: wheel, grey: train"  # what the colours mean, in the titles of charts
+_PRESSURES = "blue: cylinder, grey: demand"
+_FORCES = "green: true, orange: estimated, grey: peak of the rail"
+_JUDGED = "blue: measured, orange: judged"
 _AHEAD = " of the slip judged ahead; points: true slip"
+
+
+class Said(NamedTuple):
+    """What is said of the stops.
+
+    Attributes:
+        verdict: text of the first tab.
+        settings: that the stops were made from.
+    """
+
+    verdict: str
+    settings: Mapping[str, Any]
 
 
 def write_stops(
     path: Path, name: str, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands],
-    verdict: str,
+    said: Said,
 ) -> None:  # fmt: skip
     """Write stops of one train under several controllers, side by side, a tab for each axle.
 
@@ -31,29 +48,33 @@ def write_stops(
         stops: one per controller.
         weight: of an axle on the rail [N].
         bands: of the AND-test, by the controllers that make it; theirs alone are drawn.
-        verdict: text of the first tab.
+        said: texts of the first tab and the last.
 
     Raises:
         OSError: the file cannot be written or does not read back.
     """
     key = repr([name, *((s.controller, s.seed, s.air, len(s.t)) for s in stops)])
-    parts.write(path, printable(name), key, [_Stops(stops, weight, bands, verdict)])
+    parts.write(path, printable(name), key, [_Stops(stops, weight, bands, said)])
 
 
 class _Stops:
     """Stops under several controllers and the views that show them."""
 
     def __init__(
-        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], verdict: str
+        self, stops: Sequence[Stop], weight: float, bands: Mapping[str, Bands], said: Said
     ) -> None:
-        self.stops, self.weight, self.bands, self.verdict = stops, weight, bands, verdict
+        self.stops, self.weight, self.bands, self.said = stops, weight, bands, said
 
     def send(self, rec: rr.RecordingStream) -> None:
         """Send everything."""
-        told = self.verdict.replace("`", "'")  # a log's words do not end the block
+        told = self.said.verdict.replace("`", "'")  # a log's words do not end the block
         parts.send_text(rec, "verdict", f"```\n{told}\n```")
+        parts.send_text(rec, "about", parts.settings_table(self.said.settings))
+        colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
+        start = int(self.stops[0].t[0])
+        parts.send_names(rec, "lines", _since_start, start, [*colours.items()])
         for stop in self.stops:
-            colour = palette.rgba(palette.of_method(stop.controller))
+            colour = colours[stop.controller]
             train = [(stop.controller, colour, stop.train_speed * 3.6)]
             path, plot = f"train/{stop.controller}", parts.lines("", train)
             parts.send_plot(rec, path, _since_start, stop.t, plot)
@@ -71,9 +92,9 @@ class _Stops:
                 ("cylinder", parts.PRESSURE, stop.pressure[:, i] * 1e-5),
             ],
             "force": [
-                ("most the rail gives", parts.REFERENCE, stop.peak[:, i]),
-                ("true", parts.TRUTH, stop.force[:, i]),
                 (f"estimated ({stop.algo})", parts.CLAMPING, stop.estimate[:, i]),
+                ("true", parts.TRUTH, stop.force[:, i]),
+                ("peak of the rail", parts.REFERENCE, stop.peak[:, i]),  # the last lies above
             ],
             "judged": [
                 ("measured", parts.WHEEL, 100.0 * stop.measured_slip[:, i]),
@@ -107,15 +128,14 @@ class _Stops:
         send_curve(rec, f"{path}/slip", _since_start, stop.t, slip, mu, bands, peak, judged=_AHEAD)
 
     def layout(self) -> rrb.Container:
-        """Tabs: the verdict, then one per axle with a column per controller."""
+        """Tabs: the verdict, one per axle with a column per controller, the settings."""
+        speed = parts.chart("train", "Train speed [km/h]"), parts.names_view("lines")
+        verdict = rrb.TextDocumentView(origin="verdict", name="Verdict")
         first = rrb.Vertical(
-            rrb.TextDocumentView(origin="verdict", name="Verdict"),
-            parts.chart("train", "Train speed [km/h]", legend="RightTop"),
-            row_shares=[1.0, 1.0],
-            name="Verdict",
+            verdict, rrb.Horizontal(*speed, column_shares=[8, 1]), row_shares=[1, 1], name="Verdict"
         )
-        axles = self.stops[0].pressure.shape[1]
-        return rrb.Tabs(first, *(self._axle_tab(i + 1) for i in range(axles)))
+        axles = (self._axle_tab(i + 1) for i in range(self.stops[0].pressure.shape[1]))
+        return rrb.Tabs(first, *axles, rrb.TextDocumentView(origin="about", name="Settings"))
 
     def _axle_tab(self, axle: int) -> rrb.Container:
         """Two tabs: where the wheel and its brake were, and what the unit made of it."""
@@ -126,19 +146,20 @@ class _Stops:
         forces = [s.force[:, i] for s in every]
         top = 1.2 * max(float(np.nanmax(F)) for F in forces)  # what dry rail gives is far more
         near = [np.minimum(s.peak[:, i], top) for s in every]
-        force = parts.span_of([*forces, *near], [s.estimate[:, i] for s in every])
+        known = [np.clip(s.estimate[:, i], -0.1 * top, top) for s in every]  # locked: anything
+        force = parts.span_of([*forces, *near], known)
         for stop in every:
             who, path = stop.controller, f"{stop.controller}/axle/{axle}"
             views = [
-                parts.chart(f"{path}/speed", f"{who}: speed [km/h]", speed, "RightTop"),
-                parts.chart(f"{path}/pressure", f"{who}: pressure [bar]", pressure, "RightBottom"),
+                parts.chart(f"{path}/speed", f"{who}: speed [km/h], {_SPEEDS}", speed),
+                parts.chart(f"{path}/pressure", f"{who}: pressure [bar], {_PRESSURES}", pressure),
                 parts.states_view(f"{path}/state", f"{who}: valves, region on the curve, wheel"),
                 curve_view(f"{path}/slip", who),
             ]
-            wheel.append(rrb.Vertical(*views, row_shares=[3.0, 3.0, 2.0, 4.0]))
+            wheel.append(rrb.Vertical(*views, row_shares=[2.6, 2.5, 2.6, 4.0]))
             views = [
-                parts.chart(f"{path}/force", f"{who}: adhesion force [N]", force, "RightTop"),
-                parts.chart(f"{path}/judged", f"{who}: slip as judged [%]", _SLIPS, "RightTop"),
+                parts.chart(f"{path}/force", f"{who}: force [N], {_FORCES}", force),
+                parts.chart(f"{path}/judged", f"{who}: slip [%], {_JUDGED}", _SLIPS),
                 *parts.slope_charts(path, who, stop.slope[:, i], self.bands.get(who)),
             ]
             judged.append(rrb.Vertical(*views, row_shares=[2.0, 2.0, 2.0, 1.0]))

@@ -16,6 +16,7 @@ from PIL import Image
 from test_report import analysed, written
 
 from adhesion_cli.results.report import page
+from adhesion_cli.results.report.campaign import Bar, Bars, Table
 from adhesion_cli.results.report.run import read
 
 pytestmark = [
@@ -77,6 +78,19 @@ def test_every_figure_is_drawn_without_an_error_and_without_a_network(
     figures = tab.value("document.querySelectorAll('.figure').length")
     drawn = [colours for colours in tab.value(_CANVASES) if colours > 3]
     assert len(drawn) >= figures >= 4
+    assert tab.faults() == []
+    assert tab.requested() <= {"file", "data", "blob"}
+
+
+def test_the_figures_of_a_fleet_are_drawn(tab: Tab, tmp_path: Path) -> None:
+    day = 86_400_000.0
+    bars = [Bar(str(i), i * day, (i + 1) * day, 0.05, 0.1, 0.15, 0.04, 3) for i in range(4)]
+    figures = Bars("speed", bars), Bars("day", bars, dated=True), Bars("by", bars, named=True)
+    tables = [Table(of.label, [{"a": "b"}], 1, of) for of in figures]
+    path = tmp_path / "fleet.html"
+    page.write_tables(path, "fleet", "three figures", tables)
+    tab.open(path)
+    assert len([colours for colours in tab.value(_CANVASES) if colours > 3]) >= 3
     assert tab.faults() == []
     assert tab.requested() <= {"file", "data", "blob"}
 
