@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -26,7 +26,7 @@ def command(
     shared: Shared,
     source: Annotated[
         str,
-        typer.Argument(metavar="SOURCE", help="A growing file, -, udp://HOST:PORT or can:CHANNEL."),
+        typer.Argument(metavar="SOURCE", help="A growing file, -, udp://, mqtt:// or can:."),
     ] = "",
     replay: Annotated[
         Path | None, option("--replay", "LOG", "Play a log of any format, instead of SOURCE.")
@@ -38,17 +38,21 @@ def command(
     connect: Annotated[
         str, option("--connect", "URL", "A Rerun viewer, as rerun+http://HOST:9876/proxy.")
     ] = "",
+    serve: Annotated[
+        int | None,
+        option("--serve", "PORT", "Foxglove on this computer: ws://127.0.0.1:PORT.", min=0),
+    ] = None,
 ) -> int:
     """Adhesion while the samples arrive, by the same estimators as in a log.
 
     SOURCE is a CSV file or a file of JSON lines to which a logger appends, - for
-    the same on standard input, udp://HOST:PORT for datagrams in JSON, or
-    can:CHANNEL with --dbc. The header or the first messages say what is
-    measured, or -c does. Ctrl-C ends.
+    the same on standard input, udp://HOST:PORT or mqtt://HOST/TOPIC for JSON
+    messages, or can:CHANNEL with --dbc. The header or the first messages say
+    what is measured, or -c does. Ctrl-C ends.
 
     -o DIR also writes <name>.live.mcap and <name>.live.rrd. They can be read at
     any time, even after a kill. --view and --connect show the samples in the
-    Rerun viewer. --json prints a line per sample and axle.
+    Rerun viewer, --serve in Foxglove. --json prints a line per sample and axle.
 
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
@@ -66,9 +70,16 @@ def command(
     else:
         feed = opened(source, settings.read)
     try:
-        return _follow(feed, settings, shared, _viewer(shared, connect))
+        return _follow(feed, settings, shared, _Screens(_viewer(shared, connect), serve))
     finally:
         feed.close()
+
+
+class _Screens(NamedTuple):
+    """Where the samples are shown: a Rerun viewer, "" for none; the port for Foxglove."""
+
+    viewer: str
+    serve: int | None
 
 
 def _viewer(shared: Shared, connect: str) -> str:
@@ -85,7 +96,7 @@ def _viewer(shared: Shared, connect: str) -> str:
     return start_viewer()
 
 
-def _follow(feed: "Feed", settings: "Settings", shared: Shared, viewer: str) -> int:
+def _follow(feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens) -> int:
     from ..analysis.analyze import chosen
     from ..live.run import Tally, follow, wheels_of
     from . import terminal
@@ -96,7 +107,7 @@ def _follow(feed: "Feed", settings: "Settings", shared: Shared, viewer: str) -> 
     axles = [p.axle for p in wheels.axles]
     with ExitStack() as ends:
         sinks: list[Sink] = []
-        for sink in _sinks(feed.name, settings, algos, axles, shared, viewer):
+        for sink in _sinks(feed.name, settings, algos, axles, shared, screens):
             ends.callback(sink.close)
             sinks.append(sink)
         follow(feed, wheels, settings, algos, sinks, tally)
@@ -105,7 +116,7 @@ def _follow(feed: "Feed", settings: "Settings", shared: Shared, viewer: str) -> 
 
 def _sinks(
     name: str, settings: "Settings", algos: dict[str, Any], axles: list[int], shared: Shared,
-    viewer: str,
+    screens: _Screens,
 ) -> "Iterator[Sink]":  # fmt: skip
     """Who takes the samples: the file first, so that it has what the others fail on."""
     from ..live.recording import Batches, Mcap, Shown
@@ -123,13 +134,19 @@ def _sinks(
         inputs = [*shared.config, *shared.dbc]
         atomic_files.check([record, recording], shared.force, inputs=inputs)
         yield Batches(Mcap(record, name, settings, algos, axles), sorted(algos), axles, _CHUNK)
-    if recording or viewer:
-        live = LiveRecording(name, settings.vehicle, axles, names, recording, viewer)
+    if recording or screens.viewer:
+        live = LiveRecording(name, settings.vehicle, axles, names, recording, screens.viewer)
 
         def tell(error: str) -> None:
             terminal.message(f"the recording ends here: {error}", shared.quiet)
 
         yield Batches(Shown(live, tell), names, axles, _FRAME)
+    if screens.serve is not None:
+        from ..live.served import Served
+
+        server = Served(screens.serve, settings.vehicle, axles, names)
+        terminal.message(f"Foxglove: open {server.url}", shared.quiet)
+        yield server
     if shared.json:
         yield JsonLines(shown, settings.vehicle)
     elif not shared.quiet and sys.stderr.isatty():

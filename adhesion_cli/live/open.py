@@ -10,7 +10,10 @@ from .feed import Feed
 from .messages import Messages, lines
 from .table import Table
 
-SOURCES = "a growing CSV or JSON file, - for standard input, udp://HOST:PORT or can:CHANNEL"
+SOURCES = (
+    "a growing CSV or JSON file, - for standard input, udp://HOST:PORT, mqtt://HOST/TOPIC or "
+    "can:CHANNEL"
+)
 
 
 def opened(source: str, options: ReadOptions) -> Feed:
@@ -25,6 +28,10 @@ def opened(source: str, options: ReadOptions) -> Feed:
     """
     scheme, found, rest = source.partition("://")
     if found:
+        if scheme == "mqtt":
+            from .mqtt import Mqtt
+
+            return Mqtt(rest, options)
         if scheme != "udp":
             raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
         from .udp import Udp

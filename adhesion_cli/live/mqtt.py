@@ -1,0 +1,83 @@
+"""Samples as messages of an MQTT broker: an object in JSON each, or several on lines."""
+
+import queue
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from ..core.errors import UserError
+from ..formats.source import ReadOptions
+from .feed import Pump
+from .messages import MOST_BYTES, Messages
+
+_INSTALL = "pip install 'adhesion-cli[live]'"
+_PORT = 1883
+_WAIT = 10.0  # for the broker's answer [s]
+_KEEPALIVE = 30  # [s]
+
+
+class Mqtt(Messages):
+    """A topic of a broker. After a lost connection, it is subscribed to again.
+
+    Args:
+        place: HOST/TOPIC or HOST:PORT/TOPIC; the topic may have the wildcards + and #.
+        options: how the messages are read.
+
+    Raises:
+        UserError: where there is no such broker, or the library is missing.
+    """
+
+    def __init__(self, place: str, options: ReadOptions) -> None:
+        name = f"mqtt://{place}"
+        server, _, self._topic = place.partition("/")
+        host, colon, port = server.partition(":")
+        if not (host and self._topic) or (colon and not port.isdigit()):
+            hint = "name both, as mqtt://192.168.0.2/train/brake"
+            raise UserError(f"{name}: no host or no topic", hint, code=2)
+        try:
+            from paho.mqtt import client
+            from paho.mqtt.enums import CallbackAPIVersion
+        except ImportError:
+            raise UserError(f"{name}: paho-mqtt is not installed", _INSTALL) from None
+        self._came: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._answered, self._refused = threading.Event(), ""
+        self._client: Any = client.Client(CallbackAPIVersion.VERSION2)
+        self._client.on_connect, self._client.on_message = self._connected, self._message
+        try:
+            self._client.connect(host, int(port or _PORT), _KEEPALIVE)
+        except (OSError, ValueError) as error:
+            text = f"{name}: no broker answers: {getattr(error, 'strerror', None) or error}"
+            raise UserError(text, "check host and port; the usual port is 1883") from None
+        self._client.loop_start()
+        if not self._answered.wait(_WAIT) or self._refused:
+            self.close()
+            text = f"{name}: the broker refuses: {self._refused or 'no answer'}"
+            raise UserError(text, "check that it lets this computer read the topic")
+        self._pump = Pump(self._came.get, patient=False)
+        super().__init__(name, self._lines(), options, False, self._lost)
+
+    def _connected(self, client: Any, _: Any, __: Any, reason: Any, ___: Any) -> None:
+        self._refused = str(reason) if reason.is_failure else ""
+        if not self._refused:
+            client.subscribe(self._topic)
+        self._answered.set()
+
+    def _message(self, _: Any, __: Any, message: Any) -> None:
+        self._came.put(message.payload[: MOST_BYTES + 1])
+
+    def _lines(self) -> Iterator[bytes | None]:
+        for payload in self._pump:
+            if payload is None:
+                yield None
+            else:
+                yield from payload.splitlines()
+
+    def _lost(self) -> int:
+        lost, self._pump.dropped = self._pump.dropped, 0
+        return lost
+
+    def close(self) -> None:
+        """See `Feed`."""
+        self._client.disconnect()
+        self._client.loop_stop()
+        self._came.put(None)

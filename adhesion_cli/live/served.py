@@ -1,0 +1,91 @@
+"""Samples for Foxglove: a WebSocket server with the topics and messages of a result file."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..core.errors import UserError
+from ..core.model import Vehicle
+from ..core.physics import coefficient
+from ..results import descriptors
+from .axle import Sample
+
+_INSTALL = "pip install 'adhesion-cli[live]'"
+_HOST = "127.0.0.1"  # nobody else is let in
+
+
+class Served:
+    """A server on this computer.
+
+    Args:
+        port: it listens there; 0: on a free one.
+        vehicle: for the coefficient.
+        axles: numbers of the axles.
+        algos: names of the estimators.
+
+    Raises:
+        UserError: where the port is taken, or the library is missing.
+    """
+
+    def __init__(
+        self, port: int, vehicle: Vehicle, axles: Sequence[int], algos: Sequence[str]
+    ) -> None:
+        try:
+            import foxglove
+        except ImportError:
+            raise UserError("foxglove-sdk is not installed", _INSTALL) from None
+        self._vehicle, context = vehicle, foxglove.Context()
+        self._context = context  # without it, its channels are closed
+        try:
+            self._server = foxglove.start_server(
+                name="adhesion", host=_HOST, port=port, context=context
+            )
+        except Exception as error:  # the binding's word for what cannot be opened
+            text = f"--serve {port}: cannot listen: {error}"
+            raise UserError(text, "name another port") from None
+
+        def channel(topic: str, message: str) -> Any:
+            schema = foxglove.Schema(
+                name=f"adhesion.{message}", encoding="protobuf", data=descriptors.schema(message)
+            )
+            return foxglove.Channel(
+                topic, schema=schema, message_encoding="protobuf", context=context
+            )
+
+        self._channels = {
+            n: {
+                "input": channel(f"/axle/{n}/input", "AxleInput"),
+                "slip": channel(f"/axle/{n}/slip", "Slip"),
+                **{a: channel(f"/axle/{n}/estimate/{a}", "Estimate") for a in algos},
+            }
+            for n in axles
+        }
+
+    @property
+    def url(self) -> str:
+        """Where Foxglove finds it."""
+        return f"ws://{_HOST}:{self._server.port}"
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """See `Sink`."""
+        for s in samples:
+            to = self._channels[s.axle]
+            self._send(
+                to["input"], "AxleInput", s.t, brake_cylinder_pressure=s.pressure,
+                clamping_force=s.clamping, wheel_speed=s.speed, train_speed=s.train,
+            )  # fmt: skip
+            self._send(to["slip"], "Slip", s.t, slip=s.slip)
+            for algo, e in s.estimates.items():
+                mu = float(coefficient(e.force, self._vehicle))  # type: ignore[arg-type]
+                self._send(to[algo], "Estimate", s.t, force=e.force, coefficient=mu, sigma=e.sigma)
+
+    def _send(self, channel: Any, message: str, t: int, **values: float) -> None:
+        made: Any = descriptors.message(message)(**values)
+        made.timestamp.FromNanoseconds(max(t, 0))
+        channel.log(made.SerializeToString(), log_time=max(t, 0))
+
+    def idle(self) -> None:
+        """See `Sink`."""
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._server.stop()
