@@ -56,9 +56,7 @@ def command(
         print(dumps(tagged("export-c", **body, single_precision_error=error, outputs=outputs)))
         return 0
     print(terminal.wrote(*paths))
-    unit = " N" if unit == "N" else ""
-    terminal.message(
-        f"`make -C {folder} test` runs it on {made.samples} samples. Single precision differs by at "
-        f"most {made.single_error:.2g}{unit} there.", shared.quiet,
-    )  # fmt: skip
+    text = f"`make -C {folder} test` runs it on {made.samples} samples. Single precision differs by"
+    text += f" at most {made.single_error:.2g}{' N' if unit == 'N' else ''} there."
+    terminal.message(text, shared.quiet)
     return 0

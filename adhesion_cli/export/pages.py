@@ -186,11 +186,11 @@ def _accuracy(facts: Facts) -> str:
     of, vectors = facts.of, facts.vectors
     text = (
         "## Accuracy\n\nIn double precision each step has the bits of the Python `step`, with gcc "
-        "or clang `-O2 -ffp-contract=off` and the same C library. "
+        "or clang `-O2 -ffp-contract=off` and the same C library."
     )
     if of.estimator:
         other = limits(vectors, Number(True))[-1]
-        text += f"With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N.\n"
+        text += f" With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N.\n"
     seconds = sum(row[0] for row in vectors.rows)
     text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
     text += f"{seconds:.0f} s), the answers differ by\n\n"

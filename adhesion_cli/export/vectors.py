@@ -138,7 +138,8 @@ def records(vehicle: Vehicle) -> list[AxleRecord]:
 
 def _plain(o: Observed) -> Observed:
     """Python's floats in place of NumPy's."""
-    return Observed(*[float(x) for x in o[:-1]], int(o.at_least))  # type: ignore[arg-type]
+    made = Observed._make(map(float, o))
+    return made._replace(at_least=int(o.at_least))
 
 
 class _Row(NamedTuple):
