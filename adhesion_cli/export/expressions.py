@@ -36,6 +36,7 @@ class Expr(NamedTuple):
     kind: Kind
     cost: Cost = Cost()
     simple: bool = False  # a name, a number or a call: needs no brackets
+    address: str = ""  # of a struct in memory
 
     def bracketed(self) -> str:
         """As a part of a larger one."""
@@ -88,6 +89,9 @@ class Expressions:
         self.f = f
         self.real = program.types.real
         self.local: dict[str, Kind] = {}
+        self.pointers: set[str] = set()  # arguments that are structs
+        self.ahead: list[str] = []  # statements that must come before this one
+        self._kept = 0
 
     def __call__(self, node: ast.expr) -> Expr:
         """The expression in C.
@@ -128,7 +132,10 @@ class Expressions:
 
     def _Name(self, node: ast.Name) -> Expr:
         if node.id in self.local:
-            return Expr(c_name(node.id), self.local[node.id], simple=True)
+            name, kind = c_name(node.id), self.local[node.id]
+            if node.id in self.pointers:
+                return Expr(f"(*{name})", kind, simple=True, address=name)
+            return Expr(name, kind, simple=True, address=f"&{name}")
         value = self.f.__globals__.get(node.id)
         if isinstance(value, float | int):
             name = self.program.constant(self.f, node.id, value)
@@ -143,7 +150,11 @@ class Expressions:
             self.refuse(node, f"{node.attr} of something without fields")
         name = c_name(node.attr)
         self.program.reads(of.kind, name)
-        return Expr(f"{of.bracketed()}.{name}", dict(of.kind.fields)[name], of.cost, True)
+        text = f"{of.bracketed()}.{name}"
+        if of.address and not of.address.startswith("&"):
+            text = f"{of.address}->{name}"
+        address = f"&{text}" if of.address else ""
+        return Expr(text, dict(of.kind.fields)[name], of.cost, True, address)
 
     def _Subscript(self, node: ast.Subscript) -> Expr:
         of = self(node.value)
@@ -190,6 +201,7 @@ class Expressions:
 
     def _BoolOp(self, node: ast.BoolOp) -> Expr:
         parts = [self.condition(x) for x in node.values]
+        self._nothing_ahead(node)
         sign = " && " if isinstance(node.op, ast.And) else " || "
         cost = sum((x.cost for x in parts), Cost())
         return Expr(sign.join(x.bracketed() for x in parts), BOOL, cost)
@@ -197,6 +209,7 @@ class Expressions:
     def _IfExp(self, node: ast.IfExp) -> Expr:
         test, a, b = self.condition(node.test), self(node.body), self(node.orelse)
         self._alike(node, a, b)
+        self._nothing_ahead(node)
         text = f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}"
         return Expr(text, a.kind, test.cost + (a.cost | b.cost))
 
@@ -229,7 +242,20 @@ class Expressions:
         to = self.program.function(called, tuple(x.kind for x in parts))
         taken = [parts[i] for i in to.used]
         cost = sum((x.cost for x in taken), to.cost)
-        return Expr(f"{to.name}({', '.join(x.text for x in taken)})", to.kind, cost, True)
+        return Expr(f"{to.name}({', '.join(map(self._given, taken))})", to.kind, cost, True)
+
+    def _given(self, x: Expr) -> str:
+        """An argument: a struct by its address. One that a function returns is kept for that."""
+        if isinstance(x.kind, Scalar) or x.address:
+            return x.address if isinstance(x.kind, Struct) else x.text
+        self._kept += 1
+        name = f"kept_{self._kept}"
+        self.ahead.append(f"const {x.kind.c} {name} = {x.text};")
+        return f"&{name}"
+
+    def _nothing_ahead(self, node: ast.AST) -> None:
+        if self.ahead:
+            self.refuse(node, "a struct is made within a condition: give it a name before")
 
     def _library(self, node: ast.Call, name: str) -> Expr:
         parts = [self(x) for x in node.args]
@@ -271,7 +297,8 @@ class Expressions:
 
     def _struct(self, kind: Struct, parts: list[Expr]) -> Expr:
         cost = sum((x.cost for x in parts), Cost())
-        return Expr(f"({kind.c}){{{', '.join(x.text for x in parts)}}}", kind, cost, True)
+        text = f"({kind.c}){{{', '.join(x.text for x in parts)}}}"
+        return Expr(text, kind, cost, True, f"&{text}")
 
     def _alike(self, node: ast.AST, a: Expr, b: Expr) -> None:
         if a.kind != b.kind or (isinstance(a.kind, Scalar) and a.kind == BOOL):

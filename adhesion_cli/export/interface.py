@@ -110,7 +110,9 @@ class Interface:
     def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
         """A call of a translated function."""
         made = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
-        return f"{made.name}({', '.join(arguments[i][0] for i in made.used)})", made.cost
+        taken = [arguments[i] for i in made.used]
+        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in taken]
+        return f"{made.name}({', '.join(texts).replace('&*', '')})", made.cost
 
     def _begins(self) -> list[tuple[str, Kind]]:
         p: tuple[str, Kind] = ("*p", self.params)

@@ -1,7 +1,7 @@
 """Functions of a method in C, with every function that they call.
 
-Each becomes a `static` function with arguments and result by value. One that is called with
-arguments of other types is translated once for each.
+Each becomes a `static` function. It takes structs by their address, and changes none. One that is
+called with arguments of other types is translated once for each.
 """
 
 import ast
@@ -130,6 +130,11 @@ class _Body:
         if len(self.arguments) != len(kinds):
             self.expression.refuse(self.node, f"{f.__name__} is called with {len(kinds)} arguments")
         self.expression.local = dict(zip(self.arguments, kinds, strict=True))
+        stored = {n.id for n in _names(self.node, ast.Store)}
+        self.copied = stored & set(self.arguments)
+        self.expression.pointers = {
+            x for x, kind in zip(self.arguments, kinds, strict=True) if isinstance(kind, Struct)
+        } - stored
         self.kinds = kinds
         self.results: set[Kind] = set()
         self.hoisted: dict[str, Kind] = {}
@@ -137,9 +142,7 @@ class _Body:
 
     def translated(self, name: str) -> tuple[str, Function]:
         """Its text, and how it is called."""
-        named = [n for n in ast.walk(self.node) if isinstance(n, ast.Name)]
-        loaded = {n.id for n in named if isinstance(n.ctx, ast.Load)}
-        stored = {n.id for n in named if isinstance(n.ctx, ast.Store)}
+        loaded = {n.id for n in _names(self.node, ast.Load)}
         used = tuple(i for i, x in enumerate(self.arguments) if x in loaded)
         lines, cost, _ = self.block(self.node.body, 1, top=True)
         if len(self.results) != 1:
@@ -147,12 +150,13 @@ class _Body:
         (result,) = self.results
         taken, copies = [], []
         for i in used:
-            x, kind = c_name(self.arguments[i]), self.kinds[i].c
-            taken.append(f"{kind} {x}_in" if self.arguments[i] in stored else f"{kind} {x}")
-            copies += [f"    {kind} {x} = {x}_in;"] if self.arguments[i] in stored else []
-        copies += [
-            f"    {kind.c} {c_name(x)} = {self._zero(kind)};" for x, kind in self.hoisted.items()
-        ]
+            x, kind = c_name(self.arguments[i]), self.kinds[i]
+            star = "*" if isinstance(kind, Struct) else ""
+            copied = self.arguments[i] in self.copied
+            taken.append(f"{'const ' if star else ''}{kind.c} {star}{x}{'_in' if copied else ''}")
+            copies += [f"    {kind.c} {x} = {star}{x}_in;"] if copied else []
+        for x, of in self.hoisted.items():
+            copies.append(f"    {of.c} {c_name(x)} = {self._zero(of)};")
         head = f"static {result.c} {name}({', '.join(taken) or 'void'})"
         text = "\n".join([*_origin(self.f), *folded([head]), "{", *copies, *lines, "}", ""])
         return text, Function(name, used, result, cost)
@@ -209,6 +213,8 @@ class _Body:
         costs, returns = [one, Cost()], [ends, False]
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
             more, other, branches, both = self._if(node.orelse[0], depth)
+            if not more[0].lstrip().startswith("if "):
+                self.expression.refuse(node.orelse[0], "a struct is made within an `elif`")
             costs[1], returns[1] = other + (branches[0] | branches[1]), all(both)
             more[0] = f"{indent}}} else {more[0].strip()}"
             return [*lines, *more], test.cost, costs, returns
@@ -284,14 +290,13 @@ class _Body:
         made = [self.expression(x) for x in values]
         needed = [{n.id for n in ast.walk(x) if isinstance(n, ast.Name)} for x in values]
         crossed = any(set(names[:i]) & used for i, used in enumerate(needed))
-        lines: list[str] = []
-        for i, (name, x) in enumerate(zip(names, made, strict=True)):
-            put = x
+        lines, new = self._ahead(depth), []
+        for x in made:
+            self.temporary += 1
+            new.append(Expr(f"new_{self.temporary}", x.kind) if crossed else x)
             if crossed:
-                self.temporary += 1
-                kept = f"new_{self.temporary}"
-                lines.insert(i, "    " * depth + f"const {x.kind.c} {kept} = {x.text};")
-                put = Expr(kept, x.kind)
+                lines.append("    " * depth + f"const {x.kind.c} {new[-1].text} = {x.text};")
+        for name, put in zip(names, new, strict=True):
             lines.append("    " * depth + self._put(name, put, top))
         lines[-1:] = self._lines(lines[-1].strip(), depth, node)
         return folded(lines), sum((x.cost for x in made), Cost())
@@ -320,11 +325,17 @@ class _Body:
         zeros_of = {self.program.types.real: self.program.literal(0.0), BOOL: "false"}
         return zeros_of.get(kind, "0")
 
+    def _ahead(self, depth: int) -> list[str]:
+        """The statements that an expression needs before its own."""
+        lines = folded(["    " * depth + x for x in self.expression.ahead])
+        self.expression.ahead.clear()
+        return lines
+
     def _lines(self, text: str, depth: int, node: ast.AST) -> list[str]:
         """A statement, with the comment of its Python line where that names an equation."""
         remark = comment_at(file_of(self.f), node.end_lineno or 0)  # type: ignore[attr-defined]
         text = "    " * depth + text
-        return folded([text + (f" /* {remark} */" if remark else "")])
+        return self._ahead(depth) + folded([text + (f" /* {remark} */" if remark else "")])
 
 
 def folded(lines: list[str]) -> list[str]:
@@ -343,6 +354,12 @@ def folded(lines: list[str]) -> list[str]:
             line = deeper + line[at:].lstrip()
         found.append(line)
     return found
+
+
+def _names(node: ast.AST, context: type) -> list[ast.Name]:
+    """The names that are read (`ast.Load`) or given a value (`ast.Store`)."""
+    names = [n for n in ast.walk(node) if isinstance(n, ast.Name)]
+    return [n for n in names if isinstance(n.ctx, context)]
 
 
 def _origin(f: FunctionType) -> list[str]:
