@@ -184,7 +184,7 @@ class Interface:
             before, sample = "", f"const {n}_observed *o"
         wheelset = {
             "wheelset": f"{n}_wheelset {n}_default_wheelset(void)",
-            "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {r} radius, {r} friction, "
+            "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {r} radius, {r} phi, "
             f"{r} inertia, {r} mass)",
         }
         return {
@@ -242,7 +242,7 @@ class Interface:
         what = {
             "defaults": "The parameters that the export was made with.",
             "wheelset": "The wheelset that it was made with.",
-            "wheelset_of": "Of radius [m], pad friction [-], inertia [kg m^2], mass [kg].",
+            "wheelset_of": "Of radius [m], pad friction phi [-], inertia [kg m^2], mass [kg].",
             "init": "The first sample, and the first after a gap: K [N], y [rad/s].",
             "step": "One sample later: h [s] since the last one, K [N], y [rad/s].",
         }
@@ -278,9 +278,8 @@ class Interface:
     def _wheelset(self, made: str) -> str:
         name, _, _ = made.partition("(")
         limits = quantities(Vehicle)
-        places = zip(("radius", "friction", "inertia", "mass"), STATED.values(), strict=True)
-        tests = [x for place, of in places for x in self._within(place, limits[of])]
-        put = f"*w = {name}(radius, friction, inertia, mass);"
+        tests = [x for place, of in STATED.items() for x in self._within(place, limits[of])]
+        put = f"*w = {name}(radius, phi, inertia, mass);"
         return self._function("wheelset_of", self._guarded([
             ("w == NULL", "BAD_POINTER"), (_not(tests), "BAD_WHEELSET"),
         ], [put]))  # fmt: skip

@@ -11,7 +11,8 @@ from .c_types import Number, flat
 from .check_program import limits
 from .expressions import Cost
 from .interface import STATED, Code, Interface
-from .vectors import LOG, Vectors
+from .single_precision import ULPS
+from .vectors import LIBRARIES, LOG, Vectors
 
 MAKEFILE = """\
 # {name}, made by adhesion {version}
@@ -190,10 +191,14 @@ def _accuracy(facts: Facts) -> str:
     )
     if of.estimator:
         other = limits(vectors, Number(True))[-1]
-        text += f" With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N.\n"
+        text += f" With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N."
     seconds = sum(row[0] for row in vectors.rows)
     text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
-    text += f"{seconds:.0f} s), the answers differ by\n\n"
+    text += f"{seconds:.0f} s), the answers differ by what the table shows. It has the worst of "
+    text += (
+        f"{LIBRARIES} C libraries: one that rounds exactly, and others whose functions err by up "
+    )
+    text += f"to {ULPS} units in the last place.\n\n"
     rows = []
     for i, x in enumerate(of.answers()):
         errors = vectors.single_errors(i)
@@ -216,7 +221,7 @@ def _accuracy(facts: Facts) -> str:
 
 def _misra() -> str:
     rows = [(f"`{x}`", text) for x, text in DEVIATIONS.items()]
-    text = "`make misra` runs cppcheck with its addon. It does not report:\n"
+    text = "`make misra` runs cppcheck with its addon. These are not reported:\n"
     return f"## MISRA C:2012\n\n{text}\n{_table(('id', 'reason'), rows)}"
 
 
