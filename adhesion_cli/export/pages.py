@@ -132,7 +132,9 @@ def _use(of: Interface) -> str:
 
 def _statuses(facts: Facts) -> str:
     rows = [(f"`{facts.of.macro}_{x}`", text) for x, text in facts.code.statuses]
-    text = "If the status is not OK, `now` is as before. An answer is always a finite number. Where "
+    text = (
+        "If the status is not OK, `now` is as before. An answer is always a finite number. Where "
+    )
     text += "NOT_FINITE comes again, start anew with `_init`.\n"
     return f"## Status\n\n{_table(('status', 'meaning'), rows)}\n{text}"
 

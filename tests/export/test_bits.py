@@ -59,10 +59,12 @@ def runs_alike(c, est, p, samples):
 
 
 def test_every_bundled_log_is_there():
+    """The MCAP has the same samples as the CSV of its name, so one of them is run."""
     assert LOGS == ["low-adhesion.csv", "low-adhesion.mcap", "service-brake.csv"]
+    assert segments("low-adhesion.mcap") == segments("low-adhesion.csv")
 
 
-@pytest.mark.parametrize("log", LOGS)
+@pytest.mark.parametrize("log", [x for x in LOGS if x.endswith(".csv")])
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_an_estimator_on_a_log(compiled, name, log):
     est = ESTIMATORS[name]
@@ -86,11 +88,11 @@ def some(method: Method):
 
 
 plausible = st.tuples(st.floats(1e-4, 0.2), st.floats(0.0, 3e4), st.floats(0.0, 60.0))
-samples = st.lists(st.one_of(plausible, numbers(Sample, "h", "K", "y")), min_size=2, max_size=12)
+samples = st.lists(st.one_of(plausible, numbers(Sample, "h", "K", "y")), min_size=2, max_size=8)
 
 
 @pytest.mark.parametrize("name", ESTIMATORS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_an_estimator_on_random_inputs(compiled, name, data):
     """Where Python raises or has no finite answer, C returns a status and keeps its state."""
@@ -134,7 +136,7 @@ def test_a_control_law_on_a_log(compiled, name):
 
 
 @pytest.mark.parametrize("name", sorted(set(METHODS) - set(ESTIMATORS)))
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_a_control_law_on_random_inputs(compiled, name, data):
     law, c = METHODS[name], compiled(name)
