@@ -10,6 +10,7 @@ from types import FunctionType
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from ..core.errors import UserError
+from ..core.model import Quantity, quantities
 from .ascii_text import ascii_text
 
 
@@ -194,15 +195,18 @@ def comment_at(file: str, line: int) -> str:
     return "" if re.match(r"noqa|fmt:|type:", text) else ascii_text(text)
 
 
+def range_of(q: Quantity) -> str:
+    """The values that C accepts, without their unit."""
+    return q.range.removesuffix(f" {q.unit}") + (", or NaN" if q.optional else "")
+
+
 def _notes(of: Any) -> tuple[str, ...]:
     """The comment beside each field, or what its `Quantity` says."""
-    from ..core.model import quantities
-
     known = quantities(of)
     node = definition(of)
     lines = {ast.unparse(n.target): n.lineno for n in node.body if isinstance(n, ast.AnnAssign)}
     return tuple(
-        ascii_text(f"{known[x].text} [{known[x].unit}]: {known[x].range}")
+        ascii_text(f"{known[x].text} [{known[x].unit}]: {range_of(known[x])}")
         if x in known
         else comment_at(file_of(of), lines[x])
         for x in of._fields

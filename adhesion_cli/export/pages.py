@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..core.methods import parameters
-from ..core.model import Quantity, Vehicle, quantities
+from ..core.model import Vehicle, quantities
 from ..core.physics import ForceLine
-from .c_types import Number, flat
+from .c_types import Number, flat, range_of
 from .check_program import limits
 from .expressions import Cost
 from .interface import STATED, Code, Interface
@@ -141,7 +141,7 @@ def _statuses(facts: Facts) -> str:
 
 def _parameters(of: Interface) -> str:
     rows = [
-        (f"`{name}`", f"{value:g}", q.unit, _range(q), q.text)
+        (f"`{name}`", f"{value:g}", q.unit, range_of(q), q.text)
         for (name, q, _), value in zip(parameters(of.method), of.p, strict=True)
     ]
     head = ("parameter", "value", "unit", "range", "what")
@@ -153,13 +153,13 @@ def _inputs(facts: Facts) -> str:
     listed = {"h": of.interval, **of.inputs}
     unread = set() if of.estimator else set(of.inputs) - facts.code.read
     rows = [
-        (f"`{x}`", q.unit, _range(q), q.text + ("; not read" if x in unread else ""))
+        (f"`{x}`", q.unit, range_of(q), q.text + ("; not read" if x in unread else ""))
         for x, q in listed.items()
     ]
     text = f"## Inputs\n\n{_table(('input', 'unit', 'range', 'what'), rows)}"
     if of.estimator:
         of_vehicle = [(x, facts.wheelset[x], known[name]) for x, name in STATED.items()]
-        body = [(f"`{x}`", f"{v:g}", q.unit, _range(q), q.text) for x, v, q in of_vehicle]
+        body = [(f"`{x}`", f"{v:g}", q.unit, range_of(q), q.text) for x, v, q in of_vehicle]
         head = ("wheelset", "default", "unit", "range", "what")
         line = facts.force_line
         text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n`K` follows from the cylinder "
@@ -226,10 +226,6 @@ def _misra() -> str:
     rows = [(f"`{x}`", text) for x, text in DEVIATIONS.items()]
     text = "`make misra` runs cppcheck with its addon. These are not reported:\n"
     return f"## MISRA C:2012\n\n{text}\n{_table(('id', 'reason'), rows)}"
-
-
-def _range(q: Quantity) -> str:
-    return q.range.removesuffix(f" {q.unit}") + (", or NaN" if q.optional else "")
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
