@@ -8,6 +8,9 @@ the intervals of the other rows, which all differ. The other has equal ones, for
 The C is `estimators.c`, compiled with $CC (cc) -O3 -march=native. Both run on the same log, turn
 by turn; the quickest of the turns counts. Both must give the same F̂. neso is also compared with
 forward Euler in C. imm has no loop in C: its rival is the time of 4 million samples a second.
+
+The rows `export` run the C of `adhesion export-c` with $CC -O3 -march=native, its checks of every
+input included. The rival is the compiled loop; both give the same bits.
 """
 
 import ctypes
@@ -26,6 +29,8 @@ from table import Row, show
 from adhesion_cli.core import compiled, estimator, lanes, methods
 from adhesion_cli.core.model import Floats, Times, Vehicle, Wheelset
 from adhesion_cli.core.physics import wheelset
+from adhesion_cli.export.c_types import Number
+from adhesion_cli.export.interface import Interface
 
 SETS, LONG = 64, 10_000  # of a row `lanes`: parameter sets near the defaults, samples
 N = 20_000  # samples, 1 kHz with jitter
@@ -82,6 +87,37 @@ def c_loop(loop: Callable[..., object], p: Any, w: Wheelset, of: Log) -> Callabl
     return run
 
 
+EXPORTED = """
+#include "adhesion_{name}.c"
+void loop(const void *p, const void *w, const int64_t *t, const double *K, const double *y, long n,
+    double *F)
+{{
+    adhesion_{name}_state s;
+    (void)adhesion_{name}_init(&s, p, w, K[0], y[0]);
+    F[0] = s.now.F;
+    for (long i = 1; i < n; i++) {{
+        (void)adhesion_{name}_step(&s, (double)(t[i] - t[i - 1]) * 1e-9, K[i], y[i]);
+        F[i] = s.now.F;
+    }}
+}}
+"""
+
+
+def export_loop(est: estimator.Estimator, p: Any, w: Wheelset, of: Log, folder: str) -> Any:
+    """A loop of the exported C over a log."""
+    vehicle = (w.radius, w.phi, w.inertia, w.mass)
+    code = Interface(est, p, vehicle, Number(True), "benchmark").code()
+    place = Path(folder)
+    (place / f"adhesion_{est.name}.h").write_text(code.header)
+    (place / f"adhesion_{est.name}.c").write_text(code.source)
+    source, library = place / f"{est.name}.c", place / f"{est.name}.so"
+    source.write_text(EXPORTED.format(name=est.name))
+    flags = ["-std=c99", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno"]
+    command = [os.environ.get("CC", "cc"), *flags, "-shared", "-fPIC", "-o", str(library)]
+    subprocess.run([*command, str(source), "-lm"], check=True)
+    return c_loop(ctypes.CDLL(str(library)).loop, p, w, of)
+
+
 def near(est: estimator.Estimator) -> list[Any]:
     """Parameter sets near the defaults; switches stay."""
     rng = np.random.default_rng(2)
@@ -118,6 +154,10 @@ def rows() -> Iterator[Row]:
             def run_compiled(est=est, p=p):
                 return compiled.batch(est, p, w, t, K, y, starts)[0]
 
+            run_export = export_loop(est, p, w, of, folder)
+            np.testing.assert_array_equal(run_export(), run_compiled())
+            ns, loop_ns = quickest(run_export, run_compiled)
+            yield Row(f"export {name}", ns, loop_ns, "ns/sample", "the compiled loop", most=1.0)
             if name in NO_C:
                 (ns,) = quickest(run_compiled)
                 yield Row(f"estimator {name}", ns, NO_C[name], "ns/sample", "the target", most=1.0)

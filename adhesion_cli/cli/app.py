@@ -16,7 +16,7 @@ from ..core.errors import UserError
 _COMMANDS = (
     "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
     "live", "simulate", "reproduce", "explain", "convert", "recover", "report",
-    "view", "estimators",
+    "view", "estimators", "export-c",
 )  # fmt: skip
 app = typer.Typer(
     name="adhesion",
@@ -36,7 +36,9 @@ class _Command(TyperCommand):
 
 
 for name in _COMMANDS:
-    app.command(name, cls=_Command)(import_module(f".{name}", __package__).command)
+    app.command(name, cls=_Command)(
+        import_module(f".{name.replace('-', '_')}", __package__).command
+    )
 
 # typer carries click inside, or uses the installed one, by version: reach its classes either way
 _ClickError: Any = typer.BadParameter.__mro__[2]

@@ -42,12 +42,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 from . import methods, toml
 from .errors import UserError
-from .methods import Kind, Method
-from .model import Wheelset
+from .methods import Interval, Kind, Method
+from .model import Quantity, Wheelset
 
 
 class Claim(NamedTuple):
@@ -62,6 +62,14 @@ class About(methods.About):
     """What a method is called, where it was published, and what it claims by scenario name."""
 
     claims: Mapping[str, Claim]
+
+
+class Sample(NamedTuple):
+    """What `step` receives, with the ranges that a control unit accepts."""
+
+    h: Interval
+    K: Annotated[float, Quantity("N", "clamping force", 0.0, 1e6)]
+    y: Annotated[float, Quantity("rad/s", "wheel speed", -1e3, 1e3)]
 
 
 class Split(NamedTuple):

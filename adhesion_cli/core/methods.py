@@ -20,10 +20,13 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 from .errors import UserError, unknown
 from .model import Quantity, quantities
+
+# What control units accept (`export`). A longer interval is a gap: a method starts anew there.
+Interval = Annotated[float, Quantity("s", "interval since the sample before", 1e-6, 10.0)]
 
 
 @dataclass(frozen=True, slots=True)

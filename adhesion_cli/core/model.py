@@ -39,6 +39,7 @@ class Quantity:
     low: float = 0.0
     high: float = float("inf")
     symbol: str = ""  # the papers' letter, spelled out: another name users may write
+    optional: bool = False  # NaN says that it is not known
 
     @property
     def range(self) -> str:
@@ -205,7 +206,10 @@ class AxleRecord:
 
 
 class Wheelset(NamedTuple):
-    """The constants of (1) for one axle, as the estimators take them; plain floats for numba."""
+    """The constants of (1) for one axle, as the estimators take them.
+
+    Plain floats, for numba.
+    """
 
     a: float  # R / I [1/(kg m)]
     phi: float  # pad friction coefficient φ [-]

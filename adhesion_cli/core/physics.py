@@ -26,15 +26,16 @@ NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
 def wheelset(vehicle: Vehicle, axle: int) -> Wheelset:
     """Constants of (1) for one axle. Source: (1); rolling without slip gives `rolling`."""
     I, m = vehicle.wheelset_inertia.value, vehicle.axle_mass.value  # noqa: E741
-    return _wheelset(vehicle.radius(axle).value, vehicle.friction.value, I, m)
+    return wheelset_of(vehicle.radius(axle).value, vehicle.friction.value, I, m)
 
 
 def on_radius(w: Wheelset, radius: float) -> Wheelset:
     """The same wheelset on wheels of another radius [m]."""
-    return _wheelset(radius, w.phi, w.inertia, w.mass)
+    return wheelset_of(radius, w.phi, w.inertia, w.mass)
 
 
-def _wheelset(R: float, phi: float, I: float, m: float) -> Wheelset:  # noqa: E741
+def wheelset_of(R: float, phi: float, I: float, m: float) -> Wheelset:  # noqa: E741
+    """The same from radius R [m], friction φ, inertia I [kg m²] and mass m [kg]. Source: (1)."""
     return Wheelset(R / I, phi, 1.0 / (1.0 + I / (m * R * R)), R, I, m)
 
 

@@ -10,6 +10,8 @@ four of its readings vary no more than one does. Those of white noise vary four 
 import math
 from typing import NamedTuple
 
+from ._mixture import squared
+
 _AT_LEAST = 50.0  # readings that the memory holds, if its time is shorter
 _BLOCK = 4.0  # readings of a sum
 _STILL = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
@@ -81,7 +83,7 @@ def tells(x: Noise) -> bool:
     Errors of rounding are not independent. A bound that is used at every sample of a fast log would
     count too often. A step below the guess of the noise does not matter.
     """
-    square = rounding(x) ** 2
+    square = squared(rounding(x))
     if square < 12.0 * x.variance or square < _SILENT * x.guess:
         return True
     return math.floor(x.age / _AGAIN) > math.floor((x.age - x.h) / _AGAIN)
@@ -136,7 +138,7 @@ def _averaged(x: Noise, was: Noise, memory: float) -> Noise:
     total, before, first, blocks = x.total, x.before, x.first, x.blocks
     if x.readings % _BLOCK == 0.0:
         if x.readings >= 3.0 * _BLOCK:
-            square = (before - 0.5 * (first + total)) ** 2 / 1.5
+            square = squared(before - 0.5 * (first + total)) / 1.5
             blocks += (min(square, _BLOCK * most) - blocks) / (n / _BLOCK + 1.0)
         total, before, first = 0.0, total, before
     return Noise(

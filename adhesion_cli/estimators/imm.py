@@ -34,7 +34,17 @@ from ..core.estimator import About, Claim
 from ..core.innovations import square
 from ..core.model import Quantity, Wheelset
 from ..core.physics import G, rolling_deceleration
-from ._mixture import Gaussian, Reading, below, corrected, known, merged, moved, weighed
+from ._mixture import (
+    Gaussian,
+    Reading,
+    below,
+    corrected,
+    known,
+    merged,
+    moved,
+    squared,
+    weighed,
+)
 from ._noise import Noise, certain, counting, discovered, guessed, learned, paused, rounding, tells
 
 # Rates of change between regimes [1/s].
@@ -147,7 +157,7 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     """A wheel that probably rolls, whether it is braked or not."""
     weight, rolls = w.mass * G, w.rolling * w.phi * K
     v, least = SPEED_NOISE * SPEED_NOISE, SLOPE * weight
-    slides = known(y, v, rolls, (ANY * rolls + least) ** 2, 0.05)
+    slides = known(y, v, rolls, squared(ANY * rolls + least), 0.05)
     sigma = UNSURE * rolls + least
     return State(
         known(y, v, rolls, sigma * sigma, 0.9), slides, slides, guessed(SPEED_NOISE, y),
@@ -169,10 +179,10 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     rolling, sliding = weighed(rolling, p_r / total), weighed(sliding, p_s / total)
     changing = weighed(changing, p_c / total)
     F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
-    variance = rolling.p * (rolling.rr + (rolling.r - F) ** 2)
-    variance += sliding.p * (sliding.rr + (sliding.r - F) ** 2)
-    variance += changing.p * (changing.rr + (changing.r - F) ** 2)
-    sigma = math.sqrt(variance + (w.rolling * w.phi) ** 2 * q.clamping.variance)
+    variance = rolling.p * (rolling.rr + squared(rolling.r - F))
+    variance += sliding.p * (sliding.rr + squared(sliding.r - F))
+    variance += changing.p * (changing.rr + squared(changing.r - F))
+    sigma = math.sqrt(variance + squared(w.rolling * w.phi) * q.clamping.variance)
     slippery = max(sliding.p, s.slippery * SLIPPERY / (SLIPPERY + h))
     return State(
         rolling, sliding, changing, q.noise, q.clamping, q.creep, q.train, slippery, sigma, F
@@ -214,10 +224,10 @@ def _predicted(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -
     x, z, c, train = _switched(w, s, h)
     x = moved(
         x, a, braked, (1.0 - w.rolling) * lost + fresh, follows * (creep.K - s.creep.K),
-        (p.rolling * weight) ** 2 * h + bend * bend,
+        squared(p.rolling * weight) * h + bend * bend,
     )  # (1)  # fmt: skip
-    z = moved(z, a, braked, lost + fresh, 0.0, (p.sliding * load) ** 2 * h)
-    c = moved(c, a, braked, lost + fresh, 0.0, (p.changing * load) ** 2 * h)
+    z = moved(z, a, braked, lost + fresh, 0.0, squared(p.sliding * load) * h)
+    c = moved(c, a, braked, lost + fresh, 0.0, squared(p.changing * load) * h)
     return Predicted(x, z, c, of, noise, clamping, creep, train)
 
 
@@ -245,9 +255,9 @@ def _switched(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaus
 
     own = rolling_deceleration(w) * s.clamping.K
     slows, off = 0.5 * (own + s.train.slows), 0.5 * (own - s.train.slows)
-    F, FF = braked - slows / w.a, (abs(off) + SLOWS / w.radius) ** 2 / (w.a * w.a)
-    slip = _with(x, SLIPS * normal, (SLIPS_BY * normal) ** 2)
-    leap = (LEAP * weight) ** 2
+    F, FF = braked - slows / w.a, squared(abs(off) + SLOWS / w.radius) / (w.a * w.a)
+    slip = _with(x, SLIPS * normal, squared(SLIPS_BY * normal))
+    leap = squared(LEAP * weight)
     return (
         merged(
             x, _with(z, F, FF), _with(c, F, FF), x.p - x_leaves, z_sticks * of_z, c_sticks * of_c
@@ -265,8 +275,8 @@ def _left(w: Wheelset, s: State, h: float, new: float, old: float) -> Train:
     """The train one interval on; the wheel stops rolling with weight `new`, `old` did before."""
     x, t, share = s.rolling, s.train, new / (new + old)
     speed = t.speed + share * (x.x - t.speed)
-    variance = (1.0 - share) * (t.doubt**2 + (t.speed - speed) ** 2)
-    variance += share * (x.xx + (CREEPAGE * x.x) ** 2 + (x.x - speed) ** 2)
+    variance = (1.0 - share) * (squared(t.doubt) + squared(t.speed - speed))
+    variance += share * (x.xx + squared(CREEPAGE * x.x) + squared(x.x - speed))
     slows = t.slows + share * (w.a * (w.phi * s.clamping.K - x.r) - t.slows)
     return Train(speed - h * slows, math.sqrt(variance) + h * SLOWS / w.radius, slows)
 
@@ -306,16 +316,16 @@ def _clamped(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clampi
         return _first(paused(s.noise, K, 0.0), K, scale)
     noise = learned(s.noise, K, h, 0.0, p.memory) if s.noise.y > 0.0 else paused(s.noise, K, 0.0)
     most = MOST_NOISE * scale
-    of = Reading(K, min(certain(noise) + rounding(noise) ** 2 / 12.0, most * most), 0.0, 0.0)
+    of = Reading(K, min(certain(noise) + squared(rounding(noise)) / 12.0, most * most), 0.0, 0.0)
     leaves, stops = HELD_MOVES * _within(HELD_MOVES, h), MOVES_HELD * _within(MOVES_HELD, h)
     a, b = s.held, s.moving
     stays, back = a.p * (1.0 - leaves), b.p * stops
     x = (stays * a.x + back * b.x) / (stays + back)
-    xx = (stays * (a.xx + (a.x - x) ** 2) + back * (b.xx + (b.x - x) ** 2)) / (stays + back)
-    still = known(x, xx + (p.held * scale) ** 2 * h, 0.0, 0.0, stays + back)
+    xx = (stays * (a.xx + squared(a.x - x)) + back * (b.xx + squared(b.x - x))) / (stays + back)
+    still = known(x, xx + squared(p.held * scale) * h, 0.0, 0.0, stays + back)
     held, d_h = corrected(still, of)
     goes = merged(a, b, b, a.p * leaves, b.p * (1.0 - stops), 0.0)
-    goes = moved(goes, h, 0.0, 0.0, 0.0, (p.moving * scale) ** 2 * h)
+    goes = moved(goes, h, 0.0, 0.0, 0.0, squared(p.moving * scale) * h)
     if abs(K - goes.x) > JUMP * math.sqrt(goes.xx + of.variance):
         goes = known(K, JUMP * JUMP * (goes.xx + of.variance), goes.r, goes.rr, goes.p)
     moving, d_m = corrected(goes, of)
@@ -324,7 +334,9 @@ def _clamped(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clampi
     p_h, p_m = held.p * math.exp(least - d_h), moving.p * math.exp(least - d_m)
     held, moving = weighed(held, p_h / (p_h + p_m)), weighed(moving, p_m / (p_h + p_m))
     x = held.p * held.x + moving.p * moving.x
-    variance = held.p * (held.xx + (held.x - x) ** 2) + moving.p * (moving.xx + (moving.x - x) ** 2)
+    variance = held.p * (held.xx + squared(held.x - x)) + moving.p * (
+        moving.xx + squared(moving.x - x)
+    )
     return Clamping(held, moving, noise, max(x, 0.0), variance)
 
 

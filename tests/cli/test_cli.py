@@ -247,6 +247,7 @@ BAD = {
     "fleet": ("fleet missing.csv -o out", 1, "missing.csv"),
     "live": ("live missing.csv", 1, "missing.csv"),
     "estimators": ("estimators -a nesso", 2, "nesso"),
+    "export-c": ("export-c nesso", 2, "nesso"),
     "explain": ("explain pressure-dely", 2, "pressure-dely"),
 }
 

@@ -39,6 +39,11 @@ COMMANDS = {
         ["slippery-stop.antiskid.rrd", "slippery-stop.antiskid.sha256"]
         + [f"slippery-stop.{law}.antiskid.mcap" for law in ("none", "patent", "rule")],
     ),
+    "export-c": (
+        "td -o {out}",
+        [f"adhesion_td.{kind}" for kind in ("h", "c", "sha256")]
+        + ["test_td.c", "Makefile", "README.md"],
+    ),
     "report": ("r/a.adhesion.mcap -o {out}/b.html", ["b.html"]),
     "reproduce": ("-o {out}", [f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg", "sha256")]),
 }

@@ -45,7 +45,7 @@ class State(NamedTuple):
 
     blind: float  # time without a slope, since the last probe [s]
     judged: float  # slip that the AND-test had [-]
-    valve: int
+    valve: int  # 0 apply, 1 hold, 2 dump
 
 
 def init(p: Params, o: Observed) -> State:

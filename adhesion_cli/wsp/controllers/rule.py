@@ -44,7 +44,7 @@ class State(NamedTuple):
     cycle: float  # place in a cycle of pulse and pause [s]; below 0: after the watchdog
     sliding: float  # 1 from the first dump until pressure has long been back
     judged: float  # slip [-]
-    valve: int
+    valve: int  # 0 apply, 1 hold, 2 dump
 
 
 def init(p: Params, o: Observed) -> State:

@@ -1,0 +1,34 @@
+"""Text in ASCII: the compilers of many control units read nothing else, not even in comments."""
+
+import unicodedata
+
+_GREEK = dict(
+    zip(
+        "αβγδεζηθικλμνξοπρστυφχψω",
+        "alpha beta gamma delta eps zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma "
+        "tau upsilon phi chi psi omega".split(),
+        strict=True,
+    )
+)
+_SIGNS = {
+    "²": "^2", "³": "^3", "₀": "0", "₁": "1", "₂": "2", "√": "sqrt ", "·": " ", "−": "-", "–": "-",
+    "≤": "<=", "≥": ">=", "∫": "integral ", "∑": "sum ", "Σ": "sum ", "Δ": "delta ", "×": "x",
+    "→": "->", "←": "<-", "°": "deg", "±": "+-", "ϑ": "theta", "…": "...", "’": "'", "∈": "in",
+    "Ω": "Omega", "Φ": "Phi", "\u0302": "_est", "\u0307": "_dot",
+}  # fmt: skip
+_NAMES = _GREEK | _SIGNS
+
+
+def ascii_text(text: str) -> str:
+    """The same in ASCII: `ω̂ [rad/s²]` is `omega_est [rad/s^2]`.
+
+    >>> ascii_text("q h [rad²/s²], φK ≥ 0")
+    'q h [rad^2/s^2], phiK >= 0'
+    """
+    letters = [x for x in unicodedata.normalize("NFD", text) if x in _NAMES or not _accent(x)]
+    plain = "".join(x if x.isascii() else _NAMES.get(x, "?") for x in letters)
+    return plain.replace("*/", "* /").replace("/*", "/ *")
+
+
+def _accent(x: str) -> bool:
+    return unicodedata.category(x) == "Mn"

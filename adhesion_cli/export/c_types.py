@@ -1,0 +1,220 @@
+"""C types of the values that methods hold: numbers, and structs for NamedTuples and tuples."""
+
+import ast
+import inspect
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from types import FunctionType
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from ..core.errors import UserError
+from ..core.model import Quantity, quantities
+from .ascii_text import ascii_text
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A number in C."""
+
+    c: str
+
+
+@dataclass(frozen=True, slots=True)
+class Struct:
+    """A NamedTuple or a tuple in C."""
+
+    c: str
+    fields: "tuple[tuple[str, Kind], ...]"
+    text: str  # what it is
+    notes: tuple[str, ...]  # of each field, with its unit
+    public: bool  # declared in the header
+
+
+Kind = Scalar | Struct
+INT, BOOL = Scalar("int32_t"), Scalar("bool")
+
+
+class Number(NamedTuple):
+    """The floating-point type of an export."""
+
+    double: bool
+
+    @property
+    def c(self) -> str:
+        """Its name in C."""
+        return "double" if self.double else "float"
+
+    @property
+    def suffix(self) -> str:
+        """Of literals and of functions of the C library."""
+        return "" if self.double else "f"
+
+    @property
+    def largest(self) -> str:
+        """The largest finite value, of <float.h>."""
+        return "DBL_MAX" if self.double else "FLT_MAX"
+
+    def literal(self, x: float) -> str:
+        """A number as C reads it back bit for bit."""
+        if x != x:
+            return "NAN"
+        if x in (float("inf"), float("-inf")):
+            return "INFINITY" if x > 0.0 else "(-INFINITY)"
+        text = f"{float(x)!r}{self.suffix}"
+        return text if x >= 0.0 and text[0] != "-" else f"({text})"
+
+
+class Types:
+    """The structs of one export, in the order in which C must declare them.
+
+    Args:
+        prefix: first part of their names.
+        real: the name of the floating-point type.
+    """
+
+    def __init__(self, prefix: str, real: str) -> None:
+        self.real = Scalar(real)
+        self.structs: list[Struct] = []
+        self._prefix = prefix
+        self._of: dict[Any, Struct] = {}
+
+    def kind(self, hint: Any) -> Kind:
+        """The C type of a Python annotation.
+
+        Raises:
+            UserError: for a type without a counterpart.
+        """
+        scalar = {float: self.real, int: INT, bool: BOOL}.get(hint)
+        if scalar:
+            return scalar
+        if hasattr(hint, "_fields"):
+            return self.named(hint)
+        if get_origin(hint) is tuple:
+            return self.pair(tuple(self.kind(x) for x in get_args(hint)))
+        raise UserError(f"{hint}: no type that C has", "use float, int, bool or a NamedTuple")
+
+    def named(self, of: Any, name: str = "", public: bool = False) -> Struct:
+        """The struct of a NamedTuple; the structs inside come before it.
+
+        Args:
+            of: the NamedTuple.
+            name: its name in C; its own name if empty.
+            public: whether the header declares it, and what it holds.
+        """
+        if of in self._of and (self._of[of].public or not public):
+            return self._of[of]
+        hints, notes = get_type_hints(of), _notes(of)
+        fields = tuple((c_name(x), self._inner(hints[x], public)) for x in of._fields)
+        name = name or of.__name__.lower()
+        if any(s.c == f"{self._prefix}_{name}" for s in self.structs if s != self._of.get(of)):
+            name = f"{stem(of)}_{name}"
+        text = ascii_text((inspect.getdoc(of) or "").splitlines()[0])
+        return self._add(of, Struct(f"{self._prefix}_{name}", fields, text, notes, public))
+
+    def pair(self, kinds: tuple[Kind, ...]) -> Struct:
+        """The struct of a tuple of these types."""
+        if kinds in self._of:
+            return self._of[kinds]
+        fields = tuple((f"v{i}", kind) for i, kind in enumerate(kinds))
+        last = "_".join(k.c.removeprefix(f"{self._prefix}_") for k in kinds)
+        notes = ("",) * len(kinds)
+        return self._add(
+            kinds, Struct(f"{self._prefix}_{last}_pair", fields, "Two results.", notes, False)
+        )
+
+    def _inner(self, hint: Any, public: bool) -> Kind:
+        return self.named(hint, public=public) if hasattr(hint, "_fields") else self.kind(hint)
+
+    def _add(self, key: Any, made: Struct) -> Struct:
+        if key in self._of:
+            self.structs.remove(self._of[key])
+        self._of[key] = made
+        self.structs.append(made)
+        return made
+
+
+def flat(of: Kind, path: str = "") -> list[tuple[str, Scalar]]:
+    """Every number inside a value, with its path in C."""
+    if isinstance(of, Scalar):
+        return [(path, of)]
+    return [x for name, kind in of.fields for x in flat(kind, f"{path}.{name}")]
+
+
+def declaration(s: Struct, real: str = "real") -> list[str]:
+    """The lines that declare a struct; `real` is the name of the floating-point type."""
+    lines = [f"/* {s.text} */", "typedef struct {"]
+    for (name, kind), note in zip(s.fields, s.notes, strict=True):
+        c = real if kind.c == "real" else kind.c
+        lines.append(f"    {c} {name};" + (f" /* {note} */" if note else ""))
+    return [*lines, f"}} {s.c};", ""]
+
+
+def stem(of: Any) -> str:
+    """The file that defines a function or class, as the first part of a name in C."""
+    return str(of.__module__).rpartition(".")[2].strip("_")
+
+
+def c_name(name: str) -> str:
+    """A Python name that C does not reserve."""
+    name = name.strip("_")
+    return f"{name}_" if name in _RESERVED else name
+
+
+@cache
+def tree_of(module_file: str) -> tuple[ast.Module, list[str]]:
+    """A source file: its syntax tree and its lines."""
+    with open(module_file, encoding="utf-8") as file:
+        text = file.read()
+    return ast.parse(text), text.splitlines()
+
+
+def file_of(of: Any) -> str:
+    """The source file of a function or a class."""
+    if isinstance(of, FunctionType):
+        return of.__code__.co_filename
+    return inspect.getfile(of)
+
+
+def definition(of: Callable[..., Any] | type) -> Any:
+    """The syntax tree of a function or class at module level.
+
+    Raises:
+        UserError: it is none.
+    """
+    for node in tree_of(file_of(of))[0].body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name == of.__name__:
+            return node
+    raise UserError(f"{file_of(of)}: {of.__name__} is not defined at module level")
+
+
+def comment_at(file: str, line: int) -> str:
+    """The comment at the end of a line, without the remarks for linters."""
+    text = tree_of(file)[1][line - 1].partition("#")[2].partition("#")[0].strip()
+    return "" if re.match(r"noqa|fmt:|type:", text) else ascii_text(text)
+
+
+def range_of(q: Quantity) -> str:
+    """The values that C accepts, without their unit."""
+    return q.range.removesuffix(f" {q.unit}") + (", or NaN" if q.optional else "")
+
+
+def _notes(of: Any) -> tuple[str, ...]:
+    """The comment beside each field, or what its `Quantity` says."""
+    known = quantities(of)
+    node = definition(of)
+    lines = {ast.unparse(n.target): n.lineno for n in node.body if isinstance(n, ast.AnnAssign)}
+    return tuple(
+        ascii_text(f"{known[x].text} [{known[x].unit}]: {range_of(known[x])}")
+        if x in known
+        else comment_at(file_of(of), lines[x])
+        for x in of._fields
+    )
+
+
+_RESERVED = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if "
+    "inline int long register restrict return short signed sizeof static struct switch typedef "
+    "union unsigned void volatile while bool true false real NULL".split()
+)

@@ -1,0 +1,308 @@
+"""Python expressions in C: the same operations in the same order, so the same bits.
+
+What C would compute in another way is refused. `x ** 2` is an example: Python calls `pow`, whose
+last bit may differ from that of `x * x`, which compilers put in its place.
+"""
+
+import ast
+import math
+from collections import Counter
+from types import FunctionType
+from typing import Any, NamedTuple, NoReturn, Protocol
+
+from ..core.errors import UserError
+from .c_types import BOOL, INT, Kind, Scalar, Struct, Types, c_name, file_of
+
+Cost = Counter[str]
+
+# Functions of `math` that Python takes from the C library, which round as it does.
+LIBRARY = {
+    "fabs", "sqrt", "exp", "expm1", "log", "log1p", "pow", "copysign", "sin", "cos", "tan", "tanh",
+    "erf", "erfc", "floor", "ceil", "fmod", "atan", "atan2",
+}  # fmt: skip
+_OPERATORS: dict[type, tuple[str, str]] = {
+    ast.Add: ("+", "add, subtract"), ast.Sub: ("-", "add, subtract"),
+    ast.Mult: ("*", "multiply"), ast.Div: ("/", "divide"),
+}  # fmt: skip
+_COMPARED: dict[type, str] = {
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
+}  # fmt: skip
+
+
+class Expr(NamedTuple):
+    """An expression in C."""
+
+    text: str
+    kind: Kind
+    cost: Cost = Cost()
+    simple: bool = False  # a name, a number or a call: needs no brackets
+    address: str = ""  # of a struct in memory
+
+    def bracketed(self) -> str:
+        """As a part of a larger one."""
+        return self.text if self.simple else f"({self.text})"
+
+
+class Function(NamedTuple):
+    """A function that C has now."""
+
+    name: str
+    used: tuple[int, ...]  # which arguments it takes
+    kind: Kind
+    cost: Cost
+
+
+class Program(Protocol):
+    """What expressions need of the whole."""
+
+    types: Types
+
+    def function(self, f: FunctionType, kinds: tuple[Kind, ...]) -> Function:
+        """The function with arguments of these types."""
+
+    def constant(self, f: FunctionType, name: str, value: float) -> str:
+        """The name in C of a number at module level."""
+
+    def literal(self, x: float) -> str:
+        """A number."""
+
+    def library(self, name: str) -> str:
+        """A function of the C library."""
+
+    def helper(self, name: str) -> str:
+        """A function of the export's own."""
+
+    def reads(self, of: Struct, field: str) -> None:
+        """Notes that a field is read."""
+
+
+class Expressions:
+    """Translates the expressions of one function.
+
+    Args:
+        program: the whole.
+        f: the function.
+    """
+
+    def __init__(self, program: Program, f: FunctionType) -> None:
+        self.program = program
+        self.f = f
+        self.real = program.types.real
+        self.local: dict[str, Kind] = {}
+        self.pointers: set[str] = set()  # arguments that are structs
+        self.ahead: list[str] = []  # statements that must come before this one
+        self._kept = 0
+
+    def __call__(self, node: ast.expr) -> Expr:
+        """The expression in C.
+
+        Raises:
+            UserError: for what is not in the subset, with file and line.
+        """
+        translate: Any = getattr(self, f"_{type(node).__name__}", None)
+        if translate is None:
+            self.refuse(node, f"{type(node).__name__} is not in the subset that C gets")
+        made: Expr = translate(node)
+        return made
+
+    def refuse(self, node: ast.AST, why: str) -> NoReturn:
+        """Raises the error that names the place."""
+        line = getattr(node, "lineno", "?")
+        hint = "use arithmetic, math, conditions and NamedTuples, as estimators/leso.py does"
+        raise UserError(f"{file_of(self.f)}:{line}: {why}", hint)
+
+    def condition(self, node: ast.expr) -> Expr:
+        """An expression that is true or false."""
+        made = self(node)
+        if made.kind != BOOL:
+            self.refuse(node, "a condition must compare something")
+        return made
+
+    # Each method below has the name of the node that it translates.
+
+    def _Constant(self, node: ast.Constant) -> Expr:
+        x = node.value
+        if isinstance(x, bool):
+            return Expr("true" if x else "false", BOOL, simple=True)
+        if isinstance(x, int):
+            return Expr(str(x), INT, simple=True)
+        if isinstance(x, float):
+            return Expr(self.program.literal(x), self.real, simple=True)
+        self.refuse(node, f"{x!r} is no number")
+
+    def _Name(self, node: ast.Name) -> Expr:
+        if node.id in self.local:
+            name, kind = c_name(node.id), self.local[node.id]
+            if node.id in self.pointers:
+                return Expr(f"(*{name})", kind, simple=True, address=name)
+            return Expr(name, kind, simple=True, address=f"&{name}")
+        value = self.f.__globals__.get(node.id)
+        if isinstance(value, float | int):
+            name = self.program.constant(self.f, node.id, value)
+            return Expr(name, INT if isinstance(value, int) else self.real, simple=True)
+        self.refuse(node, f"{node.id} is neither a variable nor a number")
+
+    def _Attribute(self, node: ast.Attribute) -> Expr:
+        if self._is_math(node):
+            return Expr(self.program.literal(getattr(math, node.attr)), self.real, simple=True)
+        of = self(node.value)
+        if not isinstance(of.kind, Struct):
+            self.refuse(node, f"{node.attr} of something without fields")
+        name = c_name(node.attr)
+        self.program.reads(of.kind, name)
+        text = f"{of.bracketed()}.{name}"
+        if of.address and not of.address.startswith("&"):
+            text = f"{of.address}->{name}"
+        address = f"&{text}" if of.address else ""
+        return Expr(text, dict(of.kind.fields)[name], of.cost, True, address)
+
+    def _Subscript(self, node: ast.Subscript) -> Expr:
+        of = self(node.value)
+        i = node.slice.value if isinstance(node.slice, ast.Constant) else None
+        if not isinstance(of.kind, Struct) or not isinstance(i, int):
+            self.refuse(node, "an index must be a number, of a tuple")
+        name, kind = of.kind.fields[i]
+        return Expr(f"{of.bracketed()}.{name}", kind, of.cost, True)
+
+    def _UnaryOp(self, node: ast.UnaryOp) -> Expr:
+        if isinstance(node.op, ast.Not):
+            of = self.condition(node.operand)
+            return Expr(f"!{of.bracketed()}", BOOL, of.cost)
+        of = self(node.operand)
+        if not isinstance(node.op, ast.USub) or of.kind == BOOL:
+            self.refuse(node, "only -x and `not` have one operand")
+        return Expr(f"-{of.bracketed()}", of.kind, of.cost + Cost({"add, subtract": 1}))
+
+    def _BinOp(self, node: ast.BinOp) -> Expr:
+        if type(node.op) not in (*_OPERATORS, ast.Mod):
+            self.refuse(node, f"{type(node.op).__name__}: only + - * / and % (for x ** 2: x * x)")
+        a, b = self(node.left), self(node.right)
+        self._alike(node, a, b)
+        if isinstance(node.op, ast.Mod):
+            helper = self.program.helper("modulo")
+            cost = a.cost + b.cost + Cost({"fmod": 1, "compare": 3, "add, subtract": 1})
+            return Expr(f"{helper}({a.text}, {b.text})", self.real, cost, True)
+        sign, what = _OPERATORS[type(node.op)]
+        if a.kind != self.real and sign == "/":
+            self.refuse(node, "a division of whole numbers")
+        cost = a.cost + b.cost + Cost({what: 1})
+        return Expr(f"{a.bracketed()} {sign} {b.bracketed()}", a.kind, cost)
+
+    def _Compare(self, node: ast.Compare) -> Expr:
+        parts = [self(x) for x in (node.left, *node.comparators)]
+        texts = []
+        for a, op, b in zip(parts, node.ops, parts[1:], strict=False):
+            self._alike(node, a, b)
+            if type(op) not in _COMPARED:
+                self.refuse(node, f"comparison {type(op).__name__}")
+            texts.append(f"{a.bracketed()} {_COMPARED[type(op)]} {b.bracketed()}")
+        cost = sum((x.cost for x in parts), Cost({"compare": len(texts)}))
+        return Expr(" && ".join(f"({x})" for x in texts) if texts[1:] else texts[0], BOOL, cost)
+
+    def _BoolOp(self, node: ast.BoolOp) -> Expr:
+        parts = [self.condition(x) for x in node.values]
+        self._nothing_ahead(node)
+        sign = " && " if isinstance(node.op, ast.And) else " || "
+        cost = sum((x.cost for x in parts), Cost())
+        return Expr(sign.join(x.bracketed() for x in parts), BOOL, cost)
+
+    def _IfExp(self, node: ast.IfExp) -> Expr:
+        test, a, b = self.condition(node.test), self(node.body), self(node.orelse)
+        self._alike(node, a, b)
+        self._nothing_ahead(node)
+        text = f"{test.bracketed()} ? {a.bracketed()} : {b.bracketed()}"
+        return Expr(text, a.kind, test.cost + (a.cost | b.cost))
+
+    def _Tuple(self, node: ast.Tuple) -> Expr:
+        parts = [self(x) for x in node.elts]
+        kind = self.program.types.pair(tuple(x.kind for x in parts))
+        return self._struct(kind, parts)
+
+    def _Call(self, node: ast.Call) -> Expr:
+        if isinstance(node.func, ast.Attribute) and self._is_math(node.func):
+            return self._library(node, node.func.attr)
+        if not isinstance(node.func, ast.Name) or node.keywords:
+            self.refuse(node, "only functions with a name, and arguments by place")
+        name = node.func.id
+        called = self.f.__globals__.get(name)
+        if isinstance(called, FunctionType):
+            return self._function(node, called)
+        if hasattr(called, "_fields"):
+            kind = self.program.types.named(called)
+            parts = [self(x) for x in node.args]
+            if tuple(x.kind for x in parts) != tuple(k for _, k in kind.fields):
+                self.refuse(node, f"{name}: its fields have other types")
+            return self._struct(kind, parts)
+        if called is None and name in ("abs", "min", "max", "float"):
+            return self._builtin(node, name)
+        self.refuse(node, f"{name} is no function that C gets")
+
+    def _function(self, node: ast.Call, called: FunctionType) -> Expr:
+        parts = [self(x) for x in node.args]
+        to = self.program.function(called, tuple(x.kind for x in parts))
+        taken = [parts[i] for i in to.used]
+        cost = sum((x.cost for x in taken), to.cost)
+        return Expr(f"{to.name}({', '.join(map(self._given, taken))})", to.kind, cost, True)
+
+    def _given(self, x: Expr) -> str:
+        """An argument: a struct by its address. One that a function returns is kept for that."""
+        if isinstance(x.kind, Scalar) or x.address:
+            return x.address if isinstance(x.kind, Struct) else x.text
+        self._kept += 1
+        name = f"kept_{self._kept}"
+        self.ahead.append(f"const {x.kind.c} {name} = {x.text};")
+        return f"&{name}"
+
+    def _nothing_ahead(self, node: ast.AST) -> None:
+        if self.ahead:
+            self.refuse(node, "a struct is made within a condition: give it a name before")
+
+    def _library(self, node: ast.Call, name: str) -> Expr:
+        parts = [self(x) for x in node.args]
+        cost = sum((x.cost for x in parts), Cost())
+        arguments = ", ".join(x.text for x in parts)
+        if any(x.kind != self.real for x in parts):
+            self.refuse(node, f"math.{name} of something that is no float")
+        if name in ("isfinite", "isnan"):
+            helper = self.program.helper(name.removeprefix("is"))
+            return Expr(f"{helper}({arguments})", BOOL, cost + Cost({"compare": 2}), True)
+        if name not in LIBRARY:
+            self.refuse(node, f"math.{name}: the C library has none with the same bits")
+        what = {"fabs": "sign", "copysign": "sign"}.get(name, name)
+        return Expr(
+            f"{self.program.library(name)}({arguments})", self.real, cost + Cost({what: 1}), True
+        )
+
+    def _builtin(self, node: ast.Call, name: str) -> Expr:
+        match name, node.args:
+            case "float", [ast.Constant(value=str() as text)]:
+                return Expr(self.program.literal(float(text)), self.real, simple=True)
+        parts = [self(x) for x in node.args]
+        if name == "float":
+            of = parts[0]  # math.ceil and math.floor are whole numbers in a float already
+            text = of.text if of.kind == self.real else f"({self.real.c}){of.bracketed()}"
+            return Expr(text, self.real, of.cost, of.simple)
+        if name == "abs":
+            if parts[0].kind != self.real:
+                self.refuse(node, "abs of something that is no float")
+            text = f"{self.program.library('fabs')}({parts[0].text})"
+            return Expr(text, self.real, parts[0].cost + Cost({"sign": 1}), True)
+        found = parts[0]
+        for other in parts[1:]:
+            self._alike(node, found, other)
+            helper = self.program.helper(f"{name}_int" if found.kind == INT else name)
+            cost = found.cost + other.cost + Cost({"compare": 1})
+            found = Expr(f"{helper}({found.text}, {other.text})", found.kind, cost, True)
+        return found
+
+    def _struct(self, kind: Struct, parts: list[Expr]) -> Expr:
+        cost = sum((x.cost for x in parts), Cost())
+        text = f"({kind.c}){{{', '.join(x.text for x in parts)}}}"
+        return Expr(text, kind, cost, True, f"&{text}")
+
+    def _alike(self, node: ast.AST, a: Expr, b: Expr) -> None:
+        if a.kind != b.kind or (isinstance(a.kind, Scalar) and a.kind == BOOL):
+            self.refuse(node, "operands of two types: write 1.0 for a float, not 1")
+
+    def _is_math(self, node: ast.Attribute) -> bool:
+        return isinstance(node.value, ast.Name) and self.f.__globals__.get(node.value.id) is math

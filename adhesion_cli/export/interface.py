@@ -1,0 +1,369 @@
+"""Header and source of an export: the functions that a control unit calls, with their checks.
+
+What a state holds is what the compiled loops keep between samples: parameters, what they decide
+(`fixed`), what the interval decides as well (`across`), and the method's own state. `across` is
+computed anew only if the interval changes.
+"""
+
+from collections.abc import Sequence
+from types import FunctionType
+from typing import Any, NamedTuple, cast, get_type_hints
+
+from ..core.controller import Observed
+from ..core.estimator import KIND, Estimator, Sample
+from ..core.methods import Method
+from ..core.model import Quantity, Vehicle, Wheelset, quantities
+from ..core.physics import wheelset_of
+from .ascii_text import ascii_text
+from .c_types import Kind, Number, Scalar, Struct, c_name, declaration
+from .expressions import Cost
+from .translate import Translation, folded
+
+# The fields of `Wheelset` that are vehicle parameters; the others follow from them.
+STATED = {
+    "radius": "wheel_radius", "phi": "friction", "inertia": "wheelset_inertia", "mass": "axle_mass",
+}  # fmt: skip
+_STATUS = (
+    ("OK", "the state is that of this sample"),
+    ("BAD_POINTER", "an argument is NULL"),
+    ("BAD_PARAMETER", "a parameter is NaN or out of its range"),
+    ("BAD_WHEELSET", "the wheelset is out of its ranges, or not from wheelset_of"),
+    ("BAD_INPUT", "an input is NaN or out of its range"),
+    ("TOO_LONG", "the interval is too long for forward Euler (euler = 1)"),
+    ("NOT_FINITE", "the result is no finite number"),
+)
+
+
+class Code(NamedTuple):
+    """The C of a method."""
+
+    header: str
+    source: str
+    costs: dict[str, Cost]  # operations at most, by the function's name
+    statuses: tuple[tuple[str, str], ...]
+    read: frozenset[str]  # inputs that the method reads
+
+
+class Interface:
+    """Writes the C of one method.
+
+    Args:
+        method: estimator or controller.
+        p: the parameters that are the defaults of the export.
+        vehicle: R [m], friction, inertia [kg m²] and mass [kg] of the default wheelset.
+        number: the floating-point type.
+        version: of this program.
+    """
+
+    def __init__(
+        self, method: Method, p: Any, vehicle: tuple[float, ...], number: Number, version: str
+    ) -> None:
+        self.method, self.p, self.vehicle, self.version = method, p, vehicle, version
+        self.name = f"adhesion_{method.name}"
+        self.macro = self.name.upper()
+        self.number = number
+        self.c = Translation(self.name, number)
+        self.real = self.c.types.real
+        self.estimator = method if isinstance(method, Estimator) else None
+        self.split = self.estimator.split if self.estimator else None
+        self.inputs = quantities(Sample if self.estimator else Observed)
+        self.params = self.c.types.named(method.Params, "params", public=True)
+        taken = Wheelset if self.estimator else Observed
+        self.given = self.c.types.named(
+            taken, "wheelset" if self.estimator else "observed", public=True
+        )
+        self.now = self.c.types.named(method.State, "now", public=True)
+        self.interval = quantities(Sample)["h"]
+        self.sub_step, self.most_parts = Cost(), 0
+        self.fixed: Kind | None = None
+        self.across: Kind | None = None
+
+    def code(self) -> Code:
+        """Header and source."""
+        step, cost = self._step()
+        start, first = self._call(self.method.init, self._begins())
+        longest = getattr(self.estimator, "longest_step", None)
+        limit, judged = "", Cost()
+        if longest is not None and longest.__name__ == "longest_step":
+            limit, judged = self._call(longest, [("state->p", self.params)])
+        made, of_wheelset = "", Cost()
+        if self.estimator:
+            four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
+            made, of_wheelset = self._call(wheelset_of, four)
+        begins, prepared = self._prepared()
+        read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
+        checks = Cost({"compare": 2 * len(self.inputs) + 2})
+        parts = [
+            self._defaults(made), self._wheelset(made) if self.estimator else "",
+            self._ranges(read), self._init(start, begins, bool(self.estimator)),
+            self._step_text(step, limit),
+        ]  # fmt: skip
+        ranges = Cost({"compare": 2 * len(self.params.fields) + (10 if self.estimator else 0)})
+        costs = {"init": first + prepared + of_wheelset + checks + ranges}
+        costs["step"] = cost + judged + checks
+        body = "\n".join(x for x in parts if x)
+        statuses = tuple(x for x in _STATUS if self._returned(x[0], bool(limit)))
+        return Code(self._header(statuses), self._source(body), costs, statuses, read)
+
+    # --- what the functions compute ---------------------------------------------------------------
+
+    def _call(self, f: Any, arguments: Sequence[tuple[str, Kind]]) -> tuple[str, Cost]:
+        """A call of a translated function."""
+        made = self.c.function(cast(FunctionType, f), tuple(kind for _, kind in arguments))
+        taken = [arguments[i] for i in made.used]
+        texts = [f"&{x}" if isinstance(kind, Struct) else x for x, kind in taken]
+        return f"{made.name}({', '.join(texts).replace('&*', '')})", made.cost
+
+    def _begins(self) -> list[tuple[str, Kind]]:
+        p: tuple[str, Kind] = ("*p", self.params)
+        if self.estimator:
+            return [p, ("*w", self.given), ("K", self.real), ("y", self.real)]
+        return [p, ("*o", self.given)]
+
+    def _step(self) -> tuple[list[str], Cost]:
+        """The lines that bring `next` one sample on."""
+        p: tuple[str, Kind] = ("state->p", self.params)
+        loops = self.split is not None and self.split.has_parts
+        s: tuple[str, Kind] = ("next" if loops else "state->now", self.now)
+        h: tuple[str, Kind] = ("h", self.real)
+        w: tuple[str, Kind] = ("state->w", self.given)
+        sample: list[tuple[str, Kind]] = [("K", self.real), ("y", self.real)]
+        if not self.split:
+            arguments = [p, w, s, h, *sample] if self.estimator else [p, s, h, ("*o", self.given)]
+            call, cost = self._call(self.method.step, arguments)
+            return [f"{self.name}_now next = {call};"], cost
+        hints = get_type_hints(self.split.fixed)
+        self.fixed = self.c.types.named(hints["return"], public=True)
+        self.across = self.c.types.named(self.split.Across, public=True)
+        f: tuple[str, Kind] = ("state->f", self.fixed)
+        q: tuple[str, Kind] = ("state->q", self.across)
+        of_interval, spent = self._call(self.split.across, [f, h])
+        lines = ["if (h != state->h) {", f"    state->q = {of_interval};", "    state->h = h;", "}"]
+        if not loops:
+            call, cost = self._call(self.split.part, [f, q, w, s, *sample])
+            lines.append(f"{self.name}_now next = {call};")
+            return lines, spent + cost + Cost({"compare": 1})
+        number = ("(" + self.real.c + ")i", self.real)
+        call, cost = self._call(self.split.part, [f, q, w, s, *sample, number])
+        most = self.most_parts = int(self.split.part.__globals__["SUBSTEPS"])
+        self.sub_step = cost + Cost({"compare": 1})
+        count = self.c.helper("count")
+        lines += [f"{self.name}_now next = state->now;"]
+        lines += [f"int32_t parts = {count}(state->q.parts, {most});"]
+        lines += ["for (int32_t i = 0; i < parts; i++) {"]
+        lines += [f"    next = {call};", "}"]
+        return lines, spent + Cost({k: n * most for k, n in self.sub_step.items()})
+
+    def _prepared(self) -> tuple[list[str], Cost]:
+        """What `init` computes ahead of the first step."""
+        if not self.split:
+            return [], Cost()
+        fixed, one = self._call(self.split.fixed, [("*p", self.params)])
+        first = self.number.literal(1e-3)
+        across, other = self._call(
+            self.split.across, [("state->f", self.fixed), (first, self.real)]  # type: ignore[list-item]
+        )  # fmt: skip
+        return [
+            f"state->f = {fixed};",
+            f"state->q = {across};",
+            f"state->h = {first};",
+        ], one + other
+
+    # --- text -------------------------------------------------------------------------------------
+
+    def _returned(self, status: str, limited: bool) -> bool:
+        return {"BAD_WHEELSET": bool(self.estimator), "TOO_LONG": limited}.get(status, True)
+
+    def _signatures(self, r: str = "real") -> dict[str, str]:
+        """The public functions, by what they do; `r` is the floating-point type."""
+        n = self.name
+        state, p = f"{n}_state *state", f"const {n}_params *p"
+        if self.estimator:
+            before, sample = f"const {n}_wheelset *w, ", f"{r} K, {r} y"
+        else:
+            before, sample = "", f"const {n}_observed *o"
+        wheelset = {
+            "wheelset": f"{n}_wheelset {n}_default_wheelset(void)",
+            "wheelset_of": f"{n}_status {n}_wheelset_of({n}_wheelset *w, {r} radius, {r} phi, "
+            f"{r} inertia, {r} mass)",
+        }
+        return {
+            "defaults": f"{n}_params {n}_defaults(void)",
+            **(wheelset if self.estimator else {}),
+            "init": f"{n}_status {n}_init({state}, {p}, {before}{sample})",
+            "step": f"{n}_status {n}_step({state}, {r} h, {sample})",
+        }
+
+    def _header(self, statuses: tuple[tuple[str, str], ...]) -> str:
+        n, public = self.name, [s for s in self.c.types.structs if s.public]
+        title = ascii_text(f"{self.method.title}. {self.method.source}.")
+        lines = folded(
+            [f"/* {n}.h: {title}", f"   Made by adhesion {self.version}. Units are SI. "
+             "Ranges stand beside the values: README.md. */"]
+        )  # fmt: skip
+        lines += [f"#ifndef {self.macro}_H", f"#define {self.macro}_H", "", "#include <stdint.h>"]
+        real = f"{n}_real"
+        lines += ["", f"typedef {self.number.c} {real};", ""]
+        lines += ["/* What a function returns; if it is not OK, the estimate is as before. */"]
+        lines += ["typedef enum {"]
+        marks = [f"    {self.macro}_{x} = {i}" for i, (x, _) in enumerate(statuses)]
+        last = len(marks) - 1
+        for i, (mark, (_, text)) in enumerate(zip(marks, statuses, strict=True)):
+            lines.append(f"{mark}{',' if i < last else ''} /* {text} */")
+        lines += [f"}} {n}_status;", ""]
+        for s in public:
+            lines += folded(declaration(s, real))
+        lines += [*folded(declaration(self.state(), real)), *self._prototypes(), "#endif", ""]
+        return "\n".join(lines)
+
+    def state(self) -> Struct:
+        """What the caller keeps for one axle."""
+        held: list[tuple[str, Kind | None, str]] = [("p", self.params, "as given to init")]
+        if self.estimator:
+            held.append(("w", self.given, "as given to init"))
+        if self.split:
+            held += [
+                ("f", self.fixed, "what the parameters decide"),
+                ("q", self.across, "what the interval h decides"),
+                ("h", self.real, "the last interval [s]"),
+            ]
+        held.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))
+        fields = tuple((x, kind) for x, kind, _ in held if kind is not None)
+        notes = tuple(text for *_, text in held)
+        return Struct(f"{self.name}_state", fields, "State of one axle.", notes, True)
+
+    def answers(self) -> list[str]:
+        """The fields of the method's state that are its result."""
+        if self.estimator:
+            return ["sigma", *KIND.answer] if self.estimator.has_sigma else [*KIND.answer]
+        return ["judged", "valve"]
+
+    def _prototypes(self) -> list[str]:
+        what = {
+            "defaults": "The parameters that the export was made with.",
+            "wheelset": "The wheelset that it was made with.",
+            "wheelset_of": "Of radius [m], pad friction phi [-], inertia [kg m^2], mass [kg].",
+            "init": "The first sample, and the first after a gap: K [N], y [rad/s].",
+            "step": "One sample later: h [s] since the last one, K [N], y [rad/s].",
+        }
+        if not self.estimator:
+            what |= {"init": "The first tick.", "step": "One tick later: h [s] since the last one."}
+        lines = []
+        for key, signature in self._signatures(f"{self.name}_real").items():
+            lines += [f"/* {what[key]} */", *folded([f"{signature};"]), ""]
+        return lines
+
+    def _source(self, body: str) -> str:
+        private = [s for s in self.c.types.structs if not s.public]
+        lines = [f"/* {self.name}.c: made by adhesion {self.version} from the Python source. */"]
+        lines += [f'#include "{self.name}.h"', "", "#include <float.h>", "#include <math.h>"]
+        lines += ["#include <stdbool.h>", "#include <stddef.h>", ""]
+        for macro, (value, comment) in self.c.constants.items():
+            lines += [f"#define {macro} ({value})" + (f" /* {comment} */" if comment else "")]
+        lines += ["", f"typedef {self.name}_real real;", ""]
+        for s in private:
+            lines += folded(declaration(s))
+        return "\n".join([*lines, *self.c.functions, body])
+
+    def _defaults(self, made: str) -> str:
+        values = ", ".join(self.number.literal(x) for x in self.p)
+        lines = [f"    return ({self.name}_params){{{values}}};"]
+        text = self._function("defaults", lines)
+        if made:
+            name, _, _ = made.partition("(")
+            of = ", ".join(self.number.literal(x) for x in self.vehicle)
+            text += "\n" + self._function("wheelset", [f"    return {name}({of});"])
+        return text
+
+    def _wheelset(self, made: str) -> str:
+        name, _, _ = made.partition("(")
+        limits = quantities(Vehicle)
+        tests = [x for place, of in STATED.items() for x in self._within(place, limits[of])]
+        put = f"*w = {name}(radius, phi, inertia, mass);"
+        return self._function("wheelset_of", self._guarded([
+            ("w == NULL", "BAD_POINTER"), (_not(tests), "BAD_WHEELSET"),
+        ], [put]))  # fmt: skip
+
+    def _ranges(self, read: frozenset[str]) -> str:
+        known = quantities(self.method.Params)
+        tests = [x for n, q in known.items() for x in self._within(f"p->{c_name(n)}", q)]
+        text = self._test(f"params_ok(const {self.name}_params *p)", tests)
+        if self.estimator:
+            limits = quantities(Vehicle)
+            tests = [x for f, of in STATED.items() for x in self._within(f"w->{f}", limits[of])]
+            call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
+            same = f"const {self.name}_wheelset same = {call};"
+            tests += ["(w->a == same.a)", "(w->rolling == same.rolling)"]
+            text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, same)
+            tests = [x for n in ("K", "y") for x in self._within(n, self.inputs[n])]
+            return text + self._test("input_ok(real K, real y)", tests)
+        tests = [
+            x for n in self.inputs if n in read for x in self._within(f"o->{n}", self.inputs[n])
+        ]
+        return text + self._test(f"input_ok(const {self.name}_observed *o)", tests)
+
+    def _within(self, value: str, q: Quantity) -> list[str]:
+        """The comparisons that hold in the range of a quantity, and for no NaN."""
+        kinds = dict(self.given.fields) if value.startswith("o->") else {}
+        if isinstance(kinds.get(value[3:]), Scalar) and kinds[value[3:]] != self.real:
+            return [f"({value} >= {int(q.low)})", f"({value} <= {int(q.high)})"]
+        low = self.number.literal(float(q.low))
+        high = self.number.largest if q.high == float("inf") else self.number.literal(float(q.high))
+        both = [f"({value} >= {low})", f"({value} <= {high})"]
+        return (
+            [f"({self.c.helper('nan')}({value}) || ({' && '.join(both)}))"] if q.optional else both
+        )
+
+    def _test(self, signature: str, tests: list[str], before: str = "") -> str:
+        lines = [f"static bool {signature}", "{", *([f"    {before}"] if before else [])]
+        lines += folded([f"    return {' && '.join(tests)};"])
+        return "\n".join([*lines, "}", "", ""])
+
+    def _init(self, start: str, prepared: list[str], with_wheelset: bool) -> str:
+        put = ["state->p = *p;", *(["state->w = *w;"] if with_wheelset else []), *prepared]
+        pointers = "(state == NULL) || (p == NULL) || " + (
+            "(w == NULL)" if with_wheelset else "(o == NULL)"
+        )
+        guards = [(pointers, "BAD_POINTER"), ("!params_ok(p)", "BAD_PARAMETER")]
+        guards += [("!wheelset_ok(w)", "BAD_WHEELSET")] if with_wheelset else []
+        guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
+        return self._function("init", self._guarded(guards, [*put, f"state->now = {start};"]))
+
+    def _step_text(self, step: list[str], limit: str) -> str:
+        tests = self._within("h", self.interval)
+        sample, pointers = ("K, y", "state == NULL") if self.estimator else (
+            "o", "(state == NULL) || (o == NULL)"
+        )  # fmt: skip
+        guards = [(pointers, "BAD_POINTER")]
+        guards += [(f"{_not(tests)} || !input_ok({sample})", "BAD_INPUT")]
+        if limit:
+            guards += [(f"h > {limit}", "TOO_LONG")]
+        kinds = dict(self.now.fields)
+        finite = self.c.helper("finite")
+        sound = [f"{finite}(next.{x})" for x in self.answers() if kinds[x] == self.real]
+        put = [*step, f"if ({' && '.join(sound)}) {{", "    state->now = next;", "} else {"]
+        put += [f"    status = {self.macro}_NOT_FINITE;", "}"]
+        return self._function("step", self._guarded(guards, put))
+
+    def _guarded(self, guards: list[tuple[str, str]], put: list[str]) -> list[str]:
+        """Statements that run if no guard holds; else its status is returned."""
+        lines = [f"    {self.name}_status status = {self.macro}_OK;"]
+        word = "if"
+        for test, status in guards:
+            lines += folded([f"    {word} ({test}) {{"])
+            lines += [f"        status = {self.macro}_{status};"]
+            word = "} else if"
+        lines += [
+            "    } else {",
+            *folded(["        " + x for x in put]),
+            "    }",
+            "    return status;",
+        ]
+        return lines
+
+    def _function(self, key: str, lines: list[str]) -> str:
+        return "\n".join([*folded([self._signatures()[key]]), "{", *lines, "}", ""])
+
+
+def _not(tests: list[str]) -> str:
+    return f"!({' && '.join(tests)})"

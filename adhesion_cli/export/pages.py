@@ -1,0 +1,233 @@
+"""Makefile and README of an export."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from ..core.methods import parameters
+from ..core.model import Vehicle, quantities
+from ..core.physics import ForceLine
+from .c_types import Number, flat, range_of
+from .check_program import limits
+from .expressions import Cost
+from .interface import STATED, Code, Interface
+from .single_precision import ULPS
+from .vectors import LIBRARIES, LOG, Vectors
+
+MAKEFILE = """\
+# {name}, made by adhesion {version}
+#   make test      compile strictly, compare with the Python step on a log
+#   make sanitize  the same with the address and the undefined-behaviour sanitizer
+#   make misra     cppcheck with its MISRA C:2012 addon
+CFLAGS = -O2
+# Without contraction, products and sums round as in Python.
+STRICT = -std=c99 -ffp-contract=off -Wall -Wextra -Wconversion -pedantic -Werror
+SANITIZE = -g -fsanitize=address,undefined -fno-sanitize-recover=all
+FILES = test_{method}.c {name}.c
+# The README gives the reason for each suppressed rule.
+MISRA = {suppressed}
+
+test: test_{method}
+	./test_{method}
+
+test_{method}: $(FILES) {name}.h
+	$(CC) $(STRICT) $(CFLAGS) -o $@ $(FILES) -lm
+
+sanitize: $(FILES) {name}.h
+	$(CC) $(STRICT) $(CFLAGS) $(SANITIZE) -o test_{method}_sanitized $(FILES) -lm
+	./test_{method}_sanitized
+
+misra:
+	cppcheck --std=c99 --addon=misra --enable=style --error-exitcode=1 $(MISRA) {name}.c
+
+clean:
+	rm -f test_{method} test_{method}_sanitized {name}.c.dump {name}.c.ctu-info
+
+.PHONY: test sanitize misra clean
+"""
+
+# What the checker is told not to report, and why.
+DEVIATIONS = {
+    "misra-c2012-15.5": "Rule 15.5 (advisory, one exit per function): a function of the estimator "
+    "returns where its Python source returns, so that both can be compared line by line.",
+    "misra-c2012-12.3": "Rule 12.3 (advisory, comma operator): there is none. cppcheck takes the "
+    "commas of an initializer list for it.",
+    "unreadVariable": "No MISRA rule. Variables of inner blocks have a value from the start (rule "
+    "9.1), which the checker calls unused.",
+    "variableScope": "No MISRA rule. Such variables stand at the head of the function.",
+    "unusedStructMember": "No MISRA rule. A struct has the fields of its NamedTuple.",
+    "missingIncludeSystem": "No MISRA rule. The headers of the C library are not checked.",
+}
+
+
+class Facts(NamedTuple):
+    """What the README states about an export."""
+
+    of: Interface
+    code: Code
+    vectors: Vectors
+    wheelset: dict[str, float]  # the vehicle's values by the names of `STATED`
+    force_line: ForceLine  # K by the pressure
+
+
+def makefile(of: Interface) -> str:
+    """The Makefile."""
+    suppressed = " ".join(f"--suppress={x}" for x in DEVIATIONS)
+    return MAKEFILE.format(
+        name=of.name, method=of.method.name, version=of.version, suppressed=suppressed
+    )
+
+
+def readme(facts: Facts) -> str:
+    """The README: use, units and ranges, operations, accuracy, deviations."""
+    of = facts.of
+    title = f"# {of.name}\n\n{of.method.title}. Source: {of.method.source}.\n"
+    kind = "the estimator" if of.estimator else "the control law"
+    parts = [
+        title,
+        f"Made by adhesion {of.version}: C99, `{of.number.c}`. The C is translated from the Python "
+        f"source of {kind}. The caller owns all memory. There is no allocation, no global variable "
+        "and no unbounded loop.\n",
+        _files(of), _use(of), _statuses(facts), _parameters(of), _inputs(facts), _operations(facts),
+        _accuracy(facts), _misra(),
+    ]  # fmt: skip
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _files(of: Interface) -> str:
+    rows = [
+        (f"`{of.name}.h`, `{of.name}.c`", "what goes into the control unit"),
+        (f"`test_{of.method.name}.c`", f"a test with samples of the log {LOG}"),
+        ("`Makefile`", "`make test`, `make sanitize`, `make misra`"),
+    ]
+    return _table(("file", "content"), rows)
+
+
+def _use(of: Interface) -> str:
+    n, m = of.name, of.macro
+    if of.estimator:
+        lines = [
+            f"{n}_params p = {n}_defaults();",
+            f"{n}_wheelset w = {n}_default_wheelset();",
+            f"{n}_state axle; /* one for each axle */",
+            f"if ({n}_init(&axle, &p, &w, K, y) == {m}_OK) {{ ... }} /* first sample */",
+            f"if ({n}_step(&axle, h, K, y) == {m}_OK) {{ /* each later one */",
+            "    use(axle.now.F); /* adhesion force [N] */", "}",
+        ]  # fmt: skip
+    else:
+        lines = [
+            f"{n}_params p = {n}_defaults();",
+            f"{n}_state axle; /* one for each axle */",
+            f"if ({n}_init(&axle, &p, &observed) == {m}_OK) {{ ... }} /* first tick */",
+            f"if ({n}_step(&axle, h, &observed) == {m}_OK) {{ /* each later one */",
+            "    use(axle.now.valve); /* 0 apply, 1 hold, 2 dump */", "}",
+        ]  # fmt: skip
+    numbers = [kind.c for _, kind in flat(of.state())]
+    whole = len([x for x in numbers if x != "real"])
+    size = f"The state holds {len(numbers) - whole} numbers of type `{of.number.c}`"
+    size += f" and {whole} of type `int32_t`." if whole else "."
+    text = "After a gap, start anew with `_init`."
+    return "\n".join(["## Use\n", "```c", *lines, "```\n", f"{size} {text}\n"])
+
+
+def _statuses(facts: Facts) -> str:
+    rows = [(f"`{facts.of.macro}_{x}`", text) for x, text in facts.code.statuses]
+    text = (
+        "If the status is not OK, `now` is as before. An answer is always a finite number. Where "
+    )
+    text += "NOT_FINITE comes again, start anew with `_init`.\n"
+    return f"## Status\n\n{_table(('status', 'meaning'), rows)}\n{text}"
+
+
+def _parameters(of: Interface) -> str:
+    rows = [
+        (f"`{name}`", f"{value:g}", q.unit, range_of(q), q.text)
+        for (name, q, _), value in zip(parameters(of.method), of.p, strict=True)
+    ]
+    head = ("parameter", "value", "unit", "range", "what")
+    return f"## Parameters\n\n{_table(head, rows)}"
+
+
+def _inputs(facts: Facts) -> str:
+    of, known = facts.of, quantities(Vehicle)
+    listed = {"h": of.interval, **of.inputs}
+    unread = set() if of.estimator else set(of.inputs) - facts.code.read
+    rows = [
+        (f"`{x}`", q.unit, range_of(q), q.text + ("; not read" if x in unread else ""))
+        for x, q in listed.items()
+    ]
+    text = f"## Inputs\n\n{_table(('input', 'unit', 'range', 'what'), rows)}"
+    if of.estimator:
+        of_vehicle = [(x, facts.wheelset[x], known[name]) for x, name in STATED.items()]
+        body = [(f"`{x}`", f"{v:g}", q.unit, range_of(q), q.text) for x, v, q in of_vehicle]
+        head = ("wheelset", "default", "unit", "range", "what")
+        line = facts.force_line
+        text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n`K` follows from the cylinder "
+        text += f"pressure p [Pa]. For this vehicle K = {line.per_pascal:.6g} N/Pa · p − "
+        text += f"{line.at_zero:.6g} N, at least 0.\n"
+    return text
+
+
+def _operations(facts: Facts) -> str:
+    of, columns = facts.of, {f"`_{x}`": cost for x, cost in facts.code.costs.items()}
+    text = "## Operations\n\nAt most, over every branch, parameter and interval:\n\n"
+    note = ""
+    if of.split and of.split.has_parts:
+        h = facts.vectors.longest
+        n = math.ceil(of.split.across(of.split.fixed(of.p), h).parts)
+        fewer = Cost({k: x * (of.most_parts - n) for k, x in of.sub_step.items()})
+        columns[f"`_step`, {n} sub-steps"] = columns["`_step`"] - fewer
+        note = (
+            f"\n`_step` divides an interval into sub-steps, at most {of.most_parts}. With the "
+            f"parameters above, an interval of {h:g} s has {n}.\n"
+        )
+    names = sorted({name for cost in columns.values() for name in cost})
+    rows = [(name, *(str(cost[name]) for cost in columns.values())) for name in names]
+    return text + _table(("operation", *columns), rows) + note
+
+
+def _accuracy(facts: Facts) -> str:
+    of, vectors = facts.of, facts.vectors
+    text = (
+        "## Accuracy\n\nIn double precision each step has the bits of the Python `step`, with gcc "
+        "or clang `-O2 -ffp-contract=off` and the same C library."
+    )
+    if of.estimator:
+        other = limits(vectors, Number(True))[-1]
+        text += f" With another one `test_{of.method.name}.c` accepts an error of {other:.2g} N."
+    seconds = sum(row[0] for row in vectors.rows)
+    text += f"\n\nIn single precision, over axle 1 of {LOG} ({len(vectors.rows)} samples, "
+    text += f"{seconds:.0f} s), the answers differ by what the table shows. It has the worst of "
+    text += (
+        f"{LIBRARIES} C libraries: one that rounds exactly, and others whose functions err by up "
+    )
+    text += f"to {ULPS} units in the last place.\n\n"
+    rows = []
+    for i, x in enumerate(of.answers()):
+        errors = vectors.single_errors(i)
+        if x == "valve":
+            rows.append((x, f"{sum(e > 0.0 for e in errors)} samples differ", ""))
+            continue
+        rms = math.sqrt(sum(e * e for e in errors) / len(errors))
+        unit = " N" if of.estimator else ""
+        rows.append((x, f"{max(errors):.2g}{unit}", f"{rms:.2g}{unit}"))
+    text += _table(("answer", "largest error", "rms"), rows)
+    if vectors.lost:
+        text += f"\nSingle precision has no finite answer at {vectors.lost} of these samples.\n"
+    if not of.number.double and any(path.endswith(".readings") for path, _ in flat(of.now)):
+        text += (
+            "\nA `float` counts up to 16 777 216, at 1 kHz in 4.6 hours. `noise.readings` stops "
+            "there: start anew with `_init` before, for example while the train stands.\n"
+        )
+    return text
+
+
+def _misra() -> str:
+    rows = [(f"`{x}`", text) for x, text in DEVIATIONS.items()]
+    text = "`make misra` runs cppcheck with its addon. These are not reported:\n"
+    return f"## MISRA C:2012\n\n{text}\n{_table(('id', 'reason'), rows)}"
+
+
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows), ""])

@@ -1,0 +1,177 @@
+"""Test vectors of a method: samples of a bundled log, and what the Python `step` makes of them."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..channels.log import read
+from ..core import bundled, physics
+from ..core.controller import Observed
+from ..core.estimator import Estimator, check_step
+from ..core.methods import Method
+from ..core.model import AxleRecord, Vehicle, Wheelset
+from ..formats.open import open_source
+from ..formats.source import ReadOptions
+from ..records import axle_records
+from ..wsp import wsp_controller
+from .single_precision import Single, values
+
+LOG = "low-adhesion.csv"  # it has slides
+ALGO = "kalman"  # estimator in the loop of a controller
+
+
+LIBRARIES = 4  # C libraries of single precision: one that rounds exactly, and others
+Answers = list[tuple[float, ...] | None]  # None: no finite number
+
+
+class Vectors(NamedTuple):
+    """Samples of one axle in order of time."""
+
+    rows: list[tuple[float, ...]]  # interval [s], 0 at the first, and the inputs of `step`
+    expected: list[tuple[float, ...]]  # what the method answers
+    singles: list[Answers]  # the same in single precision, with each of the libraries
+
+    @property
+    def longest(self) -> float:
+        """The longest interval [s]."""
+        return max(row[0] for row in self.rows)
+
+    def largest(self, answer: int) -> float:
+        """Largest absolute value of an answer."""
+        return max(abs(row[answer]) for row in self.expected)
+
+    def single_errors(self, answer: int) -> list[float]:
+        """By how much single precision differs, at each sample; the worst of the libraries."""
+        errors = []
+        for known, *found in zip(self.expected, *self.singles, strict=True):
+            each = [abs(x[answer] - known[answer]) for x in found if x is not None]
+            errors.append(max(each, default=math.inf))
+        return errors
+
+    @property
+    def lost(self) -> int:
+        """Samples at which single precision has no finite answer."""
+        return max(run.count(None) for run in self.singles)
+
+
+def of_estimator(est: Estimator, p: Any, w: Wheelset, vehicle: Vehicle) -> Vectors:
+    """Clamping force [N] and wheel speed [rad/s] of axle 1, with the estimates.
+
+    Args:
+        est: the estimator.
+        p: its parameters.
+        w: the wheelset.
+        vehicle: that of the log, with one wheel radius.
+
+    Raises:
+        UserError: where an interval of the log is unstable with euler = 1.
+    """
+    record = records(vehicle)[0]
+    s = max(record.segments, key=lambda s: int(s.stop - s.start))
+    t, K, y = (x[s].tolist() for x in (record.t, record.clamping_force, record.wheel_speed))
+    h = [0.0, *((b - a) * 1e-9 for a, b in pairwise(t))]
+    check_step(est, p, max(h))
+    rows = list(zip(h, K, y, strict=True))
+    answers = ["sigma", "F"] if est.has_sigma else ["F"]
+
+    def run(init: Any, step: Any, kept: Any) -> Answers:
+        p_, w_ = kept(p), kept(w)
+        return _run(
+            [kept(row) for row in map(_Row._make, rows)], answers,
+            lambda row: init(p_, w_, row.K, row.y),
+            lambda s, row: step(p_, w_, s, row.h, row.K, row.y),
+        )  # fmt: skip
+
+    return _vectors(rows, est, run)
+
+
+def of_controller(
+    law: Method, p: Any, settings: wsp_controller.Settings, vehicle: Vehicle
+) -> Vectors:
+    """What the law of axle 1 observes in the log, with slips judged and valves."""
+    seen: list[tuple[float, Observed]] = []
+    axles = records(vehicle)
+
+    def init(p: Any, o: Observed) -> Any:
+        seen.append((0.0, _plain(o)))
+        return law.init(p, o)
+
+    def step(p: Any, s: Any, h: float, o: Observed) -> Any:
+        seen.append((h, _plain(o)))
+        return law.step(p, s, h, o)
+
+    chosen = wsp_controller.choose(law.name, ALGO, settings, vehicle)
+    watched = chosen._replace(controller=replace(law, init=init, step=step))
+    columns = [[x.tolist() for x in (a.wheel_speed, a.clamping_force)] for a in axles]
+    samples = (
+        (t, None, [y[i] for y, _ in columns], [K[i] for _, K in columns])
+        for i, t in enumerate(axles[0].t.tolist())
+    )
+    for _ in wsp_controller.online(watched, samples):
+        pass
+    own = seen[:: len(axles)]
+    rows = [(h, *o) for h, o in own]
+
+    def run(init: Any, step: Any, kept: Any) -> Answers:
+        p_ = kept(p)
+        return _run(
+            [(kept(_Interval(h)).h, kept(o)) for h, o in own], ["judged", "valve"],
+            lambda row: init(p_, row[1]), lambda s, row: step(p_, s, row[0], row[1]),
+        )  # fmt: skip
+
+    return _vectors(rows, law, run)
+
+
+@lru_cache(maxsize=1)
+def records(vehicle: Vehicle) -> list[AxleRecord]:
+    """The axles of the bundled log; K with the fade of the pad friction."""
+    path = bundled.folder("sample_logs") / LOG
+    log = read(open_source(path, ReadOptions()), [], vehicle)
+    made = axle_records.prepare(log, vehicle).records
+    return [physics.faded(record, vehicle) for record in made]
+
+
+def _plain(o: Observed) -> Observed:
+    """Python's floats in place of NumPy's."""
+    made = Observed._make(map(float, o))
+    return made._replace(at_least=int(o.at_least))
+
+
+class _Row(NamedTuple):
+    h: float
+    K: float
+    y: float
+
+
+class _Interval(NamedTuple):
+    h: float
+
+
+def _vectors(rows: Any, method: Method, run: Callable[..., Any]) -> Vectors:
+    expected = [x for x in run(method.init, method.step, lambda of: of) if x is not None]
+    singles = []
+    for seed in range(LIBRARIES):
+        single = Single(seed)
+        with np.errstate(all="ignore"):
+            singles.append(run(single(method.init), single(method.step), values))
+    return Vectors(rows, expected, singles)
+
+
+def _run(
+    rows: Sequence[Any], answers: Sequence[str], init: Callable[..., Any], step: Callable[..., Any]
+) -> Answers:
+    """The answers; None where one is not finite. The state is then as before, as in C."""
+    state = init(rows[0])
+    found: Answers = [tuple(float(getattr(state, x)) for x in answers)]
+    for row in rows[1:]:
+        following = step(state, row)
+        answer = tuple(float(getattr(following, x)) for x in answers)
+        if all(map(math.isfinite, answer)):
+            state = following
+        found.append(answer if all(map(math.isfinite, answer)) else None)
+    return found

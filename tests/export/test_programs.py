@@ -1,0 +1,199 @@
+"""The files of an export: they compile strictly, their tests pass, checkers accept them."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from c_library import tool
+
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.model import Vehicle
+from adhesion_cli.export import files, vectors
+from adhesion_cli.export.c_types import Number
+from adhesion_cli.export.interface import Interface
+from adhesion_cli.export.translate import Translation
+
+METHODS = list(files.methods())
+FLOAT = [pytest.param(True, id="double"), pytest.param(False, marks=pytest.mark.slow, id="float")]
+
+
+@pytest.fixture(scope="session")
+def exports(tmp_path_factory):
+    """The folder of each export; made when it is first asked for."""
+    made: dict[tuple[str, bool], Path] = {}
+
+    def folder(name, double):
+        if (name, double) not in made:
+            place = made[name, double] = tmp_path_factory.mktemp(name)
+            for file, text in files.export(name, {}, Vehicle(), double=double).texts.items():
+                (place / file).write_text(text, encoding="utf-8")
+        return made[name, double]
+
+    return folder
+
+
+def make(folder, *arguments):
+    done = subprocess.run(
+        [tool("make"), "-C", str(folder), *arguments], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("double", FLOAT)
+@pytest.mark.parametrize("name", METHODS)
+def test_the_test_of_an_export_passes(exports, name, double):
+    tool("gcc")
+    said = make(exports(name, double), "test", "CC=gcc")
+    assert f"adhesion_{name}: 1801 samples, passed" in said
+    errors = [float(x) for x in re.findall(r"largest error (\S+),", said)]
+    assert errors
+    if double:
+        assert errors == [0.0] * len(errors)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("name", METHODS)
+def test_other_compilers_and_sanitizers(exports, name, double):
+    folder = exports(name, double)
+    make(folder, "sanitize", "CC=gcc")
+    strict = "" if double else " -Wdouble-promotion"
+    said = make(folder, "clean", "test", f"CC={tool('clang')}{strict}")
+    assert not double or set(re.findall(r"largest error (\S+),", said)) == {"0"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("name", METHODS)
+def test_misra(exports, name, double):
+    """cppcheck and its addon report nothing but the deviations that the README lists."""
+    tool("cppcheck")
+    make(exports(name, double), "misra")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("double", [True, False])
+@pytest.mark.parametrize("name", METHODS)
+def test_a_32_bit_arm(exports, name, double):
+    """Another C library and another floating-point unit: within the limits of the test."""
+    gcc, run = tool("arm-none-eabi-gcc"), tool("qemu-arm")
+    folder = exports(name, double)
+    flags = "-mcpu=cortex-a7 -mfpu=vfpv4 -mfloat-abi=hard --specs=rdimon.specs"
+    make(folder, "clean", f"test_{name}", f"CC={gcc} {flags}")
+    done = subprocess.run(
+        [run, folder / f"test_{name}"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "passed" in done.stdout
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_library_asks_for_no_memory_and_has_no_variables(exports, name, tmp_path):
+    """Of the C library it needs mathematics only; its data segments are empty."""
+    folder = exports(name, True)
+    place = tmp_path / "a.o"
+    source = str(folder / f"adhesion_{name}.c")
+    subprocess.run([tool("gcc"), "-std=c99", "-O1", "-c", source, "-o", str(place)], check=True)
+    listed = subprocess.run([tool("nm"), str(place)], capture_output=True, text=True, check=True)
+    symbols = [line.split()[-2:] for line in listed.stdout.splitlines()]
+    variables = [symbol for kind, symbol in symbols if kind in "bBdDC"]
+    needed = {symbol for kind, symbol in symbols if kind == "U"}
+    mathematics = {
+        "sqrt",
+        "exp",
+        "expm1",
+        "pow",
+        "sin",
+        "cos",
+        "sincos",
+        "ceil",
+        "floor",
+        "erfc",
+        "fmod",
+    }
+    assert variables == []
+    assert needed <= mathematics | {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail", "memcpy"}
+
+
+def test_the_readme_states_the_figures_of_the_run():
+    made = files.export("td", {"td": {"h0": 0.1}}, Vehicle(), double=False)
+    readme = made.texts["README.md"]
+    assert "| `h0` | 0.1 | s | 0 to 10 | filter step" in readme
+    (stated,) = re.findall(r"\| F \| (\S+) N \|", readme)
+    assert float(stated) == pytest.approx(made.single_error, rel=0.06)  # of its two digits
+    assert 0.0 < made.single_error < 5.0
+    assert "an interval of 0.02 s has 1." in readme
+    assert re.search(r"\| compare \| \d+ \| \d+ \| \d+ \|", readme)
+    assert all(x.isascii() for x in (made.texts["adhesion_td.h"], made.texts["adhesion_td.c"]))
+
+
+def test_settings_are_the_defaults_of_the_c():
+    text = files.export("leso", {"leso": {"beta1": 77.5}}, Vehicle()).texts["adhesion_leso.c"]
+    assert "(adhesion_leso_params){77.5, 216.0, 0.0}" in text
+
+
+def test_parameters_that_are_unstable_on_the_log_are_refused():
+    with pytest.raises(UserError, match=r"an interval of 0.02 s is unstable with euler = 1"):
+        files.export("leso", {"leso": {"euler": 1.0}}, Vehicle())
+
+
+def test_worst_case_counts_follow_the_branches():
+    """A step of kalman has no branch but one: its operations can be counted by hand."""
+    est = files.methods()["kalman"]
+    of = Interface(est, est.Params(), (0.42, 0.3, 145.0, 4797.0), Number(True), "test")
+    step = of.code().costs["step"]
+    assert step["pow"] == 1  # b^(h/1 ms)
+    assert step["divide"] == 5  # two in across; G, d and F
+    assert step["multiply"] > step["divide"]
+
+
+def rises(x: float) -> float:
+    total = 0.0
+    while x > 0.0:
+        total += 1.0
+    return total
+
+
+def square(x: float) -> float:
+    return x**2
+
+
+def endless(x: float) -> float:
+    for _ in range(int(x)):
+        x = x + 1.0
+    return x
+
+
+def itself(x: float) -> float:
+    return itself(x)
+
+
+def mixed(x: float) -> float:
+    return x + 1
+
+
+def reads(x: float) -> float:
+    return float(os.environ["X"])
+
+
+@pytest.mark.parametrize(
+    ("f", "why"),
+    [
+        (rises, "While is not in the subset"), (square, "x \\* x"), (endless, "states no SUBSTEPS"),
+        (itself, "calls itself"), (mixed, "write 1.0"), (reads, "Subscript|neither|index"),
+    ],
+)  # fmt: skip
+def test_what_c_would_do_otherwise_is_refused(f, why):
+    """With file and line."""
+    c = Translation("adhesion_x", Number(True))
+    with pytest.raises(UserError, match=why) as refused:
+        c.function(f, (c.types.real,))
+    assert re.search(r"test_programs\.py:\d+: ", refused.value.text)
+
+
+def test_every_estimator_and_both_laws_are_there():
+    assert sorted(METHODS) == ["gradient", "imm", "kalman", "leso", "neso", "patent", "rule", "td"]
+    assert len(vectors.records(Vehicle())) == 4
