@@ -39,6 +39,8 @@ def main() -> NoReturn:
     """
     # What is imported stays: looking through it for garbage again and again is a tenth of a run.
     gc.set_threshold(100_000)
+    # OpenBLAS adds in an order that depends on the number of its threads, and these wait busily.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _fit_limit()
     try:
         signal.signal(signal.SIGTERM, _terminated)
@@ -56,7 +58,7 @@ def main() -> NoReturn:
 def _fit_limit() -> None:
     """Where address space is limited (`ulimit -v`), libraries reserve less of it.
 
-    pyarrow's own allocator reserves 1 GB, OpenBLAS and the C library some 100 MB for each thread.
+    pyarrow's own allocator reserves 1 GB, the C library some 100 MB for each thread.
     """
     if sys.platform == "win32":
         return
@@ -65,7 +67,6 @@ def _fit_limit() -> None:
     if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
         return
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if sys.platform == "linux":
         import ctypes
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..channels.log import read
-from ..core import compiled, estimator, innovations, physics
+from ..core import compiled, estimator, innovations, physics, threads
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.finding import Finding
@@ -112,12 +112,14 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
             every = axle_records.prepare(log, vehicle, (), window, sensors).records
         records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())
         findings += told
-    done = []
-    for record in records:
+
+    def judged(record: AxleRecord) -> tuple[AxleResult, list[Finding]]:
         tell(f"{path.name}: axle {record.axle}")
-        result, more = _axle(record, settings, estimators, log.start_ns())
-        done.append(result)
-        findings += more
+        return _axle(record, settings, estimators, log.start_ns())
+
+    every_axle = threads.each(judged, records)
+    done = [result for result, _ in every_axle]
+    findings += [f for _, more in every_axle for f in more]
     findings += _calibration(made.scene, done[0], vehicle)
     assumed = _assumed(settings, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]

@@ -1,8 +1,11 @@
 """The files that a run writes: their names, and what is in them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ..core import threads
 
 if TYPE_CHECKING:
     from ..core.model import Result
@@ -46,8 +49,10 @@ def write_result(
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_result(record, result, embedded([entry]), slip)
-    rrd.write_result(recording, result, notes, full)
+    _write(
+        partial(mcap.write_result, record, result, embedded([entry]), slip),
+        partial(rrd.write_result, recording, result, notes, full),
+    )
 
 
 def write_comparison(
@@ -59,8 +64,15 @@ def write_comparison(
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_comparison(record, results, embedded(entries))
-    rrd.write_comparison(recording, results, full)
+    _write(
+        partial(mcap.write_comparison, record, results, embedded(entries)),
+        partial(rrd.write_comparison, recording, results, full),
+    )
+
+
+def _write(*files: Callable[[], None]) -> None:
+    """Writes files at the same time."""
+    threads.each(lambda write: write(), files)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:

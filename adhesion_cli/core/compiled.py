@@ -30,6 +30,7 @@ import os
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
@@ -61,6 +62,8 @@ _WRAPPER = """
 def call({arguments}):
     return target({arguments})
 """
+
+_making = threading.RLock()
 
 _SAMPLE = "p, w, s, (t[i] - before) * 1e-9, K[i], y[i]"
 _STEP = f"s = step({_SAMPLE})"
@@ -168,7 +171,7 @@ def function(target: Any, stand_ins: Mapping[Any, Any] | None = None) -> Callabl
     code = target.__code__
     arguments = ", ".join(code.co_varnames[: code.co_argcount])
     name = "_".join(f"{f.__module__}.{f.__name__}" for f in (target, *stand_ins.values()))
-    return _compiled(
+    return _once(
         name.replace(".", "_"), _WRAPPER.format(arguments=arguments), (("target", target),),
         tuple(stand_ins.items()),
     )  # fmt: skip
@@ -218,7 +221,7 @@ def _loop(est: Estimator, judge: bool) -> Callable[..., Any]:
     functions = split.functions if split else {"step": est.step}
     reached = {"init": est.init, "Params": est.Params, "Wheelset": Wheelset, **functions}
     reached |= {"nis": est.nis} if judge else {}
-    return _compiled(f"{'judged' if judge else 'batch'}_{est.name}", text, tuple(reached.items()))
+    return _once(f"{'judged' if judge else 'batch'}_{est.name}", text, tuple(reached.items()))
 
 
 def loop(
@@ -233,7 +236,13 @@ def loop(
         math: the module that these functions find as `math`.
         given: what numba takes as it is, by name.
     """
-    return _compiled(name, text, tuple(reached.items()), (), math, tuple(given.items()))
+    return _once(name, text, tuple(reached.items()), (), math, tuple(given.items()))
+
+
+def _once(*of: Any) -> Callable[..., Any]:
+    """`_compiled`, whatever threads ask for it."""
+    with _making:
+        return _compiled(*of)
 
 
 @cache

@@ -104,8 +104,12 @@ def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
         share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])  # of the later neighbour
         off = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
         square = off**2 / (1.0 + share**2 + (1.0 - share) ** 2)
-        blocks += [float(np.mean(square[i : i + 50])) for i in range(0, len(square), 50)]
-    return float(np.median(blocks)) if blocks else 0.0
+        whole = len(square) // 50 * 50
+        blocks.append(square[:whole].reshape(-1, 50).mean(axis=1))
+        if whole < len(square):
+            blocks.append(square[whole:].mean(keepdims=True))
+    found = np.concatenate(blocks) if blocks else np.empty(0)
+    return float(np.median(found)) if len(found) else 0.0
 
 
 def coverage_factor(freedom: float) -> float:

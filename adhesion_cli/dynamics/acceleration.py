@@ -158,7 +158,7 @@ def integrated(g: Grid, a: Channel) -> Integrated | str:
     area: Floats = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2.0 * every)])
     settled = round(_SETTLED / g.step)
     least = FREE * float(np.nanmax(g.clamping, initial=0.0))
-    free = np.array([far(row <= least, settled) for row in g.clamping])
+    free = far(g.clamping <= least, settled)
     stands = far(np.all(g.rim < _STANDS, axis=0), settled)
     total: Floats = np.interp(t, own, area)
     sign = _sign(g, total, free, stands)
@@ -215,7 +215,7 @@ def _samples(g: Grid, total: Floats, a: Channel, free: Bools, stands: Bools) -> 
     drift: Floats = _DRIFT**2 * h + (_PITCH * np.diff(mean, prepend=mean[0])) ** 2
 
     even = ~(np.abs(g.slope(g.rim) - mean) >= _CATCHES_UP)  # at both ends, nobody knows
-    rolls = free & np.array([far(row, g.half) for row in even]) & (g.rim > CRAWL)
+    rolls = free & far(even, g.half) & (g.rim > CRAWL)
     rim = np.where(rolls, g.rim, np.nan)
     together = finite_median(rim)
     ratio = [np.median(x[on] / together[on]) if on.any() else 1.0

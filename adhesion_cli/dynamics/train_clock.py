@@ -182,17 +182,21 @@ def _fit(s: _Samples, v: Floats) -> _Fit:
     X, d = np.zeros((k + 1, *s.rim.shape)), np.where(usable, v - s.rim, 0.0)
     X[np.arange(k), np.arange(k)] = np.where(usable, s.rim, 0.0)
     X[k] = np.where(usable, s.rim * np.maximum(s.slowing, 0.0), 0.0)
+    rim, creep = X[np.arange(k), np.arange(k)], X[k]
     weights = (s.noise / np.array([*([_WORN] * k), _CREEP[1]])) ** 2  # as numbers of samples
     expected = np.append(np.zeros(k), _CREEP[0])
     x, left, used, cut = _start(s, v), d, usable, _CUT * s.noise
     near = round(_NEAR / (s.t[1] - s.t[0]))
-    for _ in range(8):
-        left = d - np.einsum("ian,i->an", X, x)
-        rolls = ~usable | (left < cut)
-        used = usable & (np.abs(left) < cut) & np.array([far(row, near) for row in rolls])
-        own = X * used
-        A = np.einsum("ian,jan->ij", own, X) + np.diag(weights)
-        x = np.linalg.solve(A, np.einsum("ian,an->i", own, d) + weights * expected)
+    for n in range(8):
+        left, before = d - (rim * x[:k, None] + creep * x[k]), used
+        used = usable & (np.abs(left) < cut) & far(~usable | (left < cut), near)
+        if n > 0 and np.array_equal(used, before):
+            break  # the next fit would be this one
+        own, A = X * used, np.zeros((k + 1, k + 1))
+        np.fill_diagonal(A, np.einsum("ian,ian->i", own, X))
+        A[k] = A[:, k] = np.einsum("an,jan->j", own[k], X)  # two axles share no sample
+        b = np.einsum("ian,an->i", own, d) + weights * expected
+        x = np.linalg.solve(A + np.diag(weights), b)
     some = left[usable]
     loss = float(np.mean(np.minimum(some**2, cut**2))) if len(some) >= LEAST else math.inf
     return _Fit(x, used, loss)

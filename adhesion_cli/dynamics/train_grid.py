@@ -91,7 +91,7 @@ class Grid:
     def rolling(self) -> Bools:
         """Where an axle does not slide, as far as the log shows, nor within a second; (k, n)."""
         near = np.abs(self.share - 1.0) < 0.03
-        return np.array([far(row, 2 * self.half) for row in near])
+        return far(near, 2 * self.half)
 
     @cached_property
     def slid_together(self) -> bool:
@@ -288,9 +288,11 @@ def largest(x: Floats) -> Floats:
 
 
 def far(mask: Bools, j: int) -> Bools:
-    """True more than j samples from every False, shape (n,)."""
-    before = np.append(0, np.cumsum(np.pad(~mask, j, mode="edge")))  # how many are False
-    far: Bools = before[2 * j + 1 :] == before[: -2 * j - 1]
+    """True more than j samples from every False, shape (..., n)."""
+    along = [(0, 0)] * (mask.ndim - 1)
+    wide = np.pad(~mask, [*along, (j, j)], mode="edge")
+    before = np.pad(np.cumsum(wide, axis=-1), [*along, (1, 0)])  # how many are False
+    far: Bools = before[..., 2 * j + 1 :] == before[..., : -2 * j - 1]
     return far
 
 

@@ -15,7 +15,7 @@ from ..analysis import settings
 from ..analysis.analyze import analyze
 from ..analysis.json_documents import entry
 from ..analysis.outputs import stem, write_result
-from ..core import bundled
+from ..core import bundled, threads
 from ..core.errors import UserError, as_told
 from ..core.model import Result
 from ..core.text import printable
@@ -120,6 +120,7 @@ def prepare() -> None:
     """What a process does once: it computes with one thread, and seldom looks for garbage."""
     gc.set_threshold(_THRESHOLD)
     pa.set_cpu_count(1)
+    threads.most = 1
 
 
 def warm() -> None:

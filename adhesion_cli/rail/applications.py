@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import physics
+from ..core import physics, threads
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
 from ..reference import budget
@@ -75,7 +75,7 @@ def of_axle(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
             joined.append([s])
     whole = slip.Whole(axle, vehicle)
     moved = budget.by_parameter(axle.record, vehicle, axle.reference) if joined else {}
-    return [_application(whole, parts, found, moved) for parts in joined]
+    return threads.each(lambda parts: _application(whole, parts, found, moved), joined)
 
 
 def _locked(record: AxleRecord, between: slice) -> bool:

@@ -62,6 +62,7 @@ _PIECE = 0.1  # least share of the points on each side of the step
 _EVALUATIONS = 50
 _INSIDE = -12.0, 3.0  # range of the unknowns, in which exponentials do not overflow
 _CLOSE = 1e-4  # relative change at which a search ends
+_FLAT = 1e-8  # cosine of the angle between errors and slopes at which it ends, too
 _STEP = 1e-6  # of an unknown, for the curve's derivative
 DRAWS = 200
 _SPEEDS = 8  # at which the peak is found
@@ -276,7 +277,8 @@ def fit(
     random = np.random.default_rng(0)
     scales = np.exp(mu_error * random.standard_normal(draws))
     weak = search._replace(weight=1.0 / math.sqrt(max(_alike(p.t, best.left), of.alike)))
-    drawn = np.array([weak.draw(sigma, best.x, random) for _ in range(draws)])
+    near = _Near(weak, sigma, best.x)
+    drawn = np.array([near.draw(random) for _ in range(draws)])
     curves = _bent(search, sigma, drawn, best.x, random)
     if curves is None:
         return None
@@ -383,52 +385,86 @@ class _Search(NamedTuple):
     wide: Floats  # its 1 sigma
     weight: float = 1.0  # of a point's error
 
-    def run(self, sigma: float, start: Floats, other: Floats | float = 0.0) -> _Found:
-        """The best curve, from `start`; `other` are errors added to the residuals, in sigma.
+    def run(self, sigma: float, start: Floats) -> _Found:
+        """The best curve, from `start`."""
+        near = _Near(self, sigma, start)
+        x, errors = near.solved(self.known, 0.0)
+        slopes = near.slopes(x)
+        volume = float(np.linalg.slogdet(slopes.T @ slopes)[1])
+        wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(near.noise).sum())
+        likely = -0.5 * float(np.dot(errors, errors)) - 0.5 * volume - wide
+        at = np.clip(x, *_INSIDE)
+        return _Found(at, near.residuals(x), likely, errors, slopes)
 
-        The curve at the start turns noise of slip into noise of μ. New weights at each iteration
-        would favour steep and bent curves.
+
+class _Near:
+    """Searches from one start: what all of them need there is computed once.
+
+    The curve at the start turns noise of slip into noise of μ. New weights at each iteration would
+    favour steep and bent curves.
+
+    Args:
+        search: among which curves.
+        sigma: 1 sigma of μ.
+        start: the unknowns, shape (unknowns,).
+    """
+
+    def __init__(self, search: _Search, sigma: float, start: Floats) -> None:
+        self._search, self._start = search, start
+        p, n = search.of.p, len(search.of.p.t)
+        self._mean, self._variance, self._by = np.empty(n), np.empty(n), np.empty((n, len(start)))
+        self._course, self._slopes = compiled.function(_course), compiled.function(_slopes)
+        self._course(search.of, np.clip(start, *_INSIDE), 0.0, self._mean, self._variance)
+        self.noise: Floats = np.sqrt(sigma * sigma + p.swing**2 + self._variance)
+        self._first = (p.mu - self._mean) / self.noise
+        self._first_slopes = self._computed(start)
+
+    def residuals(self, x: Floats) -> Floats:
+        """Errors of the points, in sigma, shape (n,)."""
+        of = self._search.of
+        if np.array_equal(x, self._start):
+            return self._first
+        self._course(of, np.clip(x, *_INSIDE), 0.0, self._mean, self._variance)
+        errors: Floats = (of.p.mu - self._mean) / self.noise
+        return errors
+
+    def slopes(self, x: Floats) -> Floats:
+        """Derivatives of the weighted residuals, and of the prior's; (n + unknowns, unknowns)."""
+        return self._first_slopes if np.array_equal(x, self._start) else self._computed(x)
+
+    def _computed(self, x: Floats) -> Floats:
+        of, _, wide, weight = self._search
+        self._slopes(of, np.clip(x, *_INSIDE), self._by)
+        weighed = -weight * self._by / self.noise[:, None]
+        both: Floats = np.concatenate([weighed, np.diag(1.0 / wide)])
+        return both
+
+    def solved(self, known: Floats, other: Floats | float) -> tuple[Floats, Floats]:
+        """The unknowns of the best curve, and the errors there.
+
+        Args:
+            known: centre of the prior, shape (unknowns,).
+            other: errors added to the residuals, in sigma.
         """
-        from scipy.optimize import least_squares
+        from scipy.optimize import leastsq
 
-        course, slopes = compiled.function(_course), compiled.function(_slopes)
-        of, p = self.of, self.of.p
-        n, size = len(p.t), len(start)
-        mean, variance, by = np.empty(n), np.empty(n), np.empty((n, size))
-        course(of, np.clip(start, *_INSIDE), 0.0, mean, variance)
-        noise = np.sqrt(sigma * sigma + p.swing**2 + variance)
-
-        def residuals(x: Floats) -> Floats:
-            course(of, np.clip(x, *_INSIDE), 0.0, mean, variance)
-            errors: Floats = (p.mu - mean) / noise
-            return errors
+        _, _, wide, weight = self._search
 
         def left(x: Floats) -> Floats:
-            both: Floats = np.append(
-                self.weight * residuals(x) + other, (x - self.known) / self.wide
-            )
+            both: Floats = np.append(weight * self.residuals(x) + other, (x - known) / wide)
             return both
 
-        def slope(x: Floats) -> Floats:
-            slopes(of, np.clip(x, *_INSIDE), by)
-            weighed = -self.weight * by / noise[:, None]
-            both: Floats = np.concatenate([weighed, np.diag(1.0 / self.wide)])
-            return both
+        x, _, info, *_ = leastsq(
+            left, self._start, Dfun=self.slopes, full_output=True, ftol=_CLOSE, xtol=_CLOSE,
+            gtol=_FLAT, maxfev=_EVALUATIONS,
+        )  # fmt: skip
+        return x, info["fvec"]
 
-        found = least_squares(
-            left, start, slope, method="lm", max_nfev=_EVALUATIONS, ftol=_CLOSE, xtol=_CLOSE
-        )
-        volume = float(np.linalg.slogdet(found.jac.T @ found.jac)[1])
-        wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(noise).sum())
-        likely = -float(found.cost) - 0.5 * volume - wide
-        at = np.clip(found.x, *_INSIDE)
-        return _Found(at, residuals(found.x), likely, found.fun, found.jac)
-
-    def draw(self, sigma: float, start: Floats, random: np.random.Generator) -> Floats:
+    def draw(self, random: np.random.Generator) -> Floats:
         """The unknowns of the best curve for other errors, as likely as the residuals."""
-        known = self.known + self.wide * random.standard_normal(len(start))
-        other = random.standard_normal(len(self.of.p.t))
-        return self._replace(known=known).run(sigma, start, other).x
+        of, known, wide, _ = self._search
+        known = known + wide * random.standard_normal(len(known))
+        return np.clip(self.solved(known, random.standard_normal(len(of.p.t)))[0], *_INSIDE)
 
 
 def _search(of: Setup) -> _Search:
@@ -472,8 +508,10 @@ def _bent(
     count = len(draws)
     which = np.searchsorted(np.cumsum(share) / share.sum(), (np.arange(count) + 0.5) / count)
     curves = np.pad(draws, ((0, 0), (0, len(more))))
-    for j in np.flatnonzero(which).tolist():
-        curves[j] = searches[which[j]].draw(sigma, found[which[j]].x, random)
+    for k in range(1, len(searches)):
+        near = _Near(searches[k], sigma, found[k].x)
+        for j in np.flatnonzero(which == k).tolist():
+            curves[j] = near.draw(random)
     return curves
 
 

@@ -1,7 +1,7 @@
 """Results and logs as MCAP: protobuf messages, packed by columns, chunked, zstd, every CRC on.
 
-The messages are laid out by numpy, because one protobuf object per sample costs more than the whole
-analysis. The bytes of a message are those the protobuf library would have written.
+The messages are laid out by a compiled loop, because one protobuf object per sample costs more than
+the whole analysis. The bytes of a message are those the protobuf library would have written.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core import physics, rounding, signals, toml
+from ..core import compiled, physics, rounding, signals, toml
 from ..core.errors import UserError
 from ..core.model import (
     MADE,
@@ -42,6 +42,7 @@ from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
+_OPCODE = int(Opcode.MESSAGE)
 _SECOND = 1_000_000_000
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 _UNITS = {  # of the doubles of a message, in the order of its schema
@@ -522,71 +523,98 @@ class _Rows:
     def __init__(self, channel: int, stream: _Stream, part: slice, shift: int) -> None:
         self.channel, self.first = channel, part.start
         self.t = stream.t[part] + shift
-        seconds, nanos = np.divmod(self.t, _SECOND)
-        self.seconds, self.seconds_len = seconds, _varint_length(seconds)
-        self.nanos, self.nanos_len = nanos, _varint_length(nanos)
-        # A field with its default value is not written: that is how protobuf does it.
-        self.stamp_len = self.seconds_len + (seconds > 0) + self.nanos_len + (nanos > 0)
         number = descriptors.numbers(stream.message)
-        self.columns = [
-            (number[name] << 3 | 1, values(part)) for name, values in stream.columns.items()
-        ]
-        self.tails = stream.tails
-        self.tail = None if stream.tail is None else stream.tail[part]
-        tail_len = np.array([len(t) for t in self.tails])
-        self.sizes: Offsets = _MESSAGE + 2 + self.stamp_len
-        self.sizes += tail_len[0] if self.tail is None else tail_len[self.tail]
-        self.sizes += 9 * len(self.columns)
+        self.tags = np.array([number[name] << 3 | 1 for name in stream.columns], np.uint8)
+        self.columns = np.empty((len(self.tags), len(self.t)))
+        for column, values in zip(self.columns, stream.columns.values(), strict=True):
+            column[:] = values(part)
+        self.tails = np.frombuffer(b"".join(stream.tails), np.uint8)
+        self.ends = np.cumsum([0, *map(len, stream.tails)])
+        none = np.zeros(len(self.t), np.int64)
+        self.tail = none if stream.tail is None else stream.tail[part]
+        self.sizes: Offsets = np.empty(len(self.t), np.int64)
+        compiled.function(_measure)(self.t, self.sizes)
+        self.sizes += 9 * len(self.tags) + np.diff(self.ends)[self.tail]
 
     def write(self, buffer: Bytes, at: Offsets) -> None:
         """Fill in the message records that start at `at`, shape (n,)."""
-        _put(buffer, at, "u1", Opcode.MESSAGE)
-        _put(buffer, at + 1, "<u8", self.sizes - 9)
-        _put(buffer, at + 9, "<u2", self.channel)
-        _put(buffer, at + 11, "<u4", (self.first + np.arange(len(at))) & 0xFFFFFFFF)  # sequence
-        _put(buffer, at + 15, "<u8", self.t)  # log time
-        _put(buffer, at + 23, "<u8", self.t)  # publish time
-        _put(buffer, at + 31, "u1", 1 << 3 | 2)  # field 1, google.protobuf.Timestamp
-        _put(buffer, at + 32, "u1", self.stamp_len)
-        at = at + 33
-        at = _put_varint(buffer, at, 1 << 3, self.seconds, self.seconds_len)
-        at = _put_varint(buffer, at, 2 << 3, self.nanos, self.nanos_len)
-        for tag, values in self.columns:
-            _put(buffer, at, "u1", tag)
-            _put(buffer, at + 1, "<f8", values)
-            at = at + 9
-        for k, tail in enumerate(self.tails):
-            if tail:
-                _put(
-                    buffer, at if self.tail is None else at[self.tail == k], f"V{len(tail)}",
-                    np.void(tail),
-                )  # fmt: skip
+        compiled.function(_fill)(
+            buffer, at, self.sizes, self.channel, self.first, self.t, self.tags,
+            self.columns.view(np.int64), self.tails, self.ends, self.tail,
+        )  # fmt: skip
 
 
-def _put(buffer: Bytes, at: Offsets, dtype: str, values: Any) -> None:
-    """Store `values` at the byte offsets `at`, whatever their alignment."""
-    kind = np.dtype(dtype)
-    if len(at):
-        np.ndarray((len(buffer) - kind.itemsize + 1,), kind, buffer, 0, (1,))[at] = values
+# The rest is compiled. A field with its default value is not written: that is how protobuf does it.
 
 
-def _varint_length(values: NDArray[np.int64]) -> Offsets:
-    """Bytes of each value ≥ 0 as a varint; 0 for 0, which protobuf does not write."""
-    length = np.zeros(len(values), np.int64)
-    while values.any():
-        length += values > 0
-        values = values >> 7
+def _measure(t: Times, sizes: Offsets) -> None:
+    """Fills the size of each message record [bytes], but for its doubles and its tail."""
+    for i in range(len(t)):
+        sizes[i] = _MESSAGE + 2 + _varint_length(t[i] // _SECOND) + _varint_length(t[i] % _SECOND)
+
+
+def _fill(  # noqa: PLR0913 (compiled: one array each)
+    buffer: Bytes, at: Offsets, sizes: Offsets, channel: int, first: int, t: Times, tags: Bytes,
+    columns: NDArray[np.int64], tails: Bytes, ends: Offsets, tail: NDArray[np.int64],
+) -> None:  # fmt: skip
+    """Fills in the message records of one stream.
+
+    Args:
+        buffer: of the chunk.
+        at: where each record begins (n,).
+        sizes: of the records (n,).
+        channel: its id.
+        first: sequence number of the first one.
+        t: log time [ns] (n,).
+        tags: of the doubles (k,).
+        columns: bits of the doubles (k, n).
+        tails: encoded fields that follow the doubles, one after the other.
+        ends: where each tail begins, and the last one ends.
+        tail: which of them each row has (n,).
+    """
+    for i in range(len(at)):
+        buffer[at[i]] = _OPCODE
+        p = _put(buffer, at[i] + 1, sizes[i] - 9, 8)
+        p = _put(buffer, p, channel, 2)
+        p = _put(buffer, p, first + i, 4)  # sequence
+        p = _put(buffer, p, t[i], 8)  # log time
+        p = _put(buffer, p, t[i], 8)  # publish time
+        buffer[p] = 1 << 3 | 2  # field 1, google.protobuf.Timestamp
+        stamp = p + 2
+        p = _put_varint(buffer, stamp, 1 << 3, t[i] // _SECOND)
+        p = _put_varint(buffer, p, 2 << 3, t[i] % _SECOND)
+        buffer[stamp - 1] = p - stamp
+        for k in range(len(tags)):
+            buffer[p] = tags[k]
+            p = _put(buffer, p + 1, columns[k, i], 8)
+        for j in range(ends[tail[i]], ends[tail[i] + 1]):
+            buffer[p] = tails[j]
+            p += 1
+
+
+def _put(buffer: Bytes, p: int, value: int, count: int) -> int:
+    """Stores the lowest bytes of a number; returns where the next one goes."""
+    for k in range(count):
+        buffer[p + k] = value >> 8 * k & 0xFF
+    return p + count
+
+
+def _varint_length(value: int) -> int:
+    """Bytes of a field with a tag and a value ≥ 0; 0 for 0."""
+    length = 1 if value > 0 else 0
+    while value > 0:
+        length += 1
+        value >>= 7
     return length
 
 
-def _put_varint(
-    buffer: Bytes, at: Offsets, tag: int, values: NDArray[np.int64], length: Offsets
-) -> Offsets:
-    """Store tag and varint where there is a value; returns where the next field goes."""
-    here = length > 0
-    _put(buffer, at[here], "u1", tag)
-    for k in range(int(length.max())):
-        here = length > k
-        more = np.where(length[here] > k + 1, 0x80, 0)
-        _put(buffer, at[here] + 1 + k, "u1", values[here] >> 7 * k & 0x7F | more)
-    return at + length + (length > 0)
+def _put_varint(buffer: Bytes, p: int, tag: int, value: int) -> int:
+    """Stores tag and varint where there is a value; returns where the next field goes."""
+    if value > 0:
+        buffer[p] = tag
+        p += 1
+        while value > 0:
+            buffer[p] = value & 0x7F | (0x80 if value > 0x7F else 0)
+            p += 1
+            value >>= 7
+    return p
