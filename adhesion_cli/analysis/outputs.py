@@ -1,11 +1,8 @@
 """The files that a run writes: their names, and what is in them."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from ..core import threads
 
 if TYPE_CHECKING:
     from ..core.model import Result
@@ -49,10 +46,8 @@ def write_result(
     from .json_documents import embedded
 
     record, recording = places
-    _write(
-        partial(mcap.write_result, record, result, embedded([entry]), slip),
-        partial(rrd.write_result, recording, result, notes, full),
-    )
+    mcap.write_result(record, result, embedded([entry]), slip)
+    rrd.write_result(recording, result, notes, full)
 
 
 def write_comparison(
@@ -64,15 +59,8 @@ def write_comparison(
     from .json_documents import embedded
 
     record, recording = places
-    _write(
-        partial(mcap.write_comparison, record, results, embedded(entries)),
-        partial(rrd.write_comparison, recording, results, full),
-    )
-
-
-def _write(*files: Callable[[], None]) -> None:
-    """Writes files at the same time."""
-    threads.each(lambda write: write(), files)
+    mcap.write_comparison(record, results, embedded(entries))
+    rrd.write_comparison(recording, results, full)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:
