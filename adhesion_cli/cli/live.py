@@ -43,7 +43,9 @@ def command(
         option("--serve", "PORT", "Foxglove on this computer: ws://127.0.0.1:PORT.", min=0),
     ] = None,
 ) -> int:
-    """Adhesion while the samples arrive, by the same estimators as in a log.
+    """Compute the adhesion while samples arrive.
+
+    The estimators are those of `analyze`, and so are their values.
 
     SOURCE is a CSV file or a file of JSON lines to which a logger appends, - for
     the same on standard input, udp://HOST:PORT or mqtt://HOST/TOPIC for JSON

@@ -191,6 +191,7 @@ def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
     assert len(kept.axles[0].record.t) >= 200
 
 
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # its viewer was killed
 def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     port = free_port()
     shown = tmp_path / "shown.rrd"
