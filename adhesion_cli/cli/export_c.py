@@ -25,7 +25,7 @@ def command(
         int, option("--axle", "N", "Axle whose wheel radius is the default; 1.", min=1)
     ] = 1,
 ) -> int:  # fmt: skip
-    """Export an estimator or a control law as C for a brake control unit.
+    """Export an estimator or a control law as C99 source.
 
     C99 without allocation, translated from the same source that analyze and antiskid run. With a
     test on a bundled log, a Makefile, and a README with units, ranges and operation counts. The
