@@ -150,6 +150,7 @@ def _sinks(
         terminal.message(f"Foxglove: open {server.url}", shared.quiet)
         yield server
     if shared.json:
-        yield JsonLines(shown, settings.vehicle)
+        alone = not recording and screens == _Screens("", None)
+        yield JsonLines(shown, settings.vehicle, alone)
     elif not shared.quiet and sys.stderr.isatty():
         yield StatusLine(shown[0], settings.vehicle)

@@ -17,7 +17,7 @@ _FIRST = 10.0  # longest interval before the usual one is known [s]
 _STUCK = 1.0  # time for which a wheel that turns repeats one value exactly [s]
 _FEWEST = 10  # samples that must do that
 _TURNS = 0.5  # a wheel that is as slow may stand [rad/s]
-_LATE = 60.0  # an older stamp than this is a clock that was set back [s]
+_LATE = 2.0  # an older stamp than this is a clock that was set back [s]
 _REGIMES = ("rolling", "sliding", "changing")
 
 Status = Literal["start", "ok", "no-pressure"]
@@ -67,6 +67,10 @@ class _Clock:
                 self.limit = _GAP * median(self._steps) if self._seen > 2 else _FIRST
         return h
 
+    def fresh(self, t: int) -> bool:
+        """Whether the newest sample still holds at `t` [ns]."""
+        return self.last is not None and (t - self.last) * 1e-9 <= self.limit
+
 
 class Axle:
     """An axle.
@@ -87,7 +91,7 @@ class Axle:
         self._wheelset = physics.wheelset(vehicle, number)
         self._line = physics.force_line(vehicle)
         self._states: dict[str, Any] = {}
-        self._wheel, self._brake = _Clock(max_gap), _Clock(max_gap)
+        self._wheel, self._brake, self._run = (_Clock(max_gap) for _ in range(3))
         self._force, self._pressure, self._train = math.nan, math.nan, math.nan
         self._same, self._repeats, self._told = (0, math.nan), 0, False
         self.findings: list[Finding] = []  # whoever reads them may empty the list
@@ -101,8 +105,9 @@ class Axle:
         self._pressure = value if is_pressure else math.nan
         self._force = float(physics.clamping(self._line, value)) if is_pressure else value
 
-    def train(self, value: float) -> None:
+    def train(self, t: int, value: float) -> None:
         """A train speed [m/s]."""
+        self._run.step(t)
         self._train = value
 
     def wheel(self, t: int, y: float, start: int) -> Sample | None:
@@ -123,17 +128,15 @@ class Axle:
             self._states.clear()
         y = abs(y)
         self._check_stuck(t, y, start)
-        known = self._brake.last is not None and (t - self._brake.last) * 1e-9 <= self._brake.limit
         K = self._force * self._share(y)
-        slip = self._slip(y)
-        if not (known and math.isfinite(K)):
+        v = self._train if self._run.fresh(t) else math.nan
+        slip = self._slip(v, y)
+        if not (self._brake.fresh(t) and math.isfinite(K)):
             self._states.clear()
-            return Sample(
-                t, self.number, math.nan, math.nan, y, self._train, slip, {}, "no-pressure"
-            )
+            return Sample(t, self.number, math.nan, math.nan, y, v, slip, {}, "no-pressure")
         status: Status = "ok" if self._states else "start"
         found = {name: self._stepped(name, h, K, y) for name in self._algos}
-        return Sample(t, self.number, self._pressure, K, y, self._train, slip, found, status)
+        return Sample(t, self.number, self._pressure, K, y, v, slip, found, status)
 
     def _stepped(self, name: str, h: float, K: float, y: float) -> Estimate:
         est, p = self._algos[name]
@@ -156,8 +159,7 @@ class Axle:
         rim = y * self._vehicle.radius(self.number).value
         return float(physics.friction_share(rim, self._vehicle))  # type: ignore[arg-type]
 
-    def _slip(self, y: float) -> float:
-        v = self._train
+    def _slip(self, v: float, y: float) -> float:
         if not v >= self._slowest:
             return math.nan
         return float(

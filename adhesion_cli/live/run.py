@@ -112,7 +112,7 @@ def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[S
     si, samples = wheels.si(row), []
     for p, axle in zip(wheels.axles, axles, strict=True):
         if p.train in si:
-            axle.train(si[p.train][1])
+            axle.train(*si[p.train])
         if p.brake in si:
             axle.brake(*si[p.brake], p.is_pressure, start)
         if p.speed in si and (sample := axle.wheel(*si[p.speed], start)):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -20,16 +21,26 @@ class JsonLines:
     Args:
         algos: estimators that are printed.
         vehicle: for the coefficient.
+        alone: whether nobody else takes the samples; else they go on without a reader.
     """
 
-    def __init__(self, algos: Sequence[str], vehicle: Vehicle) -> None:
-        self._algos, self._vehicle = algos, vehicle
+    def __init__(self, algos: Sequence[str], vehicle: Vehicle, alone: bool) -> None:
+        self._algos, self._vehicle, self._alone = algos, vehicle, alone
+        self._gone = False
 
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
+        if self._gone:
+            return
         lines = [json.dumps(self._object(s, algo)) for s in samples for algo in self._algos]
-        sys.stdout.write("\n".join([*lines, ""]))
-        sys.stdout.flush()
+        try:
+            sys.stdout.write("\n".join([*lines, ""]))
+            sys.stdout.flush()
+        except BrokenPipeError:
+            if self._alone:
+                raise
+            self._gone = True
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is buffered
 
     def _object(self, s: Sample, algo: str) -> dict[str, Any]:
         e = s.estimates.get(algo, Estimate(math.nan, math.nan))

@@ -191,6 +191,16 @@ def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
     assert len(kept.axles[0].record.t) >= 200
 
 
+def test_the_file_goes_on_where_nobody_reads_the_lines(tmp_path: Path) -> None:
+    with running(tmp_path, "--replay", SERVICE, "--speed", "0", "--json", "-o", "out") as process:
+        taken(process, 5)
+        assert process.stdout
+        process.stdout.close()
+        assert process.wait(timeout=120) == 0
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load)
+    assert len(whole.axles[0].record.t) == 2601
+
+
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # its viewer was killed
 def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     port = free_port()
@@ -261,6 +271,32 @@ def test_a_wheel_that_repeats_one_value_under_brake_is_stuck() -> None:
         one.brake(k * 10_000_000, 2e5, True, 0)
         one.wheel(k * 10_000_000, 40.0 - 0.01 * min(k, 100), 0)
     assert [(f.code, f.spans[0][0] > 1.9) for f in one.findings] == [("speed-stuck", True)]
+
+
+def test_a_clock_that_is_set_back_starts_a_segment() -> None:
+    one = axle()
+    seconds = [*np.arange(20.0, 30.0, 0.01), *np.arange(0.0, 1.0, 0.01)]
+    status = []
+    for k, x in enumerate(seconds):
+        one.brake(round(x * 1e9), 2e5, True, 0)
+        sample = one.wheel(round(x * 1e9), 40.0 - 0.001 * k, 0)
+        status.append(sample and sample.status)
+    assert [f.code for f in one.findings] == ["time-backward"]
+    assert status == ["start", *["ok"] * 999, "start", *["ok"] * 99]
+
+
+def test_a_train_speed_that_ends_gives_no_slip() -> None:
+    one = axle()
+    known = []
+    for k in range(300):
+        t = k * 10_000_000
+        one.brake(t, 2e5, True, 0)
+        if k < 200:
+            one.train(t, 20.0)
+        sample = one.wheel(t, 40.0 - 0.001 * k, 0)
+        known.append(sample is not None and np.isfinite([sample.slip, sample.train]).all())
+    assert all(known[:205])
+    assert not any(known[206:])
 
 
 def test_without_a_recent_pressure_there_is_no_force() -> None:
