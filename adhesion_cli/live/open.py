@@ -1,5 +1,6 @@
 """The sender that a source names."""
 
+import shlex
 from pathlib import Path
 
 from ..core.errors import UserError
@@ -47,7 +48,7 @@ def opened(source: str, options: ReadOptions) -> Feed:
     if path.is_file() and (format_ := kind(path)):
         raise UserError(
             f"{source}: a file of the format {format_} is not followed while it grows",
-            f"play it: adhesion live {source} --replay",
+            f"play it: `adhesion live --replay {shlex.quote(source)}`",
             code=2,
         )
     return _text(bytes_arriving.growing(path), options, path)

@@ -226,6 +226,8 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
         times, force = recordings.column(path, "/axle/1/force/estimates", "scalars")
         assert len(times) >= 20
         assert np.isfinite(force).all()
+    (names,) = recordings.batches(path, "/lines/all")
+    assert "axle 1" in str(names.to_pydict())
 
 
 @pytest.mark.parametrize(

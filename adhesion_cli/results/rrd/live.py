@@ -11,7 +11,7 @@ from ...core import physics
 from ...core.model import Z95, Floats, Times, Vehicle
 from .. import palette
 from ..samples import Samples
-from . import parts
+from . import overview, parts
 
 
 class LiveRecording:
@@ -32,12 +32,13 @@ class LiveRecording:
     ) -> None:  # fmt: skip
         self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
         self._start: int | None = None
-        self._styled: set[str] = set()
+        self._known: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
         sinks = [rr.FileSink(file)] if file else []
+        layout = parts.Layout([self._layout()], "time", live=True)
         self._rec.set_sinks(
-            *sinks, *([rr.GrpcSink(viewer)] if viewer else []), default_blueprint=self._layout()
+            *sinks, *([rr.GrpcSink(viewer)] if viewer else []), default_blueprint=layout
         )
         self._rec.send_recording_name(name)
 
@@ -47,8 +48,20 @@ class LiveRecording:
             if self._start is None:
                 self._start = int(x.t[0])
             for path, plot in self._plots(axle, x):
-                parts.send_plot(self._rec, path, self._times, x.t, plot, path not in self._styled)
-                self._styled.add(path)
+                first = path not in self._known
+                parts.send_plot(self._rec, path, self._times, x.t, plot, first)
+                if first:
+                    self._known.add(path)
+                    self._name(
+                        "lines/all" if path.startswith("all/") else f"lines/axle/{axle}", plot
+                    )
+
+    def _name(self, path: str, plot: parts.Plot) -> None:
+        """Sends the names of lines that are not in their list yet."""
+        lines = zip(plot.series, plot.colours, strict=True)
+        if new := [(name, c) for name, c in lines if f"{path}/{name}" not in self._known]:
+            self._known |= {f"{path}/{name}" for name, _ in new}
+            parts.send_names(self._rec, path, self._times, self._start or 0, new)
 
     def finish(self) -> None:
         """Ends the recording; a viewer that does not answer is not waited for."""
@@ -95,30 +108,21 @@ class LiveRecording:
         since = (t - (self._start or 0)).astype("timedelta64[ns]")
         return [rr.TimeColumn("time", duration=since)]
 
-    def _layout(self) -> rrb.Blueprint:
-        """All axles first, then a tab for each; the newest samples are shown."""
-        shown = self._algos[0]
-        charts = {
-            "speed": "speed [km/h]", "force": f"adhesion force, {shown} [kN]",
-            "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
-        }  # fmt: skip
-        every = rrb.Vertical(
-            *(parts.chart(f"all/{path}", f"All axles: {name}") for path, name in charts.items()),
-            name="All axles",
-        )
-        tabs = [
-            rrb.Vertical(
+    def _layout(self) -> rrb.Container:
+        """All axles first, then a tab for each."""
+        titles = overview.titles(self._algos[0]).items()
+        charts = [parts.chart(f"all/{path}", f"All axles: {name}") for path, name in titles]
+        tabs = [_tab("All axles", charts, "lines/all", [1, 1, 1, 1])]
+        for n in self._axles:
+            forces = [
                 parts.chart(f"axle/{n}/force", f"Axle {n}: adhesion force [kN]"),
                 parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
-                name=f"Axle {n}", row_shares=[3, 1],
-            )
-            for n in self._axles
-        ]  # fmt: skip
-        return rrb.Blueprint(
-            rrb.Tabs(every, *tabs),
-            rrb.BlueprintPanel(state="collapsed"),
-            rrb.SelectionPanel(state="collapsed"),
-            rrb.TimePanel(state="collapsed", timeline="time", play_state="following"),
-            auto_views=False,
-            auto_layout=False,
-        )
+            ]
+            tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
+        return rrb.Tabs(*tabs)
+
+
+def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:
+    """Charts with the names of their lines beside them."""
+    shown = rrb.Vertical(*charts, row_shares=heights), parts.names_view(lines)
+    return rrb.Horizontal(*shown, column_shares=[6, 1], name=name)

@@ -109,10 +109,12 @@ def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:
     return found if axle.slip is None else {**found, "slip": 100.0 * axle.slip}
 
 
-_TITLES = {
-    "speed": "speed [km/h]", "force": "adhesion force, reference [kN]",
-    "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
-}  # fmt: skip
+def titles(of: str) -> dict[str, str]:
+    """Quantity and unit of each chart; `of` says whose force it is."""
+    return {
+        "speed": "speed [km/h]", "force": f"adhesion force, {of} [kN]",
+        "coefficient": "adhesion coefficient µ", "slip": "slip [%]",
+    }  # fmt: skip
 
 
 def _charts(
@@ -121,7 +123,7 @@ def _charts(
     """A chart per quantity of some axles, on one time axis."""
     values = [_values(*of) for of in drawn]
     charts = []
-    for name, title in _TITLES.items():
+    for name, title in titles("reference").items():
         of = [v[name] for v in values if name in v]
         if name == "slip":  # at the limit of observation a wheel can say anything
             top = max(100.0 * min(worst(slides), 1.0), _SLIP)

@@ -60,11 +60,12 @@ def write(
     identity = hashlib.sha256(made_from.encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
     source, sink = os.pipe()  # the SDK waits for ever for its writing thread, which errors end
+    layout = Layout([page.layout() for page in pages], timeline)
     with ThreadPoolExecutor(1) as pool:
         copied = pool.submit(_copy, source, path)
         try:
             with os.fdopen(sink):  # the SDK opens it for itself
-                rec.save(f"/dev/fd/{sink}", default_blueprint=Layout(pages, timeline))
+                rec.save(f"/dev/fd/{sink}", default_blueprint=layout)
             rec.send_recording_name(name)
             for page in pages:
                 page.send(rec)
@@ -193,15 +194,22 @@ def send_band(
 
 
 class Layout(rrb.Blueprint):
-    """The whole window: paused, side panels shut, every chart on the same time axis, all of it."""
+    """The whole window: side panels shut, every chart on the same time axis, all of it.
 
-    def __init__(self, pages: Sequence[Page], timeline: str) -> None:
-        layouts = [page.layout() for page in pages]
+    Args:
+        layouts: a tab for each.
+        timeline: that is shown.
+        live: whether the cursor follows the newest samples, or stands.
+    """
+
+    def __init__(self, layouts: Sequence[rrb.Container], timeline: str, live: bool = False) -> None:
         super().__init__(
             layouts[0] if len(layouts) == 1 else rrb.Tabs(*layouts),
             rrb.BlueprintPanel(state="collapsed"),
             rrb.SelectionPanel(state="collapsed"),
-            rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
+            rrb.TimePanel(
+                state="collapsed", timeline=timeline, play_state="following" if live else "paused"
+            ),
             auto_views=False,
             auto_layout=False,
         )
