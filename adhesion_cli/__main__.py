@@ -12,7 +12,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
 from .core.errors import UserError, as_told
-from .core.text import printable, utf8
+from .core.text import drop_output, printable, utf8
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
@@ -83,7 +83,7 @@ def _told(error: BaseException) -> int:
             return _failed(text, _HINT, 128 + number)
         behind = behind.__cause__ or behind.__context__
     if isinstance(error, BrokenPipeError):  # whoever read our output is gone
-        _drop_output()
+        drop_output()
         return 1
     told = as_told(error)
     return _failed(told.text, told.hint, told.code)
@@ -134,16 +134,11 @@ def _failed(text: str, hint: str, code: int) -> int:
             print(json.dumps(document), flush=True)
             return code
         except OSError:  # a full disk may be what went wrong: say so where it can be read
-            _drop_output()
+            drop_output()
     print(f"error: {printable(text)}", file=sys.stderr)
     if hint:
         print(f"hint: {printable(hint)}", file=sys.stderr)
     return code
-
-
-def _drop_output() -> None:
-    """Sends what is still to be printed nowhere, else the interpreter fails on it at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

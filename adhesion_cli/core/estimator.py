@@ -147,14 +147,23 @@ def online(
     state: Any = None
     before = 0
     for t, K, y in samples:
-        if state is None:
-            state = est.init(p, w, K, y)
-        else:
-            h = (t - before) * 1e-9
-            check_step(est, p, h)
-            state = est.step(p, w, state, h, K, y)
+        state = advanced(est, p, w, state, (t - before) * 1e-9, K, y)
         before = t
         yield state.F
+
+
+def advanced(  # noqa: PLR0913 (a step, and whose)
+    est: Estimator, p: Any, w: Wheelset, state: Any, h: float, K: float, y: float
+) -> Any:
+    """The state after a sample; `state` is None before the first of a segment, and `h` no matter.
+
+    Raises:
+        UserError: at an interval at which these parameters are unstable.
+    """
+    if state is None:
+        return est.init(p, w, K, y)
+    check_step(est, p, h)
+    return est.step(p, w, state, h, K, y)
 
 
 def check_step(est: Estimator, p: Any, h: float) -> None:

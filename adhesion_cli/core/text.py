@@ -1,7 +1,9 @@
 """What people read: names from logs, which may be hostile, and numbers with an uncertainty."""
 
 import math
+import os
 import re
+import sys
 import unicodedata
 from collections import Counter
 from pathlib import Path
@@ -82,3 +84,8 @@ def distinct(names: list[str]) -> list[str]:
         taken.add(free)
         numbered.append(free)
     return numbered
+
+
+def drop_output() -> None:
+    """Sends what is still to be printed nowhere, else the interpreter fails on it at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -3,16 +3,16 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from statistics import median
 from typing import Any, Literal, NamedTuple
 
-from ..core import estimator, physics
+import numpy as np
+
+from ..core import estimator, physics, time_axis
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Vehicle
 
 _MANY = 100  # intervals whose median is the usual one
-_GAP = 5.0  # of it: a longer interval is a gap, as in a log
 _FIRST = 10.0  # longest interval before the usual one is known [s]
 _STUCK = 1.0  # time for which a wheel that turns repeats one value exactly [s]
 _FEWEST = 10  # samples that must do that
@@ -50,7 +50,7 @@ class _Clock:
 
     def __init__(self, longest: float) -> None:
         self._stated, self.limit = longest, longest or _FIRST
-        self._steps: deque[float] = deque(maxlen=_MANY)
+        self._steps: deque[int] = deque(maxlen=_MANY)  # [ns]
         self.last: int | None = None
         self._seen = 0
 
@@ -61,10 +61,11 @@ class _Clock:
             return math.nan
         h = (t - before) * 1e-9
         if h > 0.0 and (h <= self.limit or not self._stated):
-            self._steps.append(h)
+            self._steps.append(t - before)
             self._seen += 1
             if not self._stated and (self._seen < 20 or self._seen % _MANY == 0):
-                self.limit = _GAP * median(self._steps) if self._seen > 2 else _FIRST
+                limit = time_axis.gap_limit(np.array(self._steps)) * 1e-9
+                self.limit = limit if self._seen > 2 else _FIRST
         return h
 
     def fresh(self, t: int) -> bool:
@@ -140,15 +141,10 @@ class Axle:
 
     def _stepped(self, name: str, h: float, K: float, y: float) -> Estimate:
         est, p = self._algos[name]
-        before = self._states.get(name)
-        if before is None:
-            state = est.init(p, self._wheelset, K, y)
-        else:
-            estimator.check_step(est, p, h)
-            state = est.step(p, self._wheelset, before, h, K, y)
+        state = estimator.advanced(est, p, self._wheelset, self._states.get(name), h, K, y)
         self._states[name] = state
         regime = ""
-        if all(hasattr(state, r) for r in _REGIMES):
+        if est.State._fields[: len(_REGIMES)] == _REGIMES:
             regime = max(_REGIMES, key=lambda r: getattr(state, r).p)
         return Estimate(state.F, getattr(state, "sigma", math.nan), regime)
 

@@ -1,6 +1,5 @@
 """Samples as frames on a CAN bus; the DBC of the vehicle says what they hold."""
 
-from collections.abc import Iterator
 from typing import Any
 
 from ..core.errors import UserError
@@ -33,8 +32,8 @@ class Can(Messages):
         except ImportError as error:
             raise UserError(f"{name}: {error.name} is not installed", _INSTALL) from error
         self._closed = False
-        self._pump = Pump(self._frame, patient=False)
-        super().__init__(name, self._frames(), options, False, self._lost)
+        pump = Pump(self._frame, patient=False)
+        super().__init__(name, iter(pump), options, pump.lost)
 
     def parsed(self, message: Any) -> Values | None:
         """See `Messages`."""
@@ -50,13 +49,6 @@ class Can(Messages):
             if frame := self._bus.recv(timeout=0.2):
                 return frame
         return None
-
-    def _frames(self) -> Iterator[Any]:
-        return iter(self._pump)
-
-    def _lost(self) -> int:
-        lost, self._pump.dropped = self._pump.dropped, 0
-        return lost
 
     def close(self) -> None:
         """See `Feed`."""

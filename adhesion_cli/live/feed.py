@@ -26,11 +26,9 @@ class Feed(Protocol):
 
     Attributes:
         name: for people and for the names of files.
-        patient: it waits for whoever reads. A sender that does not wait loses what nobody takes.
     """
 
     name: str
-    patient: bool
 
     def head(self) -> Source:
         """The fields, by the header or the first messages; waits for them.
@@ -69,7 +67,7 @@ class Pump(Generic[T]):
         self._take, self._patient = take, patient
         self._queue: queue.Queue[T | None] = queue.Queue(WAITING)
         self._error: BaseException | None = None
-        self.dropped = 0
+        self._dropped = 0
         threading.Thread(target=self._run, daemon=True).start()
 
     def __iter__(self) -> Iterator[T | None]:
@@ -86,6 +84,11 @@ class Pump(Generic[T]):
                 return
             yield piece
 
+    def lost(self) -> int:
+        """How many pieces were dropped since the last call."""
+        lost, self._dropped = self._dropped, 0
+        return lost
+
     def _run(self) -> None:
         try:
             while (piece := self._take()) is not None:
@@ -101,7 +104,7 @@ class Pump(Generic[T]):
             except queue.Full:
                 try:
                     self._queue.get_nowait()
-                    self.dropped += 1
+                    self._dropped += 1
                 except queue.Empty:  # it was taken meanwhile
                     pass
         self._queue.put(piece)

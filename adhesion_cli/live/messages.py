@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import Column, Reject
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import Row
+from .feed import Pump, Row
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
@@ -63,15 +63,14 @@ class Messages:
         name: of the sender.
         arriving: its messages; None where there was none for `TICK`.
         options: how to read them.
-        patient: whether the sender waits.
         dropped: how many messages were dropped since the last call.
     """
 
     def __init__(
         self, name: str, arriving: Iterator[Any], options: ReadOptions,
-        patient: bool, dropped: Callable[[], int] = lambda: 0,
+        dropped: Callable[[], int] = lambda: 0,
     ) -> None:  # fmt: skip
-        self.name, self.patient = name, patient
+        self.name = name
         self._arriving, self._options, self._dropped = arriving, options, dropped
         self._first: list[Values] = []
         self._bad, self._why, self._example = 0, "", ""
@@ -207,6 +206,12 @@ def _flat(said: dict[str, Any], above: str, depth: int) -> Iterator[tuple[str, A
             yield from _flat(value, f"{above}{key}.", depth + 1)
         else:
             yield f"{above}{key}", value
+
+
+def in_datagrams(pump: Pump[bytes]) -> Iterator[bytes | None]:
+    """The messages of pieces that each hold one, or several on lines."""
+    for piece in pump:
+        yield from [None] if piece is None else piece.splitlines()
 
 
 def lines(pieces: Iterator[bytes | None]) -> Iterator[bytes | None]:

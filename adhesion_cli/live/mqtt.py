@@ -2,13 +2,12 @@
 
 import queue
 import threading
-from collections.abc import Iterator
 from typing import Any
 
 from ..core.errors import UserError
 from ..formats.source import ReadOptions
 from .feed import Pump
-from .messages import MOST_BYTES, Messages
+from .messages import MOST_BYTES, Messages, in_datagrams
 
 _INSTALL = "pip install 'adhesion-cli[live]'"
 _PORT = 1883
@@ -53,8 +52,8 @@ class Mqtt(Messages):
             self.close()
             text = f"{name}: the broker refuses: {self._refused or 'no answer'}"
             raise UserError(text, "check that it lets this computer read the topic")
-        self._pump = Pump(self._came.get, patient=False)
-        super().__init__(name, self._lines(), options, False, self._lost)
+        pump = Pump(self._came.get, patient=False)
+        super().__init__(name, in_datagrams(pump), options, pump.lost)
 
     def _connected(self, client: Any, _: Any, __: Any, reason: Any, ___: Any) -> None:
         self._refused = str(reason) if reason.is_failure else ""
@@ -64,17 +63,6 @@ class Mqtt(Messages):
 
     def _message(self, _: Any, __: Any, message: Any) -> None:
         self._came.put(message.payload[: MOST_BYTES + 1])
-
-    def _lines(self) -> Iterator[bytes | None]:
-        for payload in self._pump:
-            if payload is None:
-                yield None
-            else:
-                yield from payload.splitlines()
-
-    def _lost(self) -> int:
-        lost, self._pump.dropped = self._pump.dropped, 0
-        return lost
 
     def close(self) -> None:
         """See `Feed`."""

@@ -56,6 +56,6 @@ def opened(source: str, options: ReadOptions) -> Feed:
 
 def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:
     if pieces.peek().startswith(b"{"):
-        return Messages(pieces.name, lines(iter(pieces)), options, patient=True)
+        return Messages(pieces.name, lines(iter(pieces)), options)
     again = (lambda: bytes_arriving.growing(path)) if path else None
     return Table(pieces, options, again)

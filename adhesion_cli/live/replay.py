@@ -22,7 +22,7 @@ class Replay:
     """
 
     def __init__(self, path: Path, options: ReadOptions, speed: float) -> None:
-        self.name, self.patient = str(path), not speed
+        self.name = str(path)
         self._source, self._speed = open_source(path, options), speed
 
     def head(self) -> Source:

@@ -28,8 +28,6 @@ class Table:
         again: gives the bytes of the file that took its place, if it can be replaced.
     """
 
-    patient = True
-
     def __init__(
         self, pieces: Pieces, options: ReadOptions, again: Callable[[], Pieces] | None = None
     ) -> None:
@@ -86,10 +84,12 @@ class Table:
 
     def findings(self) -> list[Finding]:
         """See `Feed`."""
-        restarted = [Finding("source-restarted", "info", count=self._restarts)]
-        found = restarted * bool(self._restarts) + (self._rows.lost if self._rows else [])
-        self._restarts = 0
-        if self._rows:
+        found: list[Finding] = []
+        if self._restarts:
+            found.append(Finding("source-restarted", "info", count=self._restarts))
+            self._restarts = 0
+        if self._rows and self._rows.lost:
+            found += self._rows.lost
             self._rows.lost = []
         return found
 

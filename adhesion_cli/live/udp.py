@@ -1,12 +1,11 @@
 """Samples as datagrams: an object in JSON each, or several on lines."""
 
 import socket
-from collections.abc import Iterator
 
 from ..core.errors import UserError
 from ..formats.source import ReadOptions
 from .feed import Pump
-from .messages import Messages
+from .messages import Messages, in_datagrams
 
 _LARGEST = 1 << 16  # bytes of a datagram
 
@@ -38,25 +37,14 @@ class Udp(Messages):
                 f"{name}: cannot listen there: {error.strerror}",
                 "name an address of this machine and a free port",
             ) from None
-        self._pump = Pump(self._datagram, patient=False)
-        super().__init__(name, self._lines(), options, False, self._lost)
+        pump = Pump(self._datagram, patient=False)
+        super().__init__(name, in_datagrams(pump), options, pump.lost)
 
     def _datagram(self) -> bytes | None:
         try:
             return self._socket.recv(_LARGEST)
         except OSError:
             return None  # closed
-
-    def _lines(self) -> Iterator[bytes | None]:
-        for datagram in self._pump:
-            if datagram is None:
-                yield None
-            else:
-                yield from datagram.splitlines()
-
-    def _lost(self) -> int:
-        lost, self._pump.dropped = self._pump.dropped, 0
-        return lost
 
     def close(self) -> None:
         """See `Feed`."""

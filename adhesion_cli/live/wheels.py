@@ -8,10 +8,9 @@ from ..channels import to_si
 from ..channels.log import needed
 from ..channels.meaning import Mapping, Meant
 from ..core import units
-from ..core.finding import Finding
 from ..core.model import Vehicle
 from ..formats.source import Field, Source
-from ..records.choose import Key, axle_numbers, brake_of, find
+from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
 from .feed import Row
 
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
@@ -68,14 +67,7 @@ class Wheels:
             if speed and brake:
                 known.append((axle, speed, brake, find(by_key, "train_speed", axle)))
             elif key := speed or brake:
-                lacking = "pressure or clamping force" if speed else "wheel speed"
-                names = {"lacking": lacking, "key": "pressure" if speed else "speed"}
-                values = {"axle": axle}
-                self.findings.append(
-                    Finding(
-                        "axle-incomplete", "warning", by_key[key].title, values=values, names=names
-                    )
-                )
+                self.findings.append(incomplete(axle, by_key[key].title, speed is not None))
         # Of one time, the brake and the train come before the wheel: so do their places.
         for _, _, brake, train in known:
             for key in (brake, train):

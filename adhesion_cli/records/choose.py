@@ -65,12 +65,7 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if speed and brake:
             found.append(AxleKeys(axle, speed, brake))
         elif axle in asked and (key := speed or brake):
-            lacking = "pressure or clamping force" if speed else "wheel speed"
-            missing = "pressure" if speed else "speed"
-            findings.append(
-                Finding("axle-incomplete", "warning", channel=channels[key].title,
-                        values={"axle": axle}, names={"lacking": lacking, "key": missing})
-            )  # fmt: skip
+            findings.append(incomplete(axle, channels[key].title, speed is not None))
     return Choice(channels, tuple(found), asked, rates[0] if rates else None, findings)
 
 
@@ -99,6 +94,13 @@ def axle_numbers(
         known = f"the log has axles {', '.join(map(str, numbers))}"
         raise UserError(f"{path}: no axle {min(unknown)}", known, code=2)
     return numbers
+
+
+def incomplete(axle: int, title: str, has_speed: bool) -> Finding:
+    """An axle with a wheel speed and no brake, or the other way round; `title` is what it has."""
+    lacking = "pressure or clamping force" if has_speed else "wheel speed"
+    names = {"lacking": lacking, "key": "pressure" if has_speed else "speed"}
+    return Finding("axle-incomplete", "warning", channel=title, values={"axle": axle}, names=names)
 
 
 def brake_of(keys: Collection[Key], axle: int) -> Key | None:
