@@ -62,7 +62,7 @@ def ran(folder: Path, command: str, *under: str) -> subprocess.CompletedProcess[
 
 
 def struck(folder: Path, command: str, options: list[str]) -> subprocess.CompletedProcess[str]:
-    return ran(folder, command, "strace", "-f", "-qq", *options)
+    return ran(folder, command, "strace", "-f", "--seccomp-bpf", "-qq", *options)
 
 
 def prepared(folder: Path, command: str, *under: str) -> dict[str, bytes]:
