@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from ..live.run import Sink
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
-_CHUNK, _FRAME = 0.5, 0.1  # between two chunks of the file, and two frames of the viewer [s]
+# Between two chunks of a file [s]. The Rerun SDK keeps a note of each one up to the end.
+_CHUNK, _RERUN_CHUNK = 0.5, 0.9
+_FRAME = 0.1  # between two frames of the viewer [s]
 _SHOWN = "imm"  # the estimator with a band of its own
 
 
@@ -47,8 +49,8 @@ def command(
 
     The estimators are those of `analyze`, and so are their values.
 
-    SOURCE is a CSV file or a file of JSON lines to which a logger appends, - for
-    the same on standard input, udp://HOST:PORT or mqtt://HOST/TOPIC for JSON
+    SOURCE is a CSV, MCAP or JSON-lines file to which a logger appends, - for text
+    on standard input, udp://HOST:PORT or mqtt://HOST/TOPIC for JSON
     messages, or can:CHANNEL with --dbc. The header or the first messages say
     what is measured, or -c does. Ctrl-C ends.
 
@@ -104,7 +106,7 @@ def _follow(feed: "Feed", settings: "Settings", shared: Shared, screens: _Screen
     from . import terminal
 
     algos = {e.name: (e, settings.params(e)) for e in chosen(shared.algo)}
-    tally = Tally(lambda f: terminal.show([f], shared.quiet))
+    tally = Tally(lambda f: terminal.show([f], shared.quiet), feed.name, shared.strict)
     wheels = wheels_of(feed, settings, shared.axle)
     axles = [p.axle for p in wheels.axles]
     with ExitStack() as ends:
@@ -136,13 +138,14 @@ def _sinks(
         inputs = [*shared.config, *shared.dbc]
         atomic_files.check([record, recording], shared.force, inputs=inputs)
         yield Batches(Mcap(record, name, settings, algos, axles), sorted(algos), axles, _CHUNK)
-    if recording or screens.viewer:
-        live = LiveRecording(name, settings.vehicle, axles, names, recording, screens.viewer)
 
-        def tell(error: str) -> None:
-            terminal.message(f"the recording ends here: {error}", shared.quiet)
+    def tell(error: str) -> None:
+        terminal.message(f"the recording ends here: {error}", shared.quiet)
 
-        yield Batches(Shown(live, tell), names, axles, _FRAME)
+    for to, every in ((recording, _RERUN_CHUNK), (screens.viewer, _FRAME)):
+        if to:
+            live = LiveRecording(name, settings.vehicle, axles, names, to)
+            yield Batches(Shown(live, tell), names, axles, every)
     if screens.serve is not None:
         from ..live.served import Served
 
@@ -151,6 +154,8 @@ def _sinks(
         yield server
     if shared.json:
         alone = not recording and screens == _Screens("", None)
-        yield JsonLines(shown, settings.vehicle, alone)
+        yield JsonLines(
+            shown, settings.vehicle, alone, lambda text: terminal.message(text, shared.quiet)
+        )
     elif not shared.quiet and sys.stderr.isatty():
         yield StatusLine(shown[0], settings.vehicle)

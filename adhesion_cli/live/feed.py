@@ -2,13 +2,16 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from heapq import merge
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from ..core.finding import Finding
+from ..core.model import Column
 from ..formats.source import Field, Source
 
 TICK = 0.02  # longest wait for a row, after which the others may do something [s]
+PAUSE = 1.0  # after the first samples: by then the fields are known [s]
 WAITING = 4096  # pieces of a sender that does not wait; more are dropped
 
 T = TypeVar("T")
@@ -19,6 +22,26 @@ class Row(NamedTuple):
 
     t: int  # [ns]
     values: dict[int, float]  # by place among the wanted fields; NaN is no value
+
+
+def rows_of(columns: Mapping[int, Column]) -> Iterator[Row]:
+    """The rows of columns, by places: in the order of time, or their own if one clock has all."""
+    clocks: dict[int, dict[int, Column]] = {}
+    for place, column in columns.items():
+        clocks.setdefault(id(column.t), {})[place] = column
+    return merge(*map(_rows, clocks.values()), key=lambda row: row.t)
+
+
+def _rows(columns: dict[int, Column]) -> Iterator[Row]:
+    """The rows of columns with one clock; a cell without a number has no value."""
+    t = next(iter(columns.values())).t.tolist()
+    values = {place: c.value.tolist() for place, c in columns.items()}
+    valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
+    for n, stamp in enumerate(t):
+        yield Row(
+            stamp,
+            {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]},
+        )
 
 
 class Feed(Protocol):

@@ -14,12 +14,11 @@ from ..core.finding import Finding
 from ..core.model import Column, Reject
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import Pump, Row
+from .feed import PAUSE, Pump, Row
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
 _ENOUGH = 200  # messages that show the fields
-_PAUSE = 1.0  # as many seconds do as well [s]
 _SHOWN = 40  # characters of a message that is reported
 _FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
 _LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # numbers that count from 1970 in this unit
@@ -84,7 +83,7 @@ class Messages:
                 begin = begin or time.monotonic()
                 self._first.append(sample)
                 known |= dict.fromkeys(sample[1])
-            late = begin and time.monotonic() - begin > _PAUSE
+            late = begin and time.monotonic() - begin > PAUSE
             if late or len(self._first) >= _ENOUGH:
                 break
         if not known:

@@ -8,11 +8,12 @@ from ..formats.open import kind
 from ..formats.source import ReadOptions
 from . import bytes_arriving
 from .feed import Feed
+from .growing_mcap import GrowingMcap
 from .messages import Messages, lines
 from .table import Table
 
 SOURCES = (
-    "a growing CSV or JSON file, - for standard input, udp://HOST:PORT, mqtt://HOST/TOPIC or "
+    "a growing CSV, JSON or MCAP file, - for standard input, udp://HOST:PORT, mqtt://HOST/TOPIC or "
     "can:CHANNEL"
 )
 
@@ -45,13 +46,18 @@ def opened(source: str, options: ReadOptions) -> Feed:
     if source == "-":
         return _text(bytes_arriving.standard_input(), options, None)
     path = Path(source)
-    if path.is_file() and (format_ := kind(path)):
+    pieces = bytes_arriving.growing(path)
+    pieces.peek()
+    format_ = kind(path) if path.is_file() else None
+    if format_ == "mcap":
+        return GrowingMcap(path, options)
+    if format_:
         raise UserError(
             f"{source}: a file of the format {format_} is not followed while it grows",
             f"play it: `adhesion live --replay {shlex.quote(source)}`",
             code=2,
         )
-    return _text(bytes_arriving.growing(path), options, path)
+    return _text(pieces, options, path)
 
 
 def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:

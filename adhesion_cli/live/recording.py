@@ -1,6 +1,6 @@
 """Samples as files that can be read while they grow, and after a kill; or in a viewer."""
 
-import time
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,6 +16,7 @@ from ..results.rrd.live import LiveRecording
 from ..results.samples import Samples
 from .axle import Estimate, Sample
 
+_MOST = 100_000  # samples that wait for a file before the sender has to
 _NOTHING = Estimate(float("nan"), float("nan"))
 
 
@@ -32,7 +33,7 @@ class Target(Protocol):
 
 
 class Batches:
-    """Samples as columns, every so often.
+    """Samples as columns, every so often, in a thread of its own: writing holds up no sample.
 
     Args:
         target: what takes them.
@@ -44,30 +45,58 @@ class Batches:
     def __init__(
         self, target: Target, algos: Sequence[str], axles: Sequence[int], every: float
     ) -> None:
-        self._target, self._algos, self._every = target, list(algos), every
-        self._waiting: dict[int, list[Sample]] = {axle: [] for axle in axles}
-        self._since = time.monotonic()
+        self._target, self._algos, self._axles, self._every = target, list(algos), axles, every
+        self._waiting: list[Sample] = []
+        self._change = threading.Condition()
+        self._ends = False
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
-        for s in samples:
-            self._waiting[s.axle].append(s)
+        with self._change:
+            while len(self._waiting) > _MOST and not self._error:  # a slow disk
+                self._change.wait()
+            self._check()
+            self._waiting += samples
 
     def idle(self) -> None:
         """See `Sink`."""
-        if time.monotonic() - self._since >= self._every:
-            self._send()
+        self._check()
 
     def close(self) -> None:
         """See `Sink`."""
-        self._send()
+        with self._change:
+            self._ends = True
+            self._change.notify()
+        self._thread.join()
         self._target.finish()
+        self._check()
 
-    def _send(self) -> None:
-        self._since = time.monotonic()
-        if new := {n: columns(of, self._algos) for n, of in self._waiting.items() if of}:
-            for of in self._waiting.values():
-                of.clear()
+    def _check(self) -> None:
+        if self._error:
+            raise self._error
+
+    def _run(self) -> None:
+        try:
+            ends = False
+            while not ends:
+                with self._change:
+                    ends = self._change.wait_for(lambda: self._ends, self._every)
+                    waiting, self._waiting = self._waiting, []
+                    self._change.notify()
+                self._send(waiting)
+        except BaseException as error:  # raised again where the samples come from
+            with self._change:
+                self._error = error
+                self._change.notify()
+
+    def _send(self, samples: Sequence[Sample]) -> None:
+        of: dict[int, list[Sample]] = {axle: [] for axle in self._axles}
+        for s in samples:
+            of[s.axle].append(s)
+        if new := {n: columns(some, self._algos) for n, some in of.items() if some}:
             self._target.add(new)
 
 
@@ -146,7 +175,7 @@ class Shown:
             what(self._recording)
         except Exception as error:  # the binding has errors of many kinds
             self._recording = None
-            self._tell(str(error))
+            self._tell(getattr(error, "strerror", None) or str(error))
 
 
 def columns(of: Sequence[Sample], algos: Sequence[str]) -> Samples:

@@ -2,14 +2,12 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from heapq import merge
 from pathlib import Path
 
 from ..core.finding import Finding
-from ..core.model import Column
 from ..formats.open import open_source
 from ..formats.source import Field, ReadOptions, Source
-from .feed import TICK, Row
+from .feed import TICK, Row, rows_of
 
 
 class Replay:
@@ -31,10 +29,7 @@ class Replay:
 
     def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
         """See `Feed`."""
-        clocks: dict[int, dict[int, Column]] = {}
-        for place, column in enumerate(self._source.columns(wanted)):
-            clocks.setdefault(id(column.t), {})[place] = column
-        every = merge(*map(_rows, clocks.values()), key=lambda row: row.t)
+        every = rows_of(dict(enumerate(self._source.columns(wanted))))
         begin, first = time.monotonic(), None
         for row in every:
             first = row.t if first is None else first
@@ -52,15 +47,3 @@ class Replay:
 
     def close(self) -> None:
         """See `Feed`."""
-
-
-def _rows(columns: dict[int, Column]) -> Iterator[Row]:
-    """The rows of columns with one clock; a cell without a number has no value."""
-    t = next(iter(columns.values())).t.tolist()
-    values = {place: c.value.tolist() for place, c in columns.items()}
-    valid = {place: c.valid for place, c in columns.items() if not c.valid.all()}
-    for n, stamp in enumerate(t):
-        yield Row(
-            stamp,
-            {p: x[n] for p, x in values.items() if p not in valid or valid[p][n]},
-        )

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from ..analysis.settings import Settings
+from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
 from .axle import Axle, Sample
@@ -35,19 +36,29 @@ class Tally:
 
     Args:
         tell: called with each finding of a new kind.
+        name: of the sender.
+        strict: whether damaged data end the run.
     """
 
-    def __init__(self, tell: Callable[[Finding], None]) -> None:
-        self._tell = tell
+    def __init__(
+        self, tell: Callable[[Finding], None], name: str = "", strict: bool = False
+    ) -> None:
+        self._tell, self._name, self._strict = tell, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
 
     def add(self, found: Sequence[Finding]) -> None:
-        """Counts these."""
+        """Counts these.
+
+        Raises:
+            UserError: at damaged data, with `strict`.
+        """
         for f in found:
             key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
             known = self._kinds.get(key)
             if known is None:
                 self._kinds[key] = f
+                if self._strict and f.severity == "error":
+                    raise UserError(f"{self._name}: {f.message}", "go on without --strict")
                 self._tell(f)
                 continue
             spans = (*known.spans, *f.spans)[:_SPANS]

@@ -2,9 +2,12 @@
 
 import json
 import math
+import os
+import queue
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..core.model import Z95, Vehicle
@@ -13,6 +16,8 @@ from ..core.text import drop_output
 from .axle import Estimate, Sample
 
 _EVERY = 0.2  # between two states of the line [s]
+_MOST = 4096  # rows of lines that wait for whoever reads them
+_PATIENCE = 1.0  # longest wait for that reader [s]
 
 
 class JsonLines:
@@ -21,24 +26,45 @@ class JsonLines:
     Args:
         algos: estimators that are printed.
         vehicle: for the coefficient.
-        alone: whether nobody else takes the samples; else they go on without a reader.
+        alone: whether nobody else takes the samples; else they go on without a reader, and without
+            the lines that one who reads no more leaves.
+        tell: called at the end with how many lines were dropped, if any.
     """
 
-    def __init__(self, algos: Sequence[str], vehicle: Vehicle, alone: bool) -> None:
-        self._algos, self._vehicle, self._alone = algos, vehicle, alone
-        self._gone = False
+    def __init__(
+        self, algos: Sequence[str], vehicle: Vehicle, alone: bool, tell: Callable[[str], None]
+    ) -> None:
+        self._algos, self._vehicle, self._tell = algos, vehicle, tell
+        self._gone = self._stalled = False
+        self._dropped = 0
+        self._waiting: queue.Queue[bytes] | None = None
+        if not alone:
+            self._waiting = queue.Queue(_MOST)
+            threading.Thread(target=self._run, args=(self._waiting,), daemon=True).start()
 
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
         if self._gone:
             return
         lines = [json.dumps(self._object(s, algo)) for s in samples for algo in self._algos]
+        text = "\n".join([*lines, ""]).encode()
+        if self._waiting is None:
+            _print(text)
+            return
         try:
-            sys.stdout.write("\n".join([*lines, ""]))
-            sys.stdout.flush()
+            self._waiting.put(text, timeout=0.0 if self._stalled else _PATIENCE)
+            self._stalled = False
+        except queue.Full:
+            self._stalled = True
+            self._dropped += len(lines)
+
+    def _run(self, waiting: "queue.Queue[bytes]") -> None:
+        """Prints what waits; a reader that is slow or gone stops only this thread."""
+        try:
+            while True:
+                _print(waiting.get())
+                waiting.task_done()
         except BrokenPipeError:
-            if self._alone:
-                raise
             self._gone = True
             drop_output()
 
@@ -59,6 +85,15 @@ class JsonLines:
 
     def close(self) -> None:
         """See `Sink`."""
+        until = time.monotonic() + _PATIENCE
+        while self._waiting and self._waiting.unfinished_tasks and not self._gone:
+            if time.monotonic() > until:
+                with self._waiting.mutex:
+                    self._dropped += sum(text.count(b"\n") for text in self._waiting.queue)
+                break
+            time.sleep(0.01)
+        if self._dropped and not self._gone:
+            self._tell(f"--json: {self._dropped} lines were dropped: nobody read them")
 
 
 class StatusLine:
@@ -112,3 +147,9 @@ class StatusLine:
 
 def _known(x: float) -> float | None:
     return x if math.isfinite(x) else None
+
+
+def _print(text: bytes) -> None:
+    """Past Python's buffer: a thread that waits in it for a reader would hold up the exit."""
+    while text:
+        text = text[os.write(sys.stdout.fileno(), text) :]

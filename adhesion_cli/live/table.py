@@ -12,11 +12,10 @@ from ..formats.csv.arriving import Arriving
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
 from .bytes_arriving import Pieces
-from .feed import Row
+from .feed import PAUSE, Row
 
 _ENOUGH = 20  # lines that show how a table is written
-_FEWEST = 4  # lines that must do where no more come for `_PAUSE`
-_PAUSE = 1.0  # [s]
+_FEWEST = 4  # lines that must do where no more come for `PAUSE`
 
 
 class Table:
@@ -44,7 +43,7 @@ class Table:
             lines = self._head.count(b"\n")
             if piece:
                 self._head, quiet = self._head + piece, time.monotonic()
-            elif lines >= _FEWEST and time.monotonic() - quiet > _PAUSE:
+            elif lines >= _FEWEST and time.monotonic() - quiet > PAUSE:
                 break
             if lines >= _ENOUGH:
                 break

@@ -7,7 +7,7 @@ Specification: https://mcap.dev/spec
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -57,7 +57,8 @@ class Container:
         self._file, self._at, self._crc = file, 0, 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
+        self._chunks = bytearray()  # their indexes as written: as objects they take ten times that
+        self._chunk_count, self._times = 0, (0, 0)
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
@@ -113,14 +114,18 @@ class Container:
             raw = entries.astype("<u8").tobytes()
             head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(raw), channel, len(raw))
             places[channel], _ = self._append(head + raw)
-        self._chunks.append(
+        times = chunk.message_start_time, chunk.message_end_time
+        known = self._times if self._chunk_count else times
+        self._times = min(known[0], times[0]), max(known[1], times[1])
+        self._chunk_count += 1
+        self._chunks += _record(
             ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=length,
                 compression=chunk.compression,
                 compressed_size=len(compressed),
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
+                message_start_time=times[0],
+                message_end_time=times[1],
                 message_index_length=self._at - start - length,
                 message_index_offsets=places,
                 uncompressed_size=chunk.uncompressed_size,
@@ -134,25 +139,24 @@ class Container:
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=dict(sorted(self._counts.items())),
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunk_count,
             message_count=self._counts.total(),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            message_start_time=self._times[0],
+            message_end_time=self._times[1],
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
-        groups: dict[Opcode, Sequence[McapRecord]] = {
-            Opcode.SCHEMA: self._schemas,
-            Opcode.CHANNEL: self._channels,
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: self._chunks,
-            Opcode.ATTACHMENT_INDEX: self._attachments,
-            Opcode.METADATA_INDEX: self._metadata,
+        groups = {
+            Opcode.SCHEMA: _record(*self._schemas),
+            Opcode.CHANNEL: _record(*self._channels),
+            Opcode.STATISTICS: _record(statistics),
+            Opcode.CHUNK_INDEX: bytes(self._chunks),
+            Opcode.ATTACHMENT_INDEX: _record(*self._attachments),
+            Opcode.METADATA_INDEX: _record(*self._metadata),
         }
         start, summary, offsets = self._at, b"", []
-        for opcode, records in groups.items():
-            if records:
-                group = _record(*records)
+        for opcode, group in groups.items():
+            if group:
                 offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         footer = Footer(start, start + len(summary), 0)

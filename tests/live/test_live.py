@@ -1,6 +1,7 @@
 """`adhesion live`: senders, samples, and the same results as of a log."""
 
 import json
+import re
 import signal
 import socket
 import subprocess
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import recordings
+from test_writing import mounted
 
 from adhesion_cli.analysis.analyze import analyze, chosen
 from adhesion_cli.analysis.settings import Settings, load
@@ -201,6 +203,34 @@ def test_the_file_goes_on_where_nobody_reads_the_lines(tmp_path: Path) -> None:
     assert len(whole.axles[0].record.t) == 2601
 
 
+def test_the_file_goes_on_where_the_reader_of_the_lines_stands_still(tmp_path: Path) -> None:
+    with running(tmp_path, "--replay", SERVICE, "--speed", "0", "--json", "-o", "out") as process:
+        taken(process, 5)
+        assert process.wait(timeout=120) == 0
+        assert process.stderr
+        told = process.stderr.read()
+    dropped = re.search(r"--json: (\d+) lines were dropped", told)
+    assert dropped
+    assert 500 < int(dropped[1]) < 2596  # a pipe holds some hundred
+    whole = analyze(tmp_path / "out" / "service-brake.live.mcap", load)
+    assert len(whole.axles[0].record.t) == 2601
+
+
+def test_a_full_disk_ends_the_run_and_what_was_written_can_be_read(tmp_path: Path) -> None:
+    with mounted(tmp_path, "size=1m") as disk:
+        with running(disk, "--replay", LOW, "--speed", "10", "--json", "-o", "out") as process:
+            out, told = process.communicate(timeout=120)
+        assert process.returncode == 1
+        *lines, failed = lines_of(out)
+        assert str(failed["error"]).startswith("out/low-adhesion.live.mcap: cannot be written"), (
+            told
+        )
+        whole = analyze(disk / "out" / "low-adhesion.live.mcap", load)
+    assert [f.code for f in whole.findings if f.severity == "error"] == ["mcap-damaged"]
+    kept = sum(len(a.record.t) for a in whole.axles)
+    assert 100 < kept <= len(lines)
+
+
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # its viewer was killed
 def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     port = free_port()
@@ -237,10 +267,14 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
         ("tcp://127.0.0.1:1", "no source of this kind"),
         ("udp://127.0.0.1:0", "no port"),
         ("udp://192.0.2.1:5005", "cannot listen"),
-        (str(LOW.with_suffix(".mcap")), "--replay"),
+        ("log.parquet", "--replay"),
     ],
 )
-def test_what_is_no_source_is_refused(source: str, says: str) -> None:
+def test_what_is_no_source_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log.parquet").write_bytes(b"PAR1 and more")
     with pytest.raises(UserError) as told:
         opened(source, load().read)
     assert says in f"{told.value.text} {told.value.hint}"

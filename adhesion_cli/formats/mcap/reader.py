@@ -96,7 +96,7 @@ class McapSource:
 
     def _take_clock(self, of: Sequence[Series]) -> None:
         """Decides on one clock for these series."""
-        self._source, self.time_reason, self.absolute = self._clock(of)
+        self.clock, self.time_reason, self.absolute = self._clock(of)
         self.stated["time"] = self.time_reason
 
     def _clock(self, of: Sequence[Series]) -> tuple[TimeSource, str, bool]:
@@ -140,13 +140,13 @@ class McapSource:
         if series:
             self._take_clock(series)
         for s in series:
-            if self._source == "header" and s.stamp is None:
+            if self.clock == "header" and s.stamp is None:
                 raise UserError(
                     f"{self.path}: {s.topic}: messages carry no stamp",
                     "state another clock, as --set channels.time.source=log (or publish)",
                 )
         collectors = [
-            Collector(by_topic[key], self._source, list(own), self.walk.times[0])
+            Collector(by_topic[key], self.clock, list(own), self.walk.times[0])
             for key, own in paths.items()
         ]
         self._collect(collectors)

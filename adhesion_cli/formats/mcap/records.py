@@ -81,7 +81,8 @@ class LogFile:
         except OSError as e:
             raise UserError(f"{path}: {e.strerror}", "give the path of a log") from None
         self._max_record = max_record
-        self.size = os.fstat(self._file.fileno()).st_size
+        status = os.fstat(self._file.fileno())
+        self.size, self.id = status.st_size, (status.st_dev, status.st_ino)
         self._window, self._from = b"", 0
 
     def __enter__(self) -> "LogFile":

@@ -1,5 +1,7 @@
 """Samples as a recording that grows: a file, or a viewer that shows it."""
 
+import os
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -13,6 +15,9 @@ from .. import palette
 from ..samples import Samples
 from . import overview, parts
 
+_PIPED = 1 << 20  # bytes copied at a time
+_PATIENCE = 10.0  # for a disk, at the end [s]
+
 
 class LiveRecording:
     """A recording of samples that arrive.
@@ -22,28 +27,35 @@ class LiveRecording:
         vehicle: for rim speed and coefficient.
         axles: numbers of the axles.
         algos: estimators; the first is shown for all axles.
-        file: of the recording, None for none.
-        viewer: address of a viewer that shows it, "" for none.
+        to: a file, or the address of a viewer.
     """
 
     def __init__(
         self, name: str, vehicle: Vehicle, axles: Sequence[int], algos: Sequence[str],
-        file: Path | None, viewer: str,
+        to: Path | str,
     ) -> None:  # fmt: skip
         self._vehicle, self._axles, self._algos = vehicle, list(axles), list(algos)
         self._start: int | None = None
         self._known: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
-        sinks = [rr.FileSink(file)] if file else []
-        layout = parts.Layout([self._layout()], "time", live=True)
+        self._file = _File(to) if isinstance(to, Path) else None
+        sink = rr.FileSink(self._file.place) if self._file else rr.GrpcSink(str(to))
         self._rec.set_sinks(
-            *sinks, *([rr.GrpcSink(viewer)] if viewer else []), default_blueprint=layout
+            sink, default_blueprint=parts.Layout([self._layout()], "time", live=True)
         )
         self._rec.send_recording_name(name)
+        if self._file:
+            self._file.opened()
 
     def add(self, new: Mapping[int, Samples]) -> None:
-        """Sends the new samples of some axles."""
+        """Sends the new samples of some axles.
+
+        Raises:
+            OSError: where the file cannot be written.
+        """
+        if self._file:
+            self._file.check()
         for axle, x in new.items():
             if self._start is None:
                 self._start = int(x.t[0])
@@ -64,9 +76,15 @@ class LiveRecording:
             parts.send_names(self._rec, path, self._times, self._start or 0, new)
 
     def finish(self) -> None:
-        """Ends the recording; a viewer that does not answer is not waited for."""
+        """Ends the recording; a viewer that does not answer is not waited for.
+
+        Raises:
+            OSError: where the file cannot be written.
+        """
         self._rec.flush(timeout_sec=2.0)
         self._rec.disconnect()
+        if self._file:
+            self._file.finish()
 
     def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.Plot]]:
         """Entity and plot of each chart."""
@@ -120,6 +138,48 @@ class LiveRecording:
             ]
             tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
         return rrb.Tabs(*tabs)
+
+
+class _File:
+    """What the SDK writes, by a pipe: it waits for ever for its own thread once a disk is full.
+
+    Args:
+        path: of the file; its old content is lost.
+
+    Raises:
+        OSError: where it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb", buffering=0)
+        self._source, self._sink = os.pipe()
+        self.place = f"/dev/fd/{self._sink}"  # the SDK opens that for itself
+        self._error: OSError | None = None
+        self._copied = threading.Thread(target=self._copy, daemon=True)
+        self._copied.start()
+
+    def opened(self) -> None:
+        """The SDK has opened it."""
+        os.close(self._sink)
+
+    def _copy(self) -> None:
+        with open(self._source, "rb", buffering=0) as pipe, self._file as file:
+            while data := pipe.read(_PIPED):
+                try:
+                    while data and not self._error:
+                        data = data[file.write(data) :]
+                except OSError as error:  # the pipe is read on all the same
+                    self._error = error
+
+    def check(self) -> None:
+        """Raises what went wrong."""
+        if self._error:
+            raise self._error
+
+    def finish(self) -> None:
+        """Waits for what is still in the pipe."""
+        self._copied.join(_PATIENCE)
+        self.check()
 
 
 def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:

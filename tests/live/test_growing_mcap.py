@@ -1,0 +1,147 @@
+"""`adhesion live` on an MCAP file to which another program appends."""
+
+import io
+import json
+import random
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from test_live import LOGS, followed, running
+
+from adhesion_cli.analysis.settings import load
+from adhesion_cli.core.errors import UserError
+from adhesion_cli.live.feed import Feed
+from adhesion_cli.live.open import opened
+from adhesion_cli.live.replay import Replay
+
+LOW = LOGS / "low-adhesion.mcap"
+SETTINGS = load()
+Found = dict[int, list[tuple[int, float]]]
+
+
+def written(chunks: bool, most: int = 1 << 30) -> bytes:
+    """The bundled log's messages, as another logger would have written them."""
+    made = io.BytesIO()
+    writer = Writer(made, chunk_size=20_000, use_chunking=chunks, compression=CompressionType.LZ4)
+    writer.start(profile="", library="a logger")
+    ids: dict[int, int] = {}
+    with LOW.open("rb") as file:
+        for n, (schema, channel, message) in enumerate(make_reader(file).iter_messages()):
+            if n == most:
+                break
+            assert schema
+            if channel.id not in ids:
+                of = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, of, channel.metadata
+                )
+            writer.add_message(
+                ids[channel.id], message.log_time, message.data, message.publish_time
+            )
+    writer.finish()
+    return made.getvalue()
+
+
+def damaged() -> bytes:
+    """The same, with a wrong byte in one chunk of many."""
+    data = bytearray(written(True))
+    data[len(data) // 2] ^= 0xFF
+    return bytes(data)
+
+
+@contextmanager
+def growing(path: Path, data: bytes, seed: int) -> Iterator[None]:
+    """Another program that appends pieces of any size."""
+    draw = random.Random(seed)
+
+    def append() -> None:
+        at = 0
+        with path.open("ab", buffering=0) as file:
+            while at < len(data):
+                size = round(draw.expovariate(40.0) * len(data)) + 1
+                file.write(data[at : at + size])
+                at += size
+                time.sleep(0.01)
+
+    path.touch()
+    thread = threading.Thread(target=append)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
+
+
+def forces(feed: Feed) -> tuple[Found, list[str]]:
+    """Time and force of each sample by axle, and the codes of the findings."""
+    samples, findings = followed(feed, SETTINGS, ["td"])
+    found = {
+        n: [(s.t, s.estimates["td"].force) for s in of if s.estimates] for n, of in samples.items()
+    }
+    return found, [f.code for f in findings if f.severity != "info"]
+
+
+@pytest.mark.parametrize("chunks", [True, False])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_log_that_grows_gives_what_a_whole_one_gives(
+    tmp_path: Path, chunks: bool, seed: int
+) -> None:
+    log = tmp_path / "growing.mcap"
+    with growing(log, written(chunks), seed):
+        assert forces(opened(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
+
+
+def test_a_damaged_chunk_is_told_and_the_next_ones_are_read(tmp_path: Path) -> None:
+    data = damaged()
+    whole, _ = forces(Replay(LOW, SETTINGS.read, 0.0))
+    log = tmp_path / "growing.mcap"
+    with growing(log, data, 1):
+        found, codes = forces(opened(str(log), SETTINGS.read))
+    assert "mcap-damaged" in codes
+    for axle, of in whole.items():
+        kept = {t for t, _ in found[axle]}
+        assert 0.8 * len(of) < len(kept) < len(of)
+        assert kept < {t for t, _ in of}
+        assert max(kept) == of[-1][0]
+
+
+def test_with_strict_a_damaged_chunk_ends_the_run(tmp_path: Path) -> None:
+    (tmp_path / "log.mcap").write_bytes(damaged())
+    for strict, code in (("--strict",), 1), ((), 3):
+        with running(tmp_path, "log.mcap", "--json", *strict) as process:
+            out, told = process.communicate(timeout=120)
+        assert process.returncode == code, told
+        lines = [json.loads(line) for line in out.splitlines()]
+        assert ("error" in lines[-1]) == bool(strict)
+
+
+def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:
+    log, fresh = tmp_path / "growing.mcap", tmp_path / "fresh.mcap"
+    unended = written(True, 4000)
+    unended = unended[: len(unended) // 2]  # its logger was stopped
+    log.write_bytes(unended)
+    feed = opened(str(log), SETTINGS.read)
+    fresh.write_bytes(written(True))
+    threading.Timer(2.0, lambda: fresh.replace(log)).start()
+    found, codes = forces(feed)
+    assert set(codes) == {"time-backward"}
+    assert {n: of[-1801:] for n, of in found.items()} == forces(Replay(LOW, SETTINGS.read, 0.0))[0]
+
+
+def test_one_that_ends_without_a_message_and_a_monstrous_record_are_refused(
+    tmp_path: Path,
+) -> None:
+    empty, monster = tmp_path / "empty.mcap", tmp_path / "monster.mcap"
+    empty.write_bytes(written(True, 0))
+    with pytest.raises(UserError, match="ended without a message"):
+        followed(opened(str(empty), SETTINGS.read), SETTINGS, ["td"])
+    start = written(True)[: 8 + 9 + 4 + len("a logger") + 4]
+    monster.write_bytes(start + b"\x06" + (1 << 40).to_bytes(8, "little") + bytes(20))
+    with pytest.raises(UserError, match=r"byte \d+: a record of 1099511627776 bytes"):
+        followed(opened(str(monster), SETTINGS.read), SETTINGS, ["td"])
