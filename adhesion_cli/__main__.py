@@ -26,6 +26,16 @@ class _Terminated(BaseException):
     """The system asks the run to end."""
 
 
+class _WithoutPandas:
+    """Arrow and Bokeh load pandas where it is installed, a fifth of a run; nobody uses it here."""
+
+    @staticmethod
+    def find_spec(name: str, *_: object) -> None:
+        """As a finder of modules does."""
+        if name == "pandas":
+            raise ModuleNotFoundError("not loaded", name=name)
+
+
 _ENDS: dict[type[BaseException], tuple[signal.Signals, str]] = {
     KeyboardInterrupt: (signal.SIGINT, "interrupted"),
     _Terminated: (signal.SIGTERM, "terminated"),
@@ -41,6 +51,7 @@ def main() -> NoReturn:
     gc.set_threshold(100_000)
     # OpenBLAS adds in an order that depends on the number of its threads, and these wait busily.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    sys.meta_path.insert(0, _WithoutPandas)
     _fit_limit()
     try:
         signal.signal(signal.SIGTERM, _terminated)

@@ -65,3 +65,15 @@ def test_the_main_job_does_not_wait_for_what_it_does_not_use(tmp_path: Path) -> 
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_no_command_loads_pandas_which_arrow_would(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    log = folder("sample_logs") / SAMPLE
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "adhesion_cli", "analyze", str(log)],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "pyarrow.lib" in loaded
+    assert "pandas.core.api" not in loaded  # refused tries are listed as well

@@ -49,6 +49,12 @@ def _parquet(path: Path, options: ReadOptions) -> Source:
     return open_parquet(path, options)
 
 
+def _famos(path: Path, _: ReadOptions) -> Source:
+    """Its library gives wrong values for sound files, and no error; see docs/howto/my-log.md."""
+    hint = "export it from FAMOS as CSV, MDF 4 or TDMS"
+    raise UserError(f"{path}: an imc FAMOS log, which cannot be read", hint)
+
+
 FORMATS = (
     Format("mcap", re.compile(rb"\x89MCAP0\r\n"), (".mcap",), _mcap),
     Format("parquet", re.compile(rb"PAR1"), (".parquet", ".pq"), _parquet),
@@ -63,6 +69,7 @@ FORMATS = (
         "can", re.compile(rb"(?ms)LOGG|\s*;\$FILEVERSION|.{0,400}?^base\s+(hex|dec)\b"),
         (".blf", ".trc"), Library("can", "CAN", ("can", "cantools"), "can").open,
     ),
+    Format("famos", re.compile(rb"\|CF,"), (), _famos),
 )  # fmt: skip
 
 

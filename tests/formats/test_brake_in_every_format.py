@@ -191,3 +191,11 @@ def test_damaged_files_are_read_in_part_or_refused(
     start, checked = Read(logs[name]).start, name == "log.parquet"
     fates = [judge(path, damaged(raw, k), sample, start, checked or k % 4 == 0) for k in seeds]
     assert set(fates) != {"kept"}
+
+
+def test_a_log_of_famos_is_named_as_one(tmp_path: Path) -> None:
+    log = tmp_path / "brake.dat"
+    log.write_bytes(b"|CF,2,1,1;|CK,1,3,1,1;\r\n|NO,1,7,0,0,,0,;\r\n")
+    with pytest.raises(UserError, match=r"brake\.dat: an imc FAMOS log") as told:
+        open_source(log, ReadOptions())
+    assert "export it" in told.value.hint
