@@ -201,9 +201,12 @@ def mounted(folder: Path, options: str) -> Iterator[Path]:
 
 @pytest.mark.parametrize("name", EACH)
 def test_a_full_disk(
-    logs: Path, disk: tuple[Path, Any], old: Callable[[str], Files], name: str
-) -> None:
+    logs: Path, disk: tuple[Path, Any], old: Callable[[str], Files], name: str,
+    request: pytest.FixtureRequest,
+) -> None:  # fmt: skip
     folder, spoil = disk
+    if (name, request.node.callspec.params["disk"]) == ("tune", "nearly full"):
+        pytest.skip("its few lines fit into the page that is left")
     put(folder, old(name))
     before = files(folder)
     code, out, err = ended(started(logs, command(name, folder, "--force"), preexec_fn=spoil))
