@@ -13,6 +13,7 @@ from urllib.error import URLError
 import pytest
 from made_results import result
 
+from adhesion_cli.cli import view
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.results import rrd
@@ -55,6 +56,9 @@ def test_a_display_that_does_not_work_is_an_error(
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":7777")
     monkeypatch.setattr("adhesion_cli.cli.view._STARTS", 30.0)
+    # At the usual port another test may have a server, which would take the recording.
+    port = ["--port", str(view._free(0))]
+    monkeypatch.setattr("adhesion_cli.cli.view._RERUN", [*view._RERUN, *port])
     with pytest.raises(UserError, match="exit code 1") as raised:
         app(["view", "a b.rrd"], standalone_mode=False)
     assert "--serve" in raised.value.hint
@@ -77,7 +81,10 @@ def test_a_browser_is_served_until_the_run_ends(folder: Path) -> None:
             pytest.fail("no server")
     finally:
         served.send_signal(signal.SIGINT)
-        served.communicate(timeout=20)
+        try:
+            served.communicate(timeout=20)
+        finally:
+            served.kill()
     assert served.returncode == 130
     with pytest.raises(URLError):
         urllib.request.urlopen(page)

@@ -1,6 +1,7 @@
 """`adhesion live`: senders, samples, and the same results as of a log."""
 
 import json
+import os
 import re
 import signal
 import socket
@@ -9,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -237,7 +238,7 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
     shown = tmp_path / "shown.rrd"
     command = [sys.executable, "-m", "rerun", "--port", str(port), "--save", str(shown)]
     null = subprocess.DEVNULL
-    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
+    viewer = subprocess.Popen(command, stdin=null, stdout=null, stderr=null, start_new_session=True)
     try:
         url = f"rerun+http://127.0.0.1:{port}/proxy"
         with running(tmp_path, "--replay", SERVICE, "--connect", url, "-o", "out") as process:
@@ -245,13 +246,14 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
             while not (shown.exists() and shown.stat().st_size > 100_000):
                 assert time.monotonic() < until
                 time.sleep(0.2)
-            viewer.kill()
+            os.killpg(viewer.pid, signal.SIGKILL)  # with the process that it started
             viewer.wait()
             process.send_signal(signal.SIGINT)
             _, told = process.communicate(timeout=60)
         assert process.returncode == 130, told
     finally:
-        viewer.kill()
+        with suppress(ProcessLookupError):
+            os.killpg(viewer.pid, signal.SIGKILL)
     for path in (shown, tmp_path / "out" / "service-brake.live.rrd"):
         times, force = recordings.column(path, "/axle/1/force/estimates", "scalars")
         assert len(times) >= 20
