@@ -2,7 +2,7 @@
 
 Sources: (3) of the paper; O. Polach, "Creep forces in simulations of traction vehicles running on
 adhesion limit", Wear 258 (2005) 992-1000; the friction law that falls with sliding is the patent's.
-`creep_force` is plain arithmetic on floats and runs inside a compiled loop.
+The functions of one point are plain arithmetic on floats and run inside compiled loops.
 """
 
 import math
@@ -84,23 +84,57 @@ def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> 
         constant Kalker coefficient).
     """
     reference = max(speed, CREEP_FROM)
-    s_x, s_y = sliding / reference, patch.creep_y  # (2)
-    s, stiffness = max(abs(s_x), 1e-12), patch.stiffness_x
-    if s_y != 0.0:
-        s = math.hypot(s_x, s_y)
-        stiffness = math.hypot(patch.stiffness_x * s_x, patch.stiffness_y * s_y) / s
-    falling = rail.f0 * (1.0 - rail.A) * math.exp(-rail.B * s * reference)
-    f = falling + rail.f0 * rail.A  # f0 [(1 − A) e^(−B Δv) + A]
+    s_x, s, stiffness = _creepage(sliding / reference, patch)
+    falling, f, e, x, y, g = _law(s, stiffness, reference, rail)
     df = -rail.B * reference * falling
-    e = stiffness * s / f  # (3)
-    x, y = rail.k_a * e, rail.k_s * e
-    g = x / (1.0 + x * x) + math.atan(y)  # (3)
     dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
     scale = 2.0 * patch.load / math.pi
     per_creep = scale * f * g / s  # total force over total creepage
     slope = scale * (df * g + dg * (stiffness - e * df))
     along = s_x / s
     return per_creep * s_x, (per_creep + along * along * (slope - per_creep)) / reference
+
+
+def creep_slopes(
+    sliding: float, speed: float, rail: Condition, patch: Patch
+) -> tuple[float, float, float, float, float, float]:
+    """The force, and its slopes by sliding and the constants; arguments as of `creep_force`.
+
+    Returns:
+        F [N], ∂F/∂sliding [N s/m], kA ∂F/∂kA, kS ∂F/∂kS, ∂F/∂A [N], B ∂F/∂B [N].
+    """
+    force, slope = creep_force(sliding, speed, rail, patch)
+    reference = max(speed, CREEP_FROM)
+    s_x, s, stiffness = _creepage(sliding / reference, patch)
+    falling, f, _, x, y, g = _law(s, stiffness, reference, rail)
+    along = 2.0 * patch.load / math.pi * s_x / s
+    by_x, by_y = x * (1.0 - x * x) / (1.0 + x * x) ** 2, y / (1.0 + y * y)
+    by_f = along * (g - by_x - by_y)  # e goes with 1/f
+    by_a = rail.f0 - falling / (1.0 - rail.A) if rail.A < 1.0 else 0.0
+    return (
+        force, slope, along * f * by_x, along * f * by_y,
+        by_f * by_a, -by_f * rail.B * s * reference * falling,
+    )  # fmt: skip
+
+
+def _creepage(s_x: float, patch: Patch) -> tuple[float, float, float]:
+    """Longitudinal and total creepage, and stiffness along it."""
+    s, stiffness = max(abs(s_x), 1e-12), patch.stiffness_x
+    if patch.creep_y != 0.0:
+        s = math.hypot(s_x, patch.creep_y)
+        stiffness = math.hypot(patch.stiffness_x * s_x, patch.stiffness_y * patch.creep_y) / s
+    return s_x, s, stiffness
+
+
+def _law(
+    s: float, stiffness: float, reference: float, rail: Condition
+) -> tuple[float, float, float, float, float, float]:
+    """(3) at a total creepage: the falling part of friction, friction, ε, kA ε, kS ε, their sum."""
+    falling = rail.f0 * (1.0 - rail.A) * math.exp(-rail.B * s * reference)
+    f = falling + rail.f0 * rail.A  # f0 [(1 − A) e^(−B Δv) + A]
+    e = stiffness * s / f  # (3)
+    x, y = rail.k_a * e, rail.k_s * e
+    return falling, f, e, x, y, x / (1.0 + x * x) + math.atan(y)  # (3)
 
 
 @cache

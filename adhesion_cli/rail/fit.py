@@ -42,7 +42,7 @@ from ..core import compiled
 from ..core.model import Bools, Floats, Vehicle
 from ..core.physics import G
 from ..core.signals import true_runs
-from .creep_law import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force
+from .creep_law import CREEP_FROM, Condition, Contact, Patch, conditions, creep_force, creep_slopes
 from .events import CAUGHT
 
 _MOST = 400  # points of a fit
@@ -63,7 +63,7 @@ _EVALUATIONS = 50
 _INSIDE = -12.0, 3.0  # range of the unknowns, in which exponentials do not overflow
 _CLOSE = 1e-4  # relative change at which a search ends
 _FLAT = 1e-8  # cosine of the angle between errors and slopes at which it ends, too
-_STEP = 1e-6  # of an unknown, for the curve's derivative
+_ASIDE = 1e-10  # step of slip, for the derivative of g
 DRAWS = 200
 _SPEEDS = 8  # at which the peak is found
 _ENDS = 0.01, 0.98  # quantiles of slip between which the points show the curve
@@ -150,25 +150,44 @@ def _part(k: int, slip: float, speed: float, bend: Bend) -> float:
     return faster if k == n else faster * (at - bend.slip)
 
 
+def _bent_by(slip: float, speed: float, x: Floats, bend: Bend) -> float:
+    """e^g at a point."""
+    g = 0.0
+    for k in range(len(x) - _WEIGHTS):
+        g += float(x[_WEIGHTS + k]) * _part(k, slip, speed, bend)
+    return math.exp(g)
+
+
 def _adhesion(
     slip: float, speed: float, rail: Condition, x: Floats, patch: Patch, bend: Bend
 ) -> float:
     """μ on the rail x, whose constants of (3) are `rail`: (3) e^g."""
-    g = 0.0
-    for k in range(len(x) - _WEIGHTS):
-        g += float(x[_WEIGHTS + k]) * _part(k, slip, speed, bend)
     force = creep_force(slip * speed, speed, rail, patch)[0]
-    return math.exp(g) * force / patch.load
+    return _bent_by(slip, speed, x, bend) * force / patch.load
 
 
-def _course(of: Setup, x: Floats, aside: float, mean: Floats, variance: Floats) -> None:
+def _factors(of: Setup, x: Floats, aside: float, factors: Floats) -> None:
+    """Fills e^g of each point at the nodes of its slip, moved by `aside`; shape (n, nodes)."""
+    for i in range(len(of.p.slip)):
+        slip = _slip(of, x, i) + aside
+        for k in range(len(_NODES)):
+            at = slip + _NODES[k][1] * of.p.noise[i]
+            factors[i, k] = _bent_by(at, of.p.speed[i], x, of.bend)
+
+
+def _course(
+    of: Setup, x: Floats, aside: float, factors: Floats, mean: Floats, variance: Floats
+) -> None:
     """Fills mean and variance of μ over the noise of each point's slip, moved by `aside`."""
     rail = _rail(x)
     for i in range(len(of.p.slip)):
         slip = _slip(of, x, i) + aside
         first, second = 0.0, 0.0
-        for weight, far in _NODES:
-            mu = _adhesion(slip + far * of.p.noise[i], of.p.speed[i], rail, x, of.patch, of.bend)
+        for k in range(len(_NODES)):
+            weight, far = _NODES[k]
+            at, speed = slip + far * of.p.noise[i], of.p.speed[i]
+            force = creep_force(at * speed, speed, rail, of.patch)[0]
+            mu = factors[i, k] * force / of.patch.load
             first += weight * mu
             second += weight * mu * mu
         mean[i], variance[i] = first, max(second - first * first, 0.0)
@@ -180,26 +199,45 @@ def _slip(of: Setup, x: Floats, i: int) -> float:
     return float(1.0 - rolling + of.p.clock[i] * x[_DELAY])
 
 
-def _slopes(of: Setup, x: Floats, slopes: Floats) -> None:
-    """Fills the derivatives of the mean by each unknown, shape (n, unknowns); x stays as it is."""
-    p, n, aside = of.p, len(of.p.slip), _STEP * _SLIPS[0]
-    here, there, variance = np.empty(n), np.empty(n), np.empty(n)
-    _course(of, x, 0.0, here, variance)
-    for m in (_K_A, _SHARE, _A, _B):
-        at = x[m]
-        x[m] = at + _STEP
-        _course(of, x, 0.0, there, variance)
-        x[m] = at
-        for i in range(n):
-            slopes[i, m] = (there[i] - here[i]) / _STEP
-    _course(of, x, aside, there, variance)
+def _errors(of: Setup, x: Floats, noise: Floats, errors: Floats) -> None:
+    """Fills the errors of the points, in sigma, shape (n,)."""
+    n = len(of.p.slip)
+    factors, mean, variance = np.empty((n, len(_NODES))), np.empty(n), np.empty(n)
+    _factors(of, x, 0.0, factors)
+    _course(of, x, 0.0, factors, mean, variance)
     for i in range(n):
-        steep = (there[i] - here[i]) / aside
-        slopes[i, _F0] = here[i] - slopes[i, _K_A]  # c f0, c kA and c kS make c μ
-        slopes[i, _RADIUS] = -steep * of.radius * (1.0 - p.slip[i])
-        slopes[i, _DELAY] = steep * p.clock[i]
+        errors[i] = (of.p.mu[i] - mean[i]) / noise[i]
+
+
+def _slopes(of: Setup, x: Floats, scale: Floats, slopes: Floats) -> None:
+    """Fills the derivatives of the mean by each unknown, times `scale`; shape (unknowns, n)."""
+    p, n, rail = of.p, len(of.p.slip), _rail(x)
+    factors, beside = np.empty((n, len(_NODES))), np.empty((n, len(_NODES)))
+    _factors(of, x, 0.0, factors)
+    _factors(of, x, _ASIDE, beside)
+    by_share, by_a = 1.0 - rail.k_s / rail.k_a, rail.A * (1.0 - rail.A)
+    for i in range(n):
+        mean = steep = stiff = share = by_A = by_B = 0.0
+        for k in range(len(_NODES)):
+            weight, far = _NODES[k]
+            at, speed = _slip(of, x, i) + far * p.noise[i], p.speed[i]
+            force, slope, k_a, k_s, A, B = creep_slopes(at * speed, speed, rail, of.patch)
+            part = weight * factors[i, k] / of.patch.load
+            mean += part * force
+            steep += part * slope * speed
+            steep += weight * (beside[i, k] - factors[i, k]) / _ASIDE * force / of.patch.load
+            stiff += part * (k_a + k_s)
+            share += part * k_s * by_share
+            by_A += part * A * by_a
+            by_B += part * B
+        slopes[_K_A, i], slopes[_SHARE, i] = scale[i] * stiff, scale[i] * share
+        slopes[_A, i], slopes[_B, i] = scale[i] * by_A, scale[i] * by_B
+        slopes[_F0, i] = scale[i] * (mean - stiff)  # c f0, c kA and c kS make c μ
+        slopes[_RADIUS, i] = -scale[i] * steep * of.radius * (1.0 - p.slip[i])
+        slopes[_DELAY, i] = scale[i] * steep * p.clock[i]
         for k in range(len(x) - _WEIGHTS):
-            slopes[i, _WEIGHTS + k] = here[i] * _part(k, _slip(of, x, i), p.speed[i], of.bend)
+            part = _part(k, _slip(of, x, i), p.speed[i], of.bend)
+            slopes[_WEIGHTS + k, i] = scale[i] * mean * part
 
 
 def _peaks(rails: Floats, patch: Patch, bend: Bend, speed: Floats, found: Floats) -> None:
@@ -389,7 +427,7 @@ class _Search(NamedTuple):
         """The best curve, from `start`."""
         near = _Near(self, sigma, start)
         x, errors = near.solved(self.known, 0.0)
-        slopes = near.slopes(x)
+        slopes = near.slopes(x).T
         volume = float(np.linalg.slogdet(slopes.T @ slopes)[1])
         wide = float(np.log(self.wide).sum() + self.weight**2 * np.log(near.noise).sum())
         likely = -0.5 * float(np.dot(errors, errors)) - 0.5 * volume - wide
@@ -411,33 +449,35 @@ class _Near:
 
     def __init__(self, search: _Search, sigma: float, start: Floats) -> None:
         self._search, self._start = search, start
-        p, n = search.of.p, len(search.of.p.t)
-        self._mean, self._variance, self._by = np.empty(n), np.empty(n), np.empty((n, len(start)))
-        self._course, self._slopes = compiled.function(_course), compiled.function(_slopes)
-        self._course(search.of, np.clip(start, *_INSIDE), 0.0, self._mean, self._variance)
-        self.noise: Floats = np.sqrt(sigma * sigma + p.swing**2 + self._variance)
-        self._first = (p.mu - self._mean) / self.noise
+        self._errors, self._slopes = compiled.function(_errors), compiled.function(_slopes)
+        of, n = search.of, len(search.of.p.t)
+        factors, mean, variance = np.empty((n, len(_NODES))), np.empty(n), np.empty(n)
+        at = np.clip(start, *_INSIDE)
+        compiled.function(_factors)(of, at, 0.0, factors)
+        compiled.function(_course)(of, at, 0.0, factors, mean, variance)
+        self.noise: Floats = np.sqrt(sigma * sigma + of.p.swing**2 + variance)
+        self._scale, self._prior = -search.weight / self.noise, np.diag(1.0 / search.wide)
+        self._first = (of.p.mu - mean) / self.noise
         self._first_slopes = self._computed(start)
 
     def residuals(self, x: Floats) -> Floats:
         """Errors of the points, in sigma, shape (n,)."""
-        of = self._search.of
         if np.array_equal(x, self._start):
             return self._first
-        self._course(of, np.clip(x, *_INSIDE), 0.0, self._mean, self._variance)
-        errors: Floats = (of.p.mu - self._mean) / self.noise
+        errors = np.empty(len(self.noise))
+        self._errors(self._search.of, x.clip(*_INSIDE), self.noise, errors)
         return errors
 
     def slopes(self, x: Floats) -> Floats:
-        """Derivatives of the weighted residuals, and of the prior's; (n + unknowns, unknowns)."""
+        """Derivatives of the weighted residuals, and of the prior's; (unknowns, n + unknowns)."""
         return self._first_slopes if np.array_equal(x, self._start) else self._computed(x)
 
     def _computed(self, x: Floats) -> Floats:
-        of, _, wide, weight = self._search
-        self._slopes(of, np.clip(x, *_INSIDE), self._by)
-        weighed = -weight * self._by / self.noise[:, None]
-        both: Floats = np.concatenate([weighed, np.diag(1.0 / wide)])
-        return both
+        n = len(self.noise)
+        slopes = np.empty((len(x), n + len(x)))
+        self._slopes(self._search.of, x.clip(*_INSIDE), self._scale, slopes)
+        slopes[:, n:] = self._prior
+        return slopes
 
     def solved(self, known: Floats, other: Floats | float) -> tuple[Floats, Floats]:
         """The unknowns of the best curve, and the errors there.
@@ -450,13 +490,17 @@ class _Near:
 
         _, _, wide, weight = self._search
 
+        n = len(self.noise)
+
         def left(x: Floats) -> Floats:
-            both: Floats = np.append(weight * self.residuals(x) + other, (x - known) / wide)
+            both = np.empty(n + len(x))
+            both[:n] = weight * self.residuals(x) + other
+            both[n:] = (x - known) / wide
             return both
 
         x, _, info, *_ = leastsq(
-            left, self._start, Dfun=self.slopes, full_output=True, ftol=_CLOSE, xtol=_CLOSE,
-            gtol=_FLAT, maxfev=_EVALUATIONS,
+            left, self._start, Dfun=self.slopes, full_output=True, col_deriv=True, ftol=_CLOSE,
+            xtol=_CLOSE, gtol=_FLAT, maxfev=_EVALUATIONS,
         )  # fmt: skip
         return x, info["fvec"]
 
