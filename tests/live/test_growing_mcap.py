@@ -3,6 +3,7 @@
 import io
 import json
 import random
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -119,6 +120,19 @@ def test_with_strict_a_damaged_chunk_ends_the_run(tmp_path: Path) -> None:
         assert process.returncode == code, told
         lines = [json.loads(line) for line in out.splitlines()]
         assert ("error" in lines[-1]) == bool(strict)
+
+
+def test_long_records_of_another_kind_are_passed_over(tmp_path: Path) -> None:
+    """One longer than what is read at once, before the first message and behind it."""
+    data, log = written(True), tmp_path / "growing.mcap"
+    attachment = b"\x09" + (9 << 20).to_bytes(8, "little") + bytes(9 << 20)
+    indexes = (b"\x07" + (6).to_bytes(8, "little") + bytes(6)) * 700_000
+    start = 8 + 9 + 4 + len("a logger") + 4
+    (first,) = struct.unpack_from("<Q", data, start + 1)
+    chunk = start + 9 + first  # behind the first record after the header
+    parts = data[:start], attachment, indexes, data[start:chunk], attachment, data[chunk:]
+    log.write_bytes(b"".join(parts))
+    assert forces(opened(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
 
 
 def test_a_file_that_takes_its_place_begins_anew(tmp_path: Path) -> None:

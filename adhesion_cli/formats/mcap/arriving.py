@@ -51,26 +51,25 @@ class Arriving:
             pass
 
     def _restart(self) -> None:
-        self._at, self.ended = 0, False
+        self._at, self.ended = len(MAGIC), False
         self._header, self._defined = b"", list[Schema | Channel]()
+        self._raw, self._has_messages, self._from = b"", False, self._at
 
     def head(self) -> McapSource | None:
         """The log up to now, with its fields; None before its first message."""
-        _, raw, has_messages = self._whole()
-        if not has_messages:
+        if not self._arrived():
             return None
         with tempfile.TemporaryDirectory() as folder:
-            source = self._source(folder, raw)
+            source = self._source(folder, self._raw)
         source.path = self._path
         return source
 
     def columns(self, wanted: Sequence[Field]) -> dict[int, Column]:
         """What has arrived of these fields since the last call, by their places."""
-        start = self._at
-        after, raw, has_messages = self._whole()
-        if not has_messages:
+        if not self._arrived():
             return {}
-        self._at = after
+        raw, start = self._raw, self._from
+        self._raw, self._has_messages, self._from = b"", False, self._at
         with tempfile.TemporaryDirectory() as folder:
             try:
                 source = self._source(folder, raw)
@@ -102,42 +101,51 @@ class Arriving:
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source
 
-    def _whole(self) -> tuple[int, bytes, bool]:
-        """Where the whole records end, those with definitions or messages, whether the latter."""
-        try:
-            file = LogFile(self._path, self._limit)
-        except UserError:
-            return self._at, b"", False  # it may come again
-        with file:
-            self._is_another(file)
-            start = self._at or len(MAGIC)
-            size = min(file.size - start, _MOST)
-            if (
-                size >= HEADER.size
-                and (first := HEADER.unpack(file.read(start, HEADER.size))[1]) > size
-            ):
-                size = min(HEADER.size + self._checked(first, start), file.size - start)
-            data = file.read(start, max(size, 0))
-        end, kept, messages = 0, [], False
-        for opcode, begin, end in self._records(data, start):
-            if opcode == Opcode.HEADER:
-                self._header = data[begin:end]
-            if opcode in _KEPT:
-                kept.append(data[begin:end])
-                messages |= opcode in _HAS_MESSAGES
-        return start + end, b"".join(kept), messages
+    def _arrived(self) -> bool:
+        """Reads whole records on, if there are not many yet; whether there are messages."""
+        if len(self._raw) < _MOST:
+            try:
+                file = LogFile(self._path, self._limit)
+            except UserError:
+                return self._has_messages  # it may come again
+            with file:
+                self._is_another(file)
+                data = self._block(file)
+            kept, end = [], 0
+            for opcode, begin, end in self._records(data):
+                if opcode == Opcode.HEADER:
+                    self._header = data[begin:end]
+                if opcode in _KEPT:
+                    kept.append(data[begin:end])
+                    self._has_messages |= opcode in _HAS_MESSAGES
+            self._at += end
+            self._raw += b"".join(kept)
+        return self._has_messages
 
-    def _records(self, data: bytes, start: int) -> Iterator[tuple[int, int, int]]:
-        """Kind, begin and end of each whole record in some bytes of the file."""
+    def _block(self, file: LogFile) -> bytes:
+        """The next bytes of the file: many records, or one that is longer."""
+        size = file.size - self._at
+        if size < HEADER.size:
+            return b""
+        opcode, length = HEADER.unpack(file.read(self._at, HEADER.size))
+        if opcode == Opcode.ATTACHMENT:  # of any length, and nobody asked for it
+            if HEADER.size + length <= size:
+                self._at += HEADER.size + length
+            return b""
+        whole = HEADER.size + (self._checked(length, self._at) if opcode else 0)
+        return file.read(self._at, min(size, max(whole, _MOST)))
+
+    def _records(self, data: bytes) -> Iterator[tuple[int, int, int]]:
+        """Kind, begin and end of each whole record in the bytes that come next in the file."""
         at = 0
         while at + HEADER.size <= len(data):
             opcode, length = HEADER.unpack_from(data, at)
-            if not opcode:
-                return  # room that was made for more
+            if not opcode or opcode == Opcode.ATTACHMENT:  # the former is room that was made
+                return
             if opcode in _ENDS:
                 self.ended = True
                 return
-            end = at + HEADER.size + self._checked(length, start + at)
+            end = at + HEADER.size + self._checked(length, self._at + at)
             if end > len(data):
                 return
             yield opcode, at, end
