@@ -113,7 +113,7 @@ class StatusLine:
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
         self._newest |= {s.axle: s for s in samples}
-        self._count += 1
+        self._count += len(samples)
         self._came = time.monotonic()
 
     def idle(self) -> None:
@@ -121,7 +121,7 @@ class StatusLine:
         now = time.monotonic()
         if now - self._since < _EVERY or not self._newest:
             return
-        self._rate = self._count / (now - self._since)
+        self._rate = self._count / len(self._newest) / (now - self._since)  # of an axle
         self._since, self._count = now, 0
         parts = [self._axle(s) for _, s in sorted(self._newest.items())]
         parts.append(f"{self._rate:.0f} Hz, {1e3 * (now - self._came):.0f} ms ago")
