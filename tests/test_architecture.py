@@ -67,7 +67,7 @@ def test_the_main_job_does_not_wait_for_what_it_does_not_use(tmp_path: Path) -> 
     assert done.stdout.splitlines()[-1] == "set()"
 
 
-def test_no_command_loads_pandas_which_arrow_would(tmp_path: Path) -> None:
+def test_analyze_does_not_load_pandas_which_arrow_would(tmp_path: Path) -> None:
     pytest.importorskip("pandas")
     log = folder("sample_logs") / SAMPLE
     done = subprocess.run(
