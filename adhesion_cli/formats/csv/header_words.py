@@ -3,6 +3,7 @@
 import re
 import tomllib
 import unicodedata
+from functools import lru_cache
 from pathlib import Path
 
 NS_PER_UNIT = {
@@ -31,6 +32,7 @@ def time_unit(text: str) -> str | None:
     return _UNIT.get(normal(text).strip("[](){}<>"))
 
 
+@lru_cache(1 << 12)  # a live sender repeats its names in each message
 def time_name(header: str) -> tuple[int, str | None] | None:
     """Rank (lower is likelier) and stated unit of a header that names time, None of another.
 
@@ -66,6 +68,7 @@ def speaks_of_time(header: str) -> bool:
     return any(word in _TIME for word in words)
 
 
+@lru_cache(1 << 12)
 def is_named(header: str, words: frozenset[str]) -> bool:
     """Whether a header is one of the words."""
     return normal(header) in words
