@@ -1,7 +1,5 @@
 """Samples as a recording that grows: a file, or a viewer that shows it."""
 
-import os
-import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -14,8 +12,8 @@ from ...core.model import Z95, Floats, Times, Vehicle
 from .. import palette
 from ..samples import Samples
 from . import overview, parts
+from .piped import Piped
 
-_PIPED = 1 << 20  # bytes copied at a time
 _PATIENCE = 10.0  # for a disk, at the end [s]
 
 
@@ -39,14 +37,14 @@ class LiveRecording:
         self._known: set[str] = set()  # entities with their style, and names of lines
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
-        self._file = _File(to) if isinstance(to, Path) else None
-        sink = rr.FileSink(self._file.place) if self._file else rr.GrpcSink(str(to))
-        self._rec.set_sinks(
-            sink, default_blueprint=parts.Layout([self._layout()], "time", live=True)
-        )
-        self._rec.send_recording_name(name)
+        self._file = Piped(to.open("wb", buffering=0)) if isinstance(to, Path) else None
+        layout = parts.Layout([self._layout()], "time", live=True)
         if self._file:
-            self._file.opened()
+            with self._file:
+                self._rec.set_sinks(rr.FileSink(self._file.place), default_blueprint=layout)
+        else:
+            self._rec.set_sinks(rr.GrpcSink(str(to)), default_blueprint=layout)
+        self._rec.send_recording_name(name)
 
     def add(self, new: Mapping[int, Samples]) -> None:
         """Sends the new samples of some axles.
@@ -84,7 +82,8 @@ class LiveRecording:
         self._rec.flush(timeout_sec=2.0)
         self._rec.disconnect()
         if self._file:
-            self._file.finish()
+            self._file.wait(_PATIENCE)
+            self._file.check()
 
     def _plots(self, axle: int, x: Samples) -> list[tuple[str, parts.Plot]]:
         """Entity and plot of each chart."""
@@ -138,48 +137,6 @@ class LiveRecording:
             ]
             tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
         return rrb.Tabs(*tabs)
-
-
-class _File:
-    """What the SDK writes, by a pipe: it waits for ever for its own thread once a disk is full.
-
-    Args:
-        path: of the file; its old content is lost.
-
-    Raises:
-        OSError: where it cannot be written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb", buffering=0)
-        self._source, self._sink = os.pipe()
-        self.place = f"/dev/fd/{self._sink}"  # the SDK opens that for itself
-        self._error: OSError | None = None
-        self._copied = threading.Thread(target=self._copy, daemon=True)
-        self._copied.start()
-
-    def opened(self) -> None:
-        """The SDK has opened it."""
-        os.close(self._sink)
-
-    def _copy(self) -> None:
-        with open(self._source, "rb", buffering=0) as pipe, self._file as file:
-            while data := pipe.read(_PIPED):
-                try:
-                    while data and not self._error:
-                        data = data[file.write(data) :]
-                except OSError as error:  # the pipe is read on all the same
-                    self._error = error
-
-    def check(self) -> None:
-        """Raises what went wrong."""
-        if self._error:
-            raise self._error
-
-    def finish(self) -> None:
-        """Waits for what is still in the pipe."""
-        self._copied.join(_PATIENCE)
-        self.check()
 
 
 def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:

@@ -1,11 +1,8 @@
 """What every recording is made of: one way to write it, charts, states, the window's layout."""
 
 import hashlib
-import os
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
@@ -20,12 +17,12 @@ from ...core.text import printable
 from ...rail.slope import SHOWN, Bands
 from .. import names
 from ..verified import verified
+from .piped import Piped
 
 REFERENCE, TRUTH = 0xC8C8C8FF, 0x54A24BFF
 TRAIN, WHEEL, PRESSURE, CLAMPING = 0x9D9D9DFF, 0x4C9BE8FF, 0x4C9BE8FF, 0xF2A33AFF
 SLOPE = 0xF2A33AFF
 _CELL = 200  # letters of a setting that are shown; the result file has all
-_PIPED = 1 << 20  # bytes copied at a time
 JUDGED = 1 << 18  # values of a series that its chart's range is judged by
 GLOBAL_VIEW = "view/5c0dca6a-e63f-9cf7-f657-2602590474cc"  # whose time axis linked views share
 
@@ -59,33 +56,21 @@ def write(
     rr.set_strict_mode(True)  # otherwise a mistake is a warning and the data is missing
     identity = hashlib.sha256(made_from.encode()).hexdigest()
     rec = rr.RecordingStream("adhesion", recording_id=f"adhesion-{identity[:16]}")
-    source, sink = os.pipe()  # the SDK waits for ever for its writing thread, which errors end
+    piped = Piped(verified(path))
     layout = Layout([page.layout() for page in pages], timeline)
-    with ThreadPoolExecutor(1) as pool:
-        copied = pool.submit(_copy, source, path)
-        try:
-            with os.fdopen(sink):  # the SDK opens it for itself
-                rec.save(f"/dev/fd/{sink}", default_blueprint=layout)
-            rec.send_recording_name(name)
-            for page in pages:
-                page.send(rec)
-            rec.flush()
-        except RuntimeError as error:  # the binding's word for what cannot be written
-            raise OSError(str(error)) from error
-        finally:
-            rec.disconnect()
-        copied.result()
-
-
-def _copy(source: int, path: Path) -> None:
-    """From a pipe to a file; whatever becomes of the file, the pipe is read to its end."""
-    with open(source, "rb", buffering=0) as pipe:
-        try:
-            with verified(path) as file:
-                shutil.copyfileobj(pipe, file, _PIPED)
-        finally:
-            while pipe.read(_PIPED):
-                pass
+    try:
+        with piped:
+            rec.save(piped.place, default_blueprint=layout)
+        rec.send_recording_name(name)
+        for page in pages:
+            page.send(rec)
+        rec.flush()
+    except RuntimeError as error:  # the binding's word for what cannot be written
+        raise OSError(str(error)) from error
+    finally:
+        rec.disconnect()
+        piped.wait()
+    piped.check()
 
 
 # ---- data
