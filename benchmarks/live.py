@@ -1,6 +1,6 @@
 """`adhesion live` by the clock: processor time, latency from sender to line, memory over the time.
 
-    python benchmarks/live.py [--seconds 60] [--axles 4] [--rate 200] [-o DIR]
+    python benchmarks/live.py [--seconds 60] [--axles 4] [--rate 200] [-o]
 
 A sender on this machine gives a datagram per sample with speed and pressure of all axles. The
 program computes all estimators and prints a line per axle, with -o also writes both files. The

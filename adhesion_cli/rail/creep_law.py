@@ -85,14 +85,8 @@ def creep_force(sliding: float, speed: float, rail: Condition, patch: Patch) -> 
     """
     reference = max(speed, CREEP_FROM)
     s_x, s, stiffness = _creepage(sliding / reference, patch)
-    falling, f, e, x, y, g = _law(s, stiffness, reference, rail)
-    df = -rail.B * reference * falling
-    dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
-    scale = 2.0 * patch.load / math.pi
-    per_creep = scale * f * g / s  # total force over total creepage
-    slope = scale * (df * g + dg * (stiffness - e * df))
-    along = s_x / s
-    return per_creep * s_x, (per_creep + along * along * (slope - per_creep)) / reference
+    law = _law(s, stiffness, reference, rail)
+    return _force((s_x, s, stiffness), reference, rail, patch, law)
 
 
 def creep_slopes(
@@ -103,10 +97,11 @@ def creep_slopes(
     Returns:
         F [N], ∂F/∂sliding [N s/m], kA ∂F/∂kA, kS ∂F/∂kS, ∂F/∂A [N], B ∂F/∂B [N].
     """
-    force, slope = creep_force(sliding, speed, rail, patch)
     reference = max(speed, CREEP_FROM)
-    s_x, s, stiffness = _creepage(sliding / reference, patch)
-    falling, f, _, x, y, g = _law(s, stiffness, reference, rail)
+    s_x, s, stiffness = at = _creepage(sliding / reference, patch)
+    law = _law(s, stiffness, reference, rail)
+    falling, f, _, x, y, g = law
+    force, slope = _force(at, reference, rail, patch, law)
     along = 2.0 * patch.load / math.pi * s_x / s
     by_x, by_y = x * (1.0 - x * x) / (1.0 + x * x) ** 2, y / (1.0 + y * y)
     by_f = along * (g - by_x - by_y)  # e goes with 1/f
@@ -135,6 +130,22 @@ def _law(
     e = stiffness * s / f  # (3)
     x, y = rail.k_a * e, rail.k_s * e
     return falling, f, e, x, y, x / (1.0 + x * x) + math.atan(y)  # (3)
+
+
+def _force(
+    at: tuple[float, float, float], reference: float, rail: Condition, patch: Patch,
+    law: tuple[float, float, float, float, float, float],
+) -> tuple[float, float]:  # fmt: skip
+    """Force and slope, from what `_creepage` and `_law` give."""
+    s_x, s, stiffness = at
+    falling, f, e, x, y, g = law
+    df = -rail.B * reference * falling
+    dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
+    scale = 2.0 * patch.load / math.pi
+    per_creep = scale * f * g / s  # total force over total creepage
+    slope = scale * (df * g + dg * (stiffness - e * df))
+    along = s_x / s
+    return per_creep * s_x, (per_creep + along * along * (slope - per_creep)) / reference
 
 
 @cache
