@@ -1,5 +1,6 @@
 """An MCAP log to which another program appends."""
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,19 +23,17 @@ class GrowingMcap:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self.name = str(path)
         self._arriving = Arriving(path, options)
-        self._restarts = 0
 
     def head(self) -> Source:
         """See `Feed`."""
-        begin = 0.0
-        while True:
-            source = self._arriving.head()
-            begin = begin or (time.monotonic() if source else 0.0)
-            if source and (self._arriving.ended or time.monotonic() - begin > PAUSE):
-                return source
-            if self._arriving.ended:
-                raise UserError(f"{self.name}: ended without a message", "check what records it")
+        first = math.inf  # when messages were first seen
+        while time.monotonic() - first < PAUSE and not self._arriving.ended:
+            if self._arriving.arrived():
+                first = min(first, time.monotonic())
             time.sleep(TICK)
+        if not self._arriving.arrived():
+            raise UserError(f"{self.name}: ended without a message", "check what records it")
+        return self._arriving.head()
 
     def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
         """See `Feed`."""
@@ -50,9 +49,6 @@ class GrowingMcap:
     def findings(self) -> list[Finding]:
         """See `Feed`."""
         found, self._arriving.lost = self._arriving.lost, []
-        if restarts := self._arriving.restarts - self._restarts:
-            self._restarts += restarts
-            found.append(Finding("source-restarted", "info", count=restarts))
         return found
 
     def close(self) -> None:

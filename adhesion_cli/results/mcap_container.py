@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import zstandard
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
@@ -24,7 +23,6 @@ from mcap.records import (
     DataEnd,
     Footer,
     Header,
-    McapRecord,
     Metadata,
     MetadataIndex,
     Schema,
@@ -34,12 +32,11 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from ..core.model import RECOVERED
+from ..formats.mcap.records import MAGIC, written
 from .verified import verified
 
 if TYPE_CHECKING:
     from ..formats.mcap.walk import Walk
-
-_MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 
 Offsets = NDArray[np.int64]
 
@@ -62,18 +59,18 @@ class Container:
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: Counter[int] = Counter()
-        self._append(_MAGIC)
-        self._append(_record(Header(profile, library)))
+        self._append(MAGIC)
+        self._append(written(Header(profile, library)))
 
     def define(self, schemas: Collection[Schema], channels: Collection[Channel]) -> None:
         """Adds definitions."""
-        self._append(_record(*schemas, *channels))
+        self._append(written(*schemas, *channels))
         self._schemas += schemas
         self._channels += channels
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
         """Adds named texts."""
-        at, length = self._append(_record(Metadata(name=name, metadata=entries)))
+        at, length = self._append(written(Metadata(name=name, metadata=entries)))
         self._metadata.append(MetadataIndex(at, length, name))
 
     def record(self, index: AttachmentIndex | MetadataIndex, pieces: Iterable[bytes]) -> None:
@@ -107,7 +104,7 @@ class Container:
             uncompressed_crc=zlib.crc32(messages),
             uncompressed_size=len(messages),
         )
-        start, length = self._append(_record(chunk))
+        start, length = self._append(written(chunk))
         places = {}
         for channel, entries in index.items():
             self._counts[channel] += len(entries)
@@ -118,7 +115,7 @@ class Container:
         known = self._times if self._chunk_count else times
         self._times = min(known[0], times[0]), max(known[1], times[1])
         self._chunk_count += 1
-        self._chunks += _record(
+        self._chunks += written(
             ChunkIndex(
                 chunk_start_offset=start,
                 chunk_length=length,
@@ -134,7 +131,7 @@ class Container:
 
     def finish(self) -> None:
         """Adds the summary and the end."""
-        self._append(_record(DataEnd(self._crc)))
+        self._append(written(DataEnd(self._crc)))
         statistics = Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
@@ -147,12 +144,12 @@ class Container:
             schema_count=len(self._schemas),
         )
         groups = {
-            Opcode.SCHEMA: _record(*self._schemas),
-            Opcode.CHANNEL: _record(*self._channels),
-            Opcode.STATISTICS: _record(statistics),
+            Opcode.SCHEMA: written(*self._schemas),
+            Opcode.CHANNEL: written(*self._channels),
+            Opcode.STATISTICS: written(statistics),
             Opcode.CHUNK_INDEX: bytes(self._chunks),
-            Opcode.ATTACHMENT_INDEX: _record(*self._attachments),
-            Opcode.METADATA_INDEX: _record(*self._metadata),
+            Opcode.ATTACHMENT_INDEX: written(*self._attachments),
+            Opcode.METADATA_INDEX: written(*self._metadata),
         }
         start, summary, offsets = self._at, b"", []
         for opcode, group in groups.items():
@@ -160,9 +157,9 @@ class Container:
                 offsets.append(SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         footer = Footer(start, start + len(summary), 0)
-        summary += _record(*offsets)
-        footer.summary_crc = zlib.crc32(summary + _record(footer)[:-4])
-        self._append(summary + _record(footer) + _MAGIC)
+        summary += written(*offsets)
+        footer.summary_crc = zlib.crc32(summary + written(footer)[:-4])
+        self._append(summary + written(footer) + MAGIC)
 
     def _append(self, data: bytes) -> tuple[int, int]:
         """Writes; returns where it went, as (offset, length)."""
@@ -171,13 +168,6 @@ class Container:
         self._crc = zlib.crc32(data, self._crc)
         self._at += len(data)
         return at, len(data)
-
-
-def _record(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 def copy(path: Path, whole: "Walk") -> None:

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Schema
 
@@ -14,7 +13,7 @@ from ...core.finding import Finding
 from ...core.model import Column
 from ..source import Field, ReadOptions
 from .reader import McapSource
-from .records import HEADER, MAGIC, RAISE_LIMIT, LogFile
+from .records import HEADER, MAGIC, RAISE_LIMIT, DamageError, LogFile, written
 
 _MOST = 1 << 23  # bytes that are read at once, and one record more
 _KEPT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE)
@@ -34,8 +33,8 @@ class Arriving:
 
     Attributes:
         ended: whether the file is complete.
-        restarts: how often another file took its place.
-        lost: what could not be read; whoever reads it may empty it.
+        lost: what could not be read, and that another file took its place; whoever reads it may
+            empty it.
 
     Raises:
         UserError: where there is no such file.
@@ -44,7 +43,7 @@ class Arriving:
     def __init__(self, path: Path, options: ReadOptions) -> None:
         self._path, self._options = path, options
         self._limit = options.max_record
-        self.restarts, self.lost = 0, list[Finding]()
+        self.lost = list[Finding]()
         self._id: tuple[int, int] | None = None
         self._restart()
         with LogFile(path, self._limit):
@@ -55,10 +54,8 @@ class Arriving:
         self._header, self._defined = b"", list[Schema | Channel]()
         self._raw, self._has_messages, self._from = b"", False, self._at
 
-    def head(self) -> McapSource | None:
-        """The log up to now, with its fields; None before its first message."""
-        if not self._arrived():
-            return None
+    def head(self) -> McapSource:
+        """The log up to now, with its fields."""
         with tempfile.TemporaryDirectory() as folder:
             source = self._source(folder, self._raw)
         source.path = self._path
@@ -66,7 +63,7 @@ class Arriving:
 
     def columns(self, wanted: Sequence[Field]) -> dict[int, Column]:
         """What has arrived of these fields since the last call, by their places."""
-        if not self._arrived():
+        if not self.arrived():
             return {}
         raw, start = self._raw, self._from
         self._raw, self._has_messages, self._from = b"", False, self._at
@@ -81,7 +78,8 @@ class Arriving:
                 }
                 found = dict(zip(asked, source.columns(list(asked.values())), strict=True))
             except UserError as error:
-                damage = error.text.rpartition(": ")[2]
+                cause = error.__cause__  # the text names the file in the folder
+                damage = cause.what if isinstance(cause, DamageError) else error.text
                 values, names = {"byte": start, "kept_messages": 0}, {"damage": damage}
                 self.lost.append(
                     Finding("mcap-damaged", "error", count=1, values=values, names=names)
@@ -95,14 +93,14 @@ class Arriving:
     def _source(self, folder: str, raw: bytes) -> McapSource:
         """These records, as a log of their own."""
         path = Path(folder) / self._path.name
-        before = self._header + _written(*self._defined)
-        path.write_bytes(MAGIC + before + raw + _written(DataEnd(0), Footer(0, 0, 0)) + MAGIC)
+        before = self._header + written(*self._defined)
+        path.write_bytes(MAGIC + before + raw + written(DataEnd(0), Footer(0, 0, 0)) + MAGIC)
         source = McapSource(path, replace(self._options, strict=False))
         self._defined = [*source.walk.schemas.values(), *source.walk.channels.values()]
         return source
 
-    def _arrived(self) -> bool:
-        """Reads whole records on, if there are not many yet; whether there are messages."""
+    def arrived(self) -> bool:
+        """Reads whole records on, if there are not many yet; whether there are new messages."""
         if len(self._raw) < _MOST:
             try:
                 file = LogFile(self._path, self._limit)
@@ -161,16 +159,9 @@ class Arriving:
     def _is_another(self, file: LogFile) -> None:
         """Begins anew where the file was cut, or another one has its name."""
         if self._id is not None and (self._id != file.id or file.size < self._at):
-            self.restarts += 1
+            self.lost.append(Finding("source-restarted", "info", count=1))
             self._restart()
         self._id = file.id
-
-
-def _written(*records: Schema | Channel | DataEnd | Footer) -> bytes:
-    builder = RecordBuilder()
-    for one in records:
-        one.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 def _placed(finding: Finding, start: int) -> Finding:

@@ -10,17 +10,26 @@ import zlib
 from io import BytesIO
 from pathlib import Path
 
-from mcap.data_stream import ReadDataStream
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.opcode import Opcode
+from mcap.records import McapRecord
 
 from ...core.errors import UserError
 
-MAGIC = b"\x89MCAP0\r\n"
+MAGIC = b"\x89MCAP0\r\n"  # first and last bytes
 HEADER = struct.Struct("<BQ")  # opcode and length of every record
 PIECE = 1 << 20  # bytes read from the file at once
 RAISE_LIMIT = (
     "if the log is trusted, raise the limit with --set mcap.{}={}; else `adhesion recover` cuts it"
 )
+
+
+def written(*records: McapRecord) -> bytes:
+    """Records as bytes of a file."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 class DamageError(Exception):

@@ -202,7 +202,7 @@ class Walk:
         damage.__traceback__ = damage.__context__ = None
         self.damage.append(damage)
         if self._options.strict:
-            raise self._error(damage)
+            raise self._error(damage) from damage
 
     def _error(
         self,
