@@ -40,13 +40,13 @@ def write_result(
         entry: its entry of the document, from `json_documents.entry`.
         slip: the document on its slip, if that was asked for.
         notes: text on the slip of each axle, with its rail.
-        full: whether the recording of a long log has every sample.
+        full: whether the files of a long log have every computed sample.
     """
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_result(record, result, embedded([entry]), slip)
+    mcap.write_result(record, result, embedded([entry]), slip, full)
     rrd.write_result(recording, result, notes, full)
 
 
@@ -59,7 +59,7 @@ def write_comparison(
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_comparison(record, results, embedded(entries))
+    mcap.write_comparison(record, results, embedded(entries), full)
     rrd.write_comparison(recording, results, full)
 
 

@@ -89,7 +89,7 @@ class Shared:
     figure: Annotated[Path | None, option(
         "--figure", "FILE", "Also draw the result: FILE.svg, FILE.png or FILE.pdf.")] = None
     full: Annotated[bool, option(
-        "--full", None, "Recording of a long log: every sample also between brakes.",
+        "--full", None, "Long logs: keep every computed sample, also between brakes.",
         )] = False
     quiet: Annotated[bool, option(
         "-q --quiet", None, "No progress and no notes on stderr; results and errors stay.",

@@ -21,6 +21,7 @@ from ..core.errors import UserError
 from ..core.model import (
     MADE,
     RECOVERED,
+    AxleRecord,
     AxleResult,
     Column,
     Floats,
@@ -34,7 +35,7 @@ from ..core.stop import LOCKED, Stop
 from ..core.text import printable
 from ..rail import events
 from ..rail.slope import REGIONS
-from . import descriptors, mcap_container, names
+from . import descriptors, mcap_container, names, thinning
 from .log_events import Told, of_result
 from .mcap_container import Offsets
 from .samples import Samples
@@ -54,7 +55,7 @@ _UNITS = {  # of the doubles of a message, in the order of its schema
 }
 
 Bytes = NDArray[np.uint8]
-_Values = Callable[[slice], Floats]  # the values of these rows: most are computed chunk by chunk
+_Values = Callable[[slice | NDArray[np.int64]], Floats]  # of these rows, or one for all
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,9 @@ class _Stream:
     tail: NDArray[np.int64] | None = None  # which of them, per row; None: the first
 
 
-def write_result(path: Path, result: Result, metrics_json: str, slip_json: str = "") -> None:
+def write_result(
+    path: Path, result: Result, metrics_json: str, slip_json: str = "", full: bool = False
+) -> None:
     """Write one analysed log, read it back and check it.
 
     Args:
@@ -78,34 +81,39 @@ def write_result(path: Path, result: Result, metrics_json: str, slip_json: str =
         result: the analysed log.
         metrics_json: the document that `--json` prints, kept as metadata `adhesion.metrics`.
         slip_json: what `slip --json` prints of the log, kept as metadata `adhesion.slip`.
+        full: whether all that was computed on a long log is written, see `thinning`.
 
     Raises:
         UserError: a time stamp that MCAP cannot hold, or a file that does not read back.
         OSError: the file cannot be written.
     """
     slip = {"adhesion.slip": {"json": slip_json}} if slip_json else {}
-    _write_results(path, [("", result)], metrics_json, slip)
+    _write_results(path, [("", result)], metrics_json, slip, full)
 
 
-def write_comparison(path: Path, results: Sequence[Result], metrics_json: str) -> None:
+def write_comparison(
+    path: Path, results: Sequence[Result], metrics_json: str, full: bool = False
+) -> None:
     """Write several analysed logs into one file, topics and metadata parted by the log's name.
 
     As `write_result` in all else.
     """
-    _write_results(path, list(zip(names.logs(results), results, strict=True)), metrics_json, {})
+    named = list(zip(names.logs(results), results, strict=True))
+    _write_results(path, named, metrics_json, {}, full)
 
 
 def _write_results(
-    path: Path, logs: list[tuple[str, Result]], metrics: str, metadata: dict[str, dict[str, str]]
-) -> None:
+    path: Path, logs: list[tuple[str, Result]], metrics: str, metadata: dict[str, dict[str, str]],
+    full: bool,
+) -> None:  # fmt: skip
     """Writes analysed logs below their names, or one below none."""
     shift = _shift([result.log for _, result in logs])
     streams: list[_Stream] = []
     provenance: dict[str, str] = {}
     for name, result in logs:
-        streams += _result_streams(result, f"/{name}" * bool(name))
+        streams += _result_streams(result, f"/{name}" * bool(name), full)
         of = f"{name}." * bool(name)
-        provenance |= {of + k: v for k, v in _provenance(result, shift).items()}
+        provenance |= {of + k: v for k, v in _provenance(result, shift, full).items()}
         if len(logs) == 1:  # can be analysed again
             metadata |= {names.SETTINGS: names.flat(result.settings), **_account(result.log)}
         else:
@@ -260,7 +268,7 @@ def _stream(topic: str, message: str, t: Times, *columns: Floats | _Values | Non
 
 def _known(values: Floats | _Values | None) -> _Values:
     if values is None:
-        return lambda part: np.full(part.stop - part.start, np.nan)
+        return lambda _: np.array(np.nan)
     return values if callable(values) else values.__getitem__
 
 
@@ -279,10 +287,14 @@ def _slip(
     return replace(doubles, tails=tails, tail=region.astype(np.int64))
 
 
-def _result_streams(result: Result, prefix: str) -> list[_Stream]:
+def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
     streams: list[_Stream] = []
     for axle in result.axles:
-        streams += _axle_streams(axle, result, f"{prefix}/axle/{axle.record.axle}")
+        topic = f"{prefix}/axle/{axle.record.axle}"
+        streams += _input_streams(axle.record, result.log, topic)
+        computed = _computed_streams(axle, result, topic)
+        kept = None if full else thinning.kept(axle)
+        streams += computed if kept is None else _thinned(computed, kept)
     first, *others = (result.log.find("train_speed", a.record.axle) for a in result.axles)
     if first and all(other is first for other in others):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
@@ -292,9 +304,36 @@ def _result_streams(result: Result, prefix: str) -> list[_Stream]:
     return [*streams, *_events(of_result(result), prefix)]
 
 
-def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
-    record, ref = axle.record, axle.reference
+def _thinned(streams: Iterable[_Stream], rows: NDArray[np.int64]) -> Iterator[_Stream]:
+    """These rows of streams with one clock."""
+    t = None
+
+    def of(values: _Values) -> _Values:
+        return lambda part: values(rows[part])
+
+    for x in streams:
+        t = x.t[rows] if t is None else t  # one array for all: `_partition` knows it by that
+        columns = {name: of(values) for name, values in x.columns.items()}
+        yield replace(x, t=t, columns=columns, tail=None if x.tail is None else x.tail[rows])
+
+
+def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream]:
+    """What was measured, and the truth, exactly: the log can be analysed again."""
     t = record.t
+    yield _stream(
+        f"{topic}/input", "AxleInput", t,
+        record.pressure, record.clamping_force, record.wheel_speed, record.train_speed,
+    )  # fmt: skip
+    brake = log.find("pressure", record.axle) or log.find("clamping_force", record.axle)
+    if brake and brake.meaning and not np.isin(t, brake.data.t).all():
+        # Between its own stamps the reference interpolates: held values alone would not do again.
+        yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
+    if record.truth is not None or record.true_slip is not None:
+        yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
+
+
+def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Stream]:
+    t, ref = axle.record.t, axle.reference
 
     def kept(x: Floats, sigma: Floats = ref.sigma) -> _Values:
         return lambda part: rounding.rounded(x[part], sigma[part])
@@ -308,16 +347,6 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
         return lambda part: rounding.rounded(axle.error(algo, part), ref.sigma[part])
 
     yield _stream(
-        f"{topic}/input", "AxleInput", t,
-        record.pressure, record.clamping_force, record.wheel_speed, record.train_speed,
-    )  # fmt: skip
-    brake = result.log.find("pressure", record.axle) or result.log.find(
-        "clamping_force", record.axle
-    )
-    if brake and brake.meaning and not np.isin(t, brake.data.t).all():
-        # Between its own stamps the reference interpolates: held values alone would not do again.
-        yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
-    yield _stream(
         f"{topic}/reference", "Reference", t,
         kept(ref.force), _digits(ref.sigma), kept(ref.lower), kept(ref.upper), mu(ref.force),
     )  # fmt: skip
@@ -327,8 +356,6 @@ def _axle_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[_Str
             f"{topic}/estimate/{algo}", "Estimate", t,
             kept(force, sigma), mu(force, sigma), error(algo), _digits(axle.sigmas.get(algo)),
         )  # fmt: skip
-    if record.truth is not None or record.true_slip is not None:
-        yield _stream(f"{topic}/truth", "Truth", t, record.truth, record.true_slip)
     if axle.slip is not None:
         slip = kept(axle.slip, np.broadcast_to(rounding.SLIP, len(t)))
         columns = slip, mu(ref.force), _digits(axle.slope), _digits(axle.slope_confidence)
@@ -396,7 +423,7 @@ def _account(log: Log) -> dict[str, dict[str, str]]:
     return {RECOVERED: dict(log.account)} if log.account else {}
 
 
-def _provenance(result: Result, shift: int) -> dict[str, str]:
+def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     told = {
         **_origin(result.log, shift),
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
@@ -404,6 +431,8 @@ def _provenance(result: Result, shift: int) -> dict[str, str]:
     }
     if any(a.record.train_speed_made for a in result.axles):
         told["train_speed"] = MADE
+    if not full and any(thinning.kept(a) is not None for a in result.axles):
+        told["thinned"] = thinning.TOLD
     return told
 
 

@@ -23,7 +23,7 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Channel as LogChannel
 from adhesion_cli.core.model import Column, Floats, Log, Times
-from adhesion_cli.results import descriptors, mcap, names
+from adhesion_cli.results import descriptors, mcap, names, thinning
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
 
@@ -111,6 +111,43 @@ def test_error_is_against_the_reference_without_truth(tmp_path: Path) -> None:
     written = column(found["/axle/1/estimate/neso"], "error")
     near(written, error, axle.reference.sigma / 32.0)
     assert np.isnan(column(found["/axle/1/input"], "train_speed")).all()  # not 0 m/s
+
+
+def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(thinning, "LONG", 1000)
+    analysed = result(2, 4000)
+    first, second = analysed.axles
+    where = slice(1500, 2000)
+    braked = replace(first, applications=(where,), events=())
+    both = replace(analysed, axles=(braked, replace(second, applications=(), events=())))
+    kept = {}
+    for full in (True, False):
+        path = tmp_path / f"{full}.mcap"
+        mcap.write_result(path, both, "{}", full=full)
+        kept[full] = {
+            topic: {r.log_time: r.data for r, _ in messages}
+            for topic, messages in decoded(path).items()
+        }
+        with path.open("rb") as file:
+            told = {m.name: m.metadata for m in make_reader(file).iter_metadata()}
+        assert ("thinned" in told["adhesion.provenance"]) == (not full)
+    t = braked.record.t
+    near = (t >= t[where.start] - 2 * 10**9) & (t <= t[where.stop - 1] + 2 * 10**9)
+    for topic in ("/axle/1/input", "/axle/1/truth", "/axle/2/input"):  # it can be analysed again
+        assert kept[False][topic] == kept[True][topic]
+    spans = len(np.unique(t // 500_000_000))
+    for axle, exact in ((1, near), (2, np.zeros(len(t), bool))):
+        for topic in (f"/axle/{axle}/{x}" for x in ("reference", "slip", "estimate/neso")):
+            every, some = kept[True][topic], kept[False][topic]
+            assert len(every) == len(t)
+            assert every.items() >= some.items()
+            assert set(t[exact].tolist()) <= set(some)
+            assert spans <= len(some) <= np.count_nonzero(exact) + spans
+    monkeypatch.setattr(thinning, "LONG", 4000)
+    mcap.write_result(path, both, "{}")  # a short log has all
+    assert len(decoded(path)["/axle/1/reference"]) == len(t)
 
 
 def test_an_estimate_has_its_sigma_where_the_method_has_one(tmp_path: Path) -> None:

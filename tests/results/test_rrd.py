@@ -21,7 +21,7 @@ from adhesion_cli.core.physics import G
 from adhesion_cli.rail import slip
 from adhesion_cli.rail.creep_law import Contact, condition, creep_force
 from adhesion_cli.rail.fit import Interval, RailFit
-from adhesion_cli.results import palette, rrd
+from adhesion_cli.results import palette, rrd, thinning
 from adhesion_cli.results.rrd import overview, parts, results, rows
 
 PATCH = Contact().patch(Vehicle().axle_mass.value * G)
@@ -302,7 +302,7 @@ def test_a_comparison_opens_on_all_logs_in_one_chart(tmp_path: Path) -> None:
 def test_a_long_log_is_thinned_between_its_brakes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rows, "OVERVIEW", 1000)
+    monkeypatch.setattr(thinning, "LONG", 1000)
     analysed = result(1, 4000)
     (axle,) = analysed.axles
     t, where = axle.record.t, slice(1500, 2000)

@@ -17,13 +17,11 @@ from ...core.stop import SLIDES
 from ...core.text import printable
 from ...rail import fit, slip
 from ...rail.slope import Bands
-from .. import log_events, names, palette
+from .. import log_events, names, palette, thinning
 from . import overview, parts, rows
 from .curve import Fitted, curve_view, send_curve
 
 OVERVIEW_FROM = 5_000_000  # points: above, the first tab shows a min/max overview
-_SPAN = 500_000_000  # of which the lowest and the highest value are drawn between brakes [ns]
-_AROUND = 2_000_000_000  # before and after a brake application every sample is drawn [ns]
 _EVENT_WIDTH = 88  # letters of a line of an event: what the column beside the charts holds
 _LEVEL = {"info": "INFO", "warning": "WARN", "error": "ERROR"}
 _ROWS = 1 << 16  # rows sent at once
@@ -139,13 +137,10 @@ class _Page:
         In and around brake applications and slides that is every row, and in short logs.
         """
         t, index, _ = rows.of_axle(axle)
-        if self.full or len(t) <= rows.OVERVIEW:
+        if self.full or len(axle.record) <= thinning.LONG:
             return np.arange(len(t))
-        exact = index < 0
-        times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
-        for begin, end in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
-            exact |= (t >= begin - _AROUND) & (t <= end + _AROUND)
-        new = np.diff(t // _SPAN, prepend=t[0] // _SPAN - 1) != 0
+        exact = (index < 0) | thinning.near_brakes(axle, t)
+        new = np.diff(t // thinning.EVERY, prepend=t[0] // thinning.EVERY - 1) != 0
         new |= exact | np.append(False, exact[:-1])
         return np.flatnonzero(new)
 
@@ -402,9 +397,9 @@ The log is long. The overviews show the lowest and the highest value of each of
 {rows.OVERVIEW // 2} spans of time.
 """
 _THINNED = f"""
-Every sample is drawn in brake applications and slides and {_AROUND / 1e9:g} s around them. Between
-them each {_SPAN / 1e9:g} s is drawn by its lowest and its highest value. `--full` draws every
-sample. The MCAP file has all of them.
+Every sample is drawn in brake applications and slides and {thinning.AROUND / 1e9:g} s around them.
+Between them each {thinning.EVERY / 1e9:g} s is drawn by its lowest and its highest value.
+`--full` draws every sample.
 """
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...core.model import AxleResult, Bools, Times
 from .parts import Plot
 
-OVERVIEW = 20_000  # rows of an overview; an axle with more is thinned between brakes
+OVERVIEW = 20_000  # rows of an overview
 
 
 def of_axle(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:

@@ -1,0 +1,35 @@
+"""Which samples of a long log its results have: each in and around brake applications and slides.
+
+Elsewhere a train coasts or stands, and what is computed there would fill most of a file.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.model import AxleResult, Bools, Times
+
+LONG = 20_000  # rows of an axle; one with more is thinned
+AROUND = 2_000_000_000  # before and after a brake application or slide [ns]
+EVERY = 500_000_000  # elsewhere: a file has one sample of so long, a recording two [ns]
+TOLD = (
+    f"computed values: one of each {EVERY / 1e9:g} s; in brake applications and slides and "
+    f"{AROUND / 1e9:g} s around them, all"
+)
+
+
+def near_brakes(axle: AxleResult, t: Times) -> Bools:
+    """Whether these times are in or around a brake application or a slide, (n,)."""
+    near = np.zeros(len(t), bool)
+    times = [(axle.record.t[s.start], axle.record.t[s.stop - 1]) for s in axle.applications]
+    for begin, end in [*times, *((e.t, e.until) for e in axle.events if e.until is not None)]:
+        near |= (t >= begin - AROUND) & (t <= end + AROUND)
+    return near
+
+
+def kept(axle: AxleResult) -> NDArray[np.int64] | None:
+    """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
+    t = axle.record.t
+    if len(t) <= LONG:
+        return None
+    first = np.diff(t // EVERY, prepend=t[0] // EVERY - 1) != 0
+    return np.flatnonzero(first | near_brakes(axle, t))
