@@ -2,10 +2,12 @@
 
     python benchmarks/write_results.py
 
-The log has four axles at 100 Hz for 10 minutes: the scenario `low-adhesion` ten times, with the
-train brought up to speed in between. It is CSV. The rivals write the same numbers with all digits:
+The log has four axles at 100 Hz for 10 minutes: stops of the scenario `low-adhesion`, with the
+train brought up to speed in between. It stops every 5 minutes, as between two towns, or every
+minute, as a metro does. It is CSV. The rivals write the same numbers with all digits, and every
+sample:
 
-- `mcap.Writer` at its defaults writes the same protobuf messages. Its time is without the packing.
+- `mcap.Writer` at its defaults writes the protobuf messages. Its time is without the packing.
 - The Rerun SDK at its defaults writes a column of every sample for each line of our recording.
 
 The rival of `analyze` reads the log with `pyarrow.csv` and writes both files. It computes nothing.
@@ -35,14 +37,15 @@ from adhesion_cli.core.model import Floats, Result
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import plant, simulate
 
-STOPS, PERIOD, RATE = 10, 60.0, 100.0  # of a stop and the way back to its speed [s], [Hz]
+LENGTH, RATE = 600.0, 100.0  # [s], [Hz]
+PERIODS = (300.0, 60.0)  # of a stop and the way back to its speed [s]
 
 
-def write_log(path: Path, stops: int) -> None:
+def write_log(path: Path, stops: int, period: float = 60.0) -> None:
     """The stops as CSV: pressure and wheel speed of each axle, train speed."""
     made, rng = simulate.run(simulate.load("low-adhesion")), np.random.default_rng(1)
     braked = np.arange(0, len(made.t), round(1e9 / RATE / (made.t[1] - made.t[0])))
-    share = np.linspace(0.0, 1.0, round(PERIOD * RATE) - len(braked))[:, None]
+    share = np.linspace(0.0, 1.0, round(period * RATE) - len(braked))[:, None]
     released, gained = np.interp(share, [0.0, 0.1], [0.0, 1.0]), np.interp(share, [0.1, 1], [0, 1])
 
     def whole(of: Floats, before: Floats | float, back: Floats, noise: float) -> Floats:
@@ -119,7 +122,12 @@ def by_rerun(path: Path, result: Result) -> None:
     rec.disconnect()
 
 
-def rows(stops: int = STOPS) -> Iterator[Row]:
+def rows() -> Iterator[Row]:
+    for period in PERIODS:
+        yield from of_log(period)
+
+
+def of_log(period: float) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log, files = folder / "log.csv", [folder / "a.mcap", folder / "a.rrd"]
@@ -131,21 +139,22 @@ def rows(stops: int = STOPS) -> Iterator[Row]:
 
         write_log(log, 1)
         run()  # compiles
-        write_log(log, stops)
+        write_log(log, round(LENGTH / period), period)
         found: list[Result] = []
         own = seconds(lambda: found.append(run()))
         (result,) = found
         our_recording = seconds(lambda: rrd.write_result(files[1], result))
         whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
         with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-            mcap.write_result(whole, result, "{}")
+            mcap.write_result(whole, result, "{}", full=True)
         mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
         read_time = seconds(lambda: csv.read_csv(log))
 
         def size(*paths: Path) -> float:
             return sum(path.stat().st_size for path in paths) / 1e6
 
-        yield Row("results, size", size(*files), size(log), "MB", "the log as CSV", most=6)
+        every = f"a stop each {period:g} s"
+        yield Row(f"results, size, {every}", size(*files), size(log), "MB", "log as CSV", most=6)
         against = "mcap.Writer at its defaults, all digits"
         yield Row("result MCAP, size", size(files[0]), size(bare), "MB", against, most=1)
         against = "Rerun SDK, every sample"

@@ -108,6 +108,8 @@ class _Page:
                 for plot in self._plots(axle, index[part], inside[part]):
                     whole = f"{self.root}/{path}/{plot.name}"
                     thin = rows.envelope(t[part], plot, first)
+                    if len(drawn) < len(t):
+                        thin = rows.without_repeats(*thin)
                     parts.send_plot(rec, whole, self.times, *thin, at == 0)
                     if at == 0 and plot.name.startswith("force/"):
                         lines += zip(plot.series, plot.colours, strict=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ...core.model import AxleResult, Bools, Times
 from .parts import Plot
 
-OVERVIEW = 20_000  # rows of an overview
+OVERVIEW = 10_000  # rows of an overview: two for each column of the finest screens
 
 
 def of_axle(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
@@ -53,3 +53,14 @@ def envelope(t: Times, plot: Plot, first: NDArray[np.int64]) -> tuple[Times, Plo
     rises = plot.values[first + size - 1] >= plot.values[first]
     top = rises[each] == second[:, None]
     return t[at], replace(plot, values=np.where(top, high[each], low[each]))
+
+
+def without_repeats(t: Times, plot: Plot) -> tuple[Times, Plot]:
+    """The rows that change the lines: of a run of equal rows the first and the last."""
+    columns = [x for x in (plot.values, plot.half) if x is not None]
+    bits = np.concatenate(columns, axis=1).view(np.int64)
+    same = (bits[1:] == bits[:-1]).all(axis=1)
+    kept = np.ones(len(t), bool)
+    kept[1:-1] = ~(same[:-1] & same[1:])
+    half = None if plot.half is None else plot.half[kept]
+    return t[kept], replace(plot, values=plot.values[kept], half=half)
