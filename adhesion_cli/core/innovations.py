@@ -17,10 +17,11 @@ _FEWEST = 40  # innovations that show a mean and its error
 _BLOCKS = 30  # parts of a log whose means show the error of the whole mean
 _PART = 20  # least innovations of such a part, if there are many
 
-_ROOT2, _ROOT_TAU = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
+_ROOT2, ROOT_TAU = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
 _LEAST = 1e-300
 _THIN, _NARROW = 1e-30, 1e-4  # a reading that is one value, or so improbable
-_ROUNDS = 8  # of Newton's method; four give ten digits
+_ROUNDS = 8  # of Newton's method, at most; four give ten digits
+_SETTLED = 1e-8
 
 
 def score(below: float, above: float) -> float:
@@ -30,7 +31,10 @@ def score(below: float, above: float) -> float:
     z = math.sqrt(-2.0 * wanted)  # never less than the solution, and so Newton's steps converge
     for _ in range(_ROUNDS):
         q = 0.5 * math.erfc(z / _ROOT2)
-        z += (math.log(q) - wanted) * q * _ROOT_TAU * math.exp(0.5 * z * z)
+        step = (math.log(q) - wanted) * q * ROOT_TAU * math.exp(0.5 * z * z)
+        z += step
+        if abs(step) < _SETTLED:  # the next step is about its square
+            break
     return z if above < below else -z
 
 
@@ -46,7 +50,7 @@ def square(low: tuple[float, float], high: tuple[float, float]) -> float:
     if inside < _THIN or b - a < _NARROW:
         return 0.5 * (a * a + b * b)
     at_a, at_b = math.exp(-0.5 * a * a), math.exp(-0.5 * b * b)
-    return 1.0 + (a * at_a - b * at_b) / (_ROOT_TAU * inside)
+    return 1.0 + (a * at_a - b * at_b) / (ROOT_TAU * inside)
 
 
 def mean(squares: Floats) -> Nis | None:

@@ -4,7 +4,8 @@ Compiled loops, numpy's long operations and compression run without Python's loc
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -28,3 +29,25 @@ def each(do: Callable[[T], R], of: Sequence[T]) -> list[R]:
 
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(do, of))  # on an error it starts no other
+
+
+def ahead(do: Callable[[T], R], of: Iterable[T]) -> Iterator[R]:
+    """`do` of each, in order; while one is used, the next are being made.
+
+    Args:
+        do: must not change what another call uses.
+        of: what it is done for; as many as there are processors are in work.
+    """
+    if most < 2:
+        yield from map(do, of)
+        return
+    from concurrent.futures import Future, ThreadPoolExecutor  # slow to import
+
+    with ThreadPoolExecutor(most) as pool:
+        made: deque[Future[R]] = deque()
+        for x in of:
+            made.append(pool.submit(do, x))
+            if len(made) > most:
+                yield made.popleft().result()
+        while made:
+            yield made.popleft().result()

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled
-from ..core.innovations import score
+from ..core.innovations import ROOT_TAU, score
 from ..core.model import Z95, Floats
 
 
@@ -240,7 +240,7 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     """
     n, M = len(t), len(follow)
     now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
-    T, far = np.empty((M, M)), np.empty((M, M))
+    T, off, far = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
     for j in range(M):
         now[j, 0], now[j, 1] = y[0], 0.0
         now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
@@ -255,27 +255,27 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
             last_h = h
         least = math.inf
         for i in range(M):
+            # Loaded once: what is stored below might change `now`, for all the compiler knows.
+            f0, f1, F00, F01, F11 = now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4]
+            p = now[i, 5]
             for j in range(M):
                 q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
-                m0, m1, P00, P01, P11 = _predict(
-                    now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4],
-                    h, gain, ds, follow[j], q,
-                )  # fmt: skip
+                m0, m1, P00, P01, P11 = _predict(f0, f1, F00, F01, F11, h, gain, ds, follow[j], q)
                 P00 += lost[k]
                 noise = r[k] + q * blur[k]  # a mean's, about the middle of a random walk's integral
-                e, S = y[k] - m0, P00 + noise
-                g0, g1 = P00 / S, P01 / S
+                e, precision = y[k] - m0, 1.0 / (P00 + noise)
+                g0, g1 = P00 * precision, P01 * precision
                 pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
                 pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * noise, g1 * noise, P11 - g1 * P01
-                far[i, j] = e / math.sqrt(2.0 * S)
-                W[i, j] = now[i, 5] * T[i, j] / math.sqrt(2.0 * math.pi * S)
-                least = min(least, far[i, j] ** 2)
+                off[i, j], far[i, j] = e, 0.5 * e * e * precision
+                W[i, j] = p * T[i, j] * math.sqrt(precision) / ROOT_TAU
+                least = min(least, far[i, j])
         if len(scores) == n:
-            scores[k] = _scored(now, T, far)
+            scores[k] = _scored(now, T, off, far)
         mass = 1e-300
         for i in range(M):
             for j in range(M):
-                W[i, j] *= math.exp(least - far[i, j] ** 2)
+                W[i, j] *= math.exp(least - far[i, j])
                 mass += W[i, j]
         total += math.log(mass) - least
         for j in range(M):
@@ -287,17 +287,18 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
     return total
 
 
-def _scored(now: Floats, T: Floats, far: Floats) -> float:
+def _scored(now: Floats, T: Floats, off: Floats, far: Floats) -> float:
     """The reading as a standard normal value, by every regime before and after the step.
 
-    `far` (M, M) is its distance from each prediction, in units of √2 standard deviations.
+    It is `off` (M, M) from each prediction; `far` is half the square of that over its variance.
     """
     below = above = 0.0
     for i in range(len(T)):
         for j in range(len(T)):
             share = 0.5 * now[i, 5] * T[i, j]
-            below += share * math.erfc(-far[i, j])
-            above += share * math.erfc(far[i, j])
+            tail = math.erfc(math.sqrt(far[i, j]))  # the other one is 2 less it, to the last digit
+            below += share * (tail if off[i, j] < 0.0 else 2.0 - tail)
+            above += share * (2.0 - tail if off[i, j] < 0.0 else tail)
     return score(below, above)
 
 

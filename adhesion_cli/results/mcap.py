@@ -16,7 +16,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core import compiled, physics, rounding, signals, toml
+from ..core import compiled, physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
     MADE,
@@ -216,7 +216,7 @@ class GrowingResult:
         streams = self._streams(new)
         parts = [slice(0, len(s.t)) for s in streams]
         if any(p.stop for p in parts):
-            _write_chunk(self._out, streams, parts, 0)
+            self._out.chunk(_packed(streams, parts, 0))
             self._file.flush()
 
     def finish(self) -> None:
@@ -467,8 +467,8 @@ def _write(
         )
     with verified(path) as file:
         out = _begun(file, streams, metadata)
-        for parts in _partition(streams):
-            _write_chunk(out, streams, parts, shift)
+        for chunk in threads.ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
+            out.chunk(chunk)
         out.finish()
 
 
@@ -519,10 +519,8 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
             yield parts
 
 
-def _write_chunk(
-    out: mcap_container.Container, streams: Sequence[_Stream], parts: list[slice], shift: int
-) -> None:
-    """Append one chunk and its message indexes."""
+def _packed(streams: Sequence[_Stream], parts: list[slice], shift: int) -> mcap_container.Packed:
+    """These rows of the streams as one chunk."""
     rows = [
         _Rows(i, s, part, shift)
         for i, (s, part) in enumerate(zip(streams, parts, strict=True), 1)
@@ -543,7 +541,7 @@ def _write_chunk(
         begin += len(r.t)
         r.write(buffer, offsets)
         index[r.channel] = np.stack([r.t, offsets], axis=1)
-    out.chunk(buffer.tobytes(), index)
+    return mcap_container.packed(buffer.tobytes(), index)
 
 
 class _Rows:

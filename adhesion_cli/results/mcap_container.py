@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 import numpy as np
 import zstandard
@@ -39,6 +39,33 @@ if TYPE_CHECKING:
     from ..formats.mcap.walk import Walk
 
 Offsets = NDArray[np.int64]
+
+_LEVEL = 5  # of zstd: the indexes, which are not compressed, are larger than what more would save
+
+
+class Packed(NamedTuple):
+    """A chunk before it has a place in a file."""
+
+    chunk: Chunk
+    messages: Mapping[int, Offsets]  # log times [ns] and offsets of each channel's messages; (n, 2)
+
+
+def packed(messages: bytes, index: Mapping[int, Offsets]) -> Packed:
+    """Compresses messages; several threads may do so at once.
+
+    Args:
+        messages: whole records.
+        index: log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
+    """
+    chunk = Chunk(
+        compression="zstd",
+        data=zstandard.ZstdCompressor(level=_LEVEL).compress(messages),
+        message_start_time=int(min(entries[:, 0].min() for entries in index.values())),
+        message_end_time=int(max(entries[:, 0].max() for entries in index.values())),
+        uncompressed_crc=zlib.crc32(messages),
+        uncompressed_size=len(messages),
+    )
+    return Packed(chunk, index)
 
 
 class Container:
@@ -88,22 +115,9 @@ class Container:
         else:
             self._metadata.append(index)
 
-    def chunk(self, messages: bytes, index: Mapping[int, Offsets]) -> None:
-        """Adds a chunk of messages.
-
-        Args:
-            messages: whole records.
-            index: log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
-        """
-        compressed = zstandard.ZstdCompressor(level=3).compress(messages)
-        chunk = Chunk(
-            compression="zstd",
-            data=compressed,
-            message_start_time=int(min(entries[:, 0].min() for entries in index.values())),
-            message_end_time=int(max(entries[:, 0].max() for entries in index.values())),
-            uncompressed_crc=zlib.crc32(messages),
-            uncompressed_size=len(messages),
-        )
+    def chunk(self, packed: "Packed") -> None:
+        """Adds a chunk of messages."""
+        chunk, index = packed
         start, length = self._append(written(chunk))
         places = {}
         for channel, entries in index.items():
@@ -120,7 +134,7 @@ class Container:
                 chunk_start_offset=start,
                 chunk_length=length,
                 compression=chunk.compression,
-                compressed_size=len(compressed),
+                compressed_size=len(chunk.data),
                 message_start_time=times[0],
                 message_end_time=times[1],
                 message_index_length=self._at - start - length,
@@ -202,5 +216,5 @@ def copy(path: Path, whole: "Walk") -> None:
             order = np.argsort(channel, kind="stable")
             ids, first = np.unique(channel[order], return_index=True)
             parts = np.split(entries[order], first[1:])
-            out.chunk(messages, dict(zip(ids.tolist(), parts, strict=True)))
+            out.chunk(packed(messages, dict(zip(ids.tolist(), parts, strict=True))))
         out.finish()
