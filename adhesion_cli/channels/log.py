@@ -8,7 +8,7 @@ from pathlib import Path
 from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import MADE, Channel, Column, Log, Meaning, Vehicle
+from ..core.model import AS_INPUT, MADE, Channel, Column, Log, Meaning, Vehicle
 from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
@@ -196,9 +196,15 @@ def _option(m: Meant, chosen: Collection[Meant], teeth: int = 0) -> str:
 def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant], list[Finding]]:
     """`understood`; mappings are for raw logs, a result of this program needs none."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
-    if source.metadata.get("adhesion.provenance", {}).get("train_speed") == MADE:
-        fields = [f for f in fields if f.path != "train_speed"]  # of the axles, as it will be again
-    return understood(fields, () if "adhesion.settings" in source.metadata else mappings)
+    told = source.metadata.get("adhesion.provenance", {}).get("train_speed")
+    if told in (MADE, AS_INPUT):
+        trains = [f for f in fields if f.path == "train_speed"]
+        kept = trains[:1] if told == AS_INPUT else []  # what was made of the axles will be again
+        fields = [f for f in fields if f not in trains or f in kept]
+    meant, findings = understood(fields, () if "adhesion.settings" in source.metadata else mappings)
+    if told == AS_INPUT:
+        meant = [replace(m, axle=None) if m.meaning == "train_speed" else m for m in meant]
+    return meant, findings
 
 
 def _log(

@@ -23,6 +23,7 @@ Regions = NDArray[np.int8]
 Z95 = 1.959963984540054  # coverage factor of 95 % for a normal distribution
 
 MADE = "made"  # in the provenance of a result: the train speed was not measured
+AS_INPUT = "input"  # there: one channel for all axles, which every axle's input holds as it was
 RECOVERED = "adhesion.recovered"  # metadata of a file made from a damaged one: what was damaged
 
 Meaning = Literal[
@@ -423,3 +424,17 @@ class Result:
         """Start of the first brake application, else of the log [ns]."""
         begun = [int(a.record.t[a.applications[0].start]) for a in self.axles if a.applications]
         return min(begun, default=self.log.start_ns())
+
+    def shared_train(self) -> Channel | None:
+        """The speed or acceleration of the train that all axles have in common."""
+        first, *others = (self.log.find("train_speed", a.record.axle) for a in self.axles)
+        return first if all(other is first for other in others) else None
+
+    def inputs_hold(self, train: Channel) -> bool:
+        """Whether the record of every axle has this speed of the train as it was logged."""
+        return not train.is_rate and all(
+            np.array_equal(r.t, train.data.t)
+            and r.train_speed is not None
+            and np.array_equal(r.train_speed, train.data.value)
+            for r in (a.record for a in self.axles)
+        )

@@ -19,6 +19,7 @@ from .. import __version__
 from ..core import compiled, physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
+    AS_INPUT,
     MADE,
     RECOVERED,
     AxleRecord,
@@ -295,12 +296,12 @@ def _result_streams(result: Result, prefix: str, full: bool) -> list[_Stream]:
         computed = _computed_streams(axle, result, topic)
         kept = None if full else thinning.kept(axle)
         streams += computed if kept is None else _thinned(computed, kept)
-    first, *others = (result.log.find("train_speed", a.record.axle) for a in result.axles)
-    if first and all(other is first for other in others):
+    train = result.shared_train()
+    if train and not result.inputs_hold(train):
         # As logged: the axles' input has it interpolated, and shifted where it was late.
-        name = "train_acceleration" if first.is_rate else "train_speed"
-        unit = names.SI["train_speed"] + "/s" * first.is_rate
-        streams.append(_scalar(f"{prefix}/{name}", unit, first.data))
+        name = "train_acceleration" if train.is_rate else "train_speed"
+        unit = names.SI["train_speed"] + "/s" * train.is_rate
+        streams.append(_scalar(f"{prefix}/{name}", unit, train.data))
     return [*streams, *_events(of_result(result), prefix)]
 
 
@@ -431,6 +432,8 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     }
     if any(a.record.train_speed_made for a in result.axles):
         told["train_speed"] = MADE
+    elif (train := result.shared_train()) and result.inputs_hold(train):
+        told["train_speed"] = AS_INPUT
     if not full and any(thinning.kept(a) is not None for a in result.axles):
         told["thinned"] = thinning.TOLD
     return told
