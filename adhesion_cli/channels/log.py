@@ -218,12 +218,14 @@ def _log(
     times = {id(c.t): c.t for c in columns if len(c.t)}
     start = min((time_axis.earliest(t) for t in times.values()), default=0)
     times.clear()
-    channels = []
+    channels, provenance = [], source.metadata.get("adhesion.provenance", {})
     clocks = [id(c.t) for c in columns]
     found: list[tuple[int, Finding]] = []
     columns.reverse()
     for m, clock in zip(chosen, clocks, strict=True):
         one, its_findings = made(m, columns.pop(), start)  # what was read is let go one by one
+        if m.meaning == "wheel_speed" and (unit := provenance.get(f"wheel_speed_{m.axle}")):
+            one = replace(one, first_unit=unit)
         channels.append(one)
         found += ((clock, f) for f in its_findings)
     findings += _joined(found)

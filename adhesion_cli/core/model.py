@@ -104,6 +104,12 @@ class Channel:
     is_rate: bool = False  # `data` is the rate of what it means [SI/s]: a train's acceleration
     label: str = ""  # a name that the log gives to an element of a list
     period_step: float = 0.0  # of 1/speed, where a timer counts whole ticks from pulse to pulse
+    first_unit: str = ""  # of a result: the unit in the log that it was made of, where it matters
+
+    @property
+    def measured_in(self) -> str:
+        """Unit in which it was logged first: it shows what the sensor measures."""
+        return self.first_unit or self.unit
 
     @property
     def coarsest(self) -> float:

@@ -89,8 +89,9 @@ def started(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
     found = []
     for s in applications:
         if s.start in begun and record.clamping_force[s.start] > _SLIGHT:
-            until = record.t[s.start] + round(START_UP * 1e9)
-            found.append(slice(s.start, min(int(np.searchsorted(record.t, until)), s.stop)))
+            t = record.t[s]  # rising; of the whole record it need not be
+            past = int(np.searchsorted(t, t[0] + round(START_UP * 1e9)))
+            found.append(slice(s.start, s.start + past))
     return found
 
 

@@ -68,7 +68,7 @@ def _axle(
     if at.smooth is not at.held:  # their times are not the same
         smooth = clamping_force(at.smooth, vehicle) if is_pressure else at.smooth
     rows = slice(None) if kept.all() else kept  # all of them need no copy
-    limit, unit = screened.ranges.get(keys.brake), units.unit(speed.unit)
+    limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
     record = AxleRecord(
         keys.axle, speed.data.t[rows], K[rows], smooth[rows], speed.data.value[rows], segments,
         wheel_speed_step=speed.step,

@@ -108,11 +108,10 @@ def _write_results(
     full: bool,
 ) -> None:  # fmt: skip
     """Writes analysed logs below their names, or one below none."""
-    shift = _shift([result.log for _, result in logs])
-    streams: list[_Stream] = []
+    streams = [x for n, r in logs for x in _result_streams(r, f"/{n}" * bool(n), full)]
+    shift = _shift(streams, [result.log for _, result in logs])
     provenance: dict[str, str] = {}
     for name, result in logs:
-        streams += _result_streams(result, f"/{name}" * bool(name), full)
         of = f"{name}." * bool(name)
         provenance |= {of + k: v for k, v in _provenance(result, shift, full).items()}
         if len(logs) == 1:  # can be analysed again
@@ -138,7 +137,7 @@ def write_log(path: Path, log: Log) -> None:
         _scalar(name, unit, channel.data)
         for (name, unit), channel in zip(names.channels(log), log.channels, strict=True)
     ]
-    shift = _shift([log])
+    shift = _shift(streams, [log])
     _write(path, streams, {names.PROVENANCE: _origin(log, shift), **_account(log)}, shift)
 
 
@@ -430,6 +429,9 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
         "start_ns": str(result.log.start_ns()),  # of the log: what is written may begin later
         "sources": "\n".join(result.sources),
     }
+    for axle in (a.record.axle for a in result.axles):
+        if speed := result.log.find("wheel_speed", axle):
+            told[f"wheel_speed_{axle}"] = speed.measured_in
     if any(a.record.train_speed_made for a in result.axles):
         told["train_speed"] = MADE
     elif (train := result.shared_train()) and result.inputs_hold(train):
@@ -439,21 +441,18 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
     return told
 
 
-def _shift(logs: Sequence[Log]) -> int:
+def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
     """What to add to every time stamp [ns]: MCAP has no time before zero.
 
     A log without a calendar may start at −5 s; whole seconds are added, and provenance says so.
     """
-    first = 0
-    for log in logs:
-        begin = min((int(c.data.t.min()) for c in log.channels if len(c.data.t)), default=0)
-        if begin < 0 and log.absolute:
-            raise UserError(
-                f"{printable(log.path)}: has time stamps before 1970, which MCAP cannot hold",
-                "check the time channel and its unit; state them, as "
-                + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
-            )
-        first = min(first, begin)
+    first = min((int(s.t.min()) for s in streams if len(s.t)), default=0)
+    if first < 0 and all(log.absolute for log in logs):
+        raise UserError(
+            f"{printable(logs[0].path)}: has time stamps before 1970, which MCAP cannot hold",
+            "check the time channel and its unit; state them, as "
+            + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
+        )
     return max(0, -(first // _SECOND) * _SECOND)
 
 

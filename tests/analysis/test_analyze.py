@@ -91,7 +91,29 @@ def test_a_result_read_back_gives_the_same_numbers(tmp_path: Path, pressure_ever
         np.testing.assert_allclose(b.estimates[name], estimate, atol=1e-6)
     np.testing.assert_allclose(b.reference.force, a.reference.force, atol=1.0)
     np.testing.assert_allclose(b.reference.sigma, a.reference.sigma, rtol=0.1, atol=0.5)
+    # A speed in km/h depends on the wheel radius; that it was logged so is known of the result.
+    np.testing.assert_allclose(b.reference.tolerance, a.reference.tolerance, rtol=1e-6)
     assert [s.algo for s in a.scores] == [s.algo for s in b.scores]
+
+
+def test_a_train_speed_that_all_inputs_hold_is_written_once(tmp_path: Path) -> None:
+    log = tmp_path / "a.csv"
+    rows = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
+    log.write_text("\n".join([rows[0], *rows[1::10]]) + "\n")  # rows with all values
+    first = analysed(log, algos=["td"], axles=[1, 3])
+    mcap.write_result(tmp_path / "a.mcap", first, "{}")
+    second = analysed(tmp_path / "a.mcap", algos=["td"])
+    (train,) = [c for c in second.log.channels if c.meaning == "train_speed"]
+    assert (train.name, train.axle) == ("/axle/1/input", None)
+    assert second.shared_train() is train
+    for a, b in zip(first.axles, second.axles, strict=True):
+        assert a.slip is not None
+        assert b.slip is not None
+        np.testing.assert_allclose(b.slip, a.slip, atol=1e-12)
+    # Where axles do not hold it as it was logged, it has a topic of its own.
+    mcap.write_result(tmp_path / "b.mcap", analysed(SAMPLES / "low-adhesion.mcap"), "{}")
+    third = analysed(tmp_path / "b.mcap", algos=["td"])
+    assert [c.name for c in third.log.channels if c.meaning == "train_speed"][-1] == "/train_speed"
 
 
 def test_unknown_names_are_refused() -> None:

@@ -194,6 +194,21 @@ def test_a_periodic_force_is_late_and_not_early(late: float) -> None:
     assert metrics.measured(c)["gain"] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("back", [0.5, 5.0, 30.0])
+def test_a_clock_set_back_in_mid_brake_does_not_change_the_score(back: float) -> None:
+    t = np.arange(0.0, 40.0, 0.01)
+    K = np.interp(t, [2.0, 4.0], [0.0, 2e4])
+    r = record(np.where(t < 12.0, t, t - back), K, splits=(1200,))
+    truth, estimate = 0.27 * K, 0.27 * K + 50.0
+    estimate[1200:] -= 5000.0 * np.exp(-(t[1200:] - t[1200]) / 0.3)  # it starts anew
+    applications = metrics.applications(r)
+    assert metrics.started(r, applications) == [slice(1200, 1200 + round(100 * metrics.START_UP))]
+    r = replace(r, truth=truth)
+    (score,) = metrics.scores(r, reference(truth), {"late": estimate}, applications)
+    assert score.rmse_n == pytest.approx(50.0, rel=0.01)
+    assert score.ripple_n is not None
+
+
 @pytest.mark.parametrize("gaps", [0, 1, 2])
 def test_a_gap_in_mid_brake_does_not_change_the_score(gaps: int) -> None:
     t = np.arange(0.0, 40.0, 0.01)

@@ -335,6 +335,18 @@ def test_time_before_zero(tmp_path: Path) -> None:
         mcap.write_log(tmp_path / "b.mcap", log(("a", t, t * 1.0), absolute=True))
 
 
+def test_an_event_before_zero_shifts_the_file(tmp_path: Path) -> None:
+    analysed = result(1, 300)
+    at = -2.5 - analysed.log.start_ns() * 1e-9  # a row whose time is none of the log's
+    row = Finding("time-out-of-order", "warning", spans=((at, at),))
+    analysed = replace(analysed, log=replace(analysed.log, absolute=False), findings=(row,))
+    mcap.write_result(tmp_path / "a.mcap", analysed, "{}")
+    found = decoded(tmp_path / "a.mcap")
+    assert found["/events"][0][0].log_time == pytest.approx(0.5e9, abs=1e3)
+    first = int(analysed.axles[0].record.t[0])
+    assert found["/axle/1/input"][0][0].log_time == first + 3 * 10**9
+
+
 def test_units_and_names_of_a_log(tmp_path: Path) -> None:
     t = np.array([0], np.int64)
     one = log(("BC [kPa]", t, t * 1.0), ("v", t, t * 1.0), ("v", t, t * 1.0), unit="kPa")
