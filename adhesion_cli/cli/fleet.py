@@ -28,8 +28,9 @@ def command(  # noqa: PLR0913 (one option each)
     paths: Annotated[list[str], typer.Argument(metavar="PATH", help="Logs, folders, globs, URLs.")],
     shared: Shared,
     out: Annotated[
-        Path, option("-o --out", "DIR", "Folder for the tables; fleet-results if not given.")
-    ] = _FOLDER,
+        Path | None,
+        option("-o --out", "DIR", "Folder for the tables; fleet-results if not given."),
+    ] = None,
     workers: Annotated[
         int | None, option("--workers", "N", "Processes; one per processor if not given.", min=1)
     ] = None,
@@ -40,7 +41,10 @@ def command(  # noqa: PLR0913 (one option each)
         bool, option("--recordings", None, "Also write MCAP and Rerun of each log.")
     ] = False,
     summary: Annotated[
-        bool, option("--summary", None, "Show the results in the folder PATH.")
+        bool,
+        option(
+            "--summary", None, "Show the results in the folder PATH; with -o, those of the run."
+        ),
     ] = False,
 ) -> int:
     """Analyse many logs, and keep the results as tables.
@@ -54,13 +58,16 @@ def command(  # noqa: PLR0913 (one option each)
     """
     from ..core.errors import UserError
 
-    if summary:
+    if summary and out is None:
         return _summary(paths, shared)
     if workers and scheduler:
         text = "--workers is for processes of this machine, --scheduler for a cluster"
         raise UserError(text, "leave out one of them", code=2)
     with _workers(workers, scheduler) as on:
-        return _run(paths, shared, out, on, recordings)
+        code = _run(paths, shared, out or _FOLDER, on, recordings)
+    if summary and out and not shared.json:
+        _summary([str(out)], shared)
+    return code
 
 
 def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bool) -> int:
@@ -172,7 +179,8 @@ def _summary(paths: list[str], shared: Shared) -> int:
 
     if len(paths) != 1:
         text = f"--summary shows one folder of results, not {len(paths)}"
-        raise UserError(text, f"adhesion fleet --summary {_FOLDER}", code=2)
+        hint = f"adhesion fleet --summary {_FOLDER}; to analyse first, add -o {_FOLDER}"
+        raise UserError(text, hint, code=2)
     found = summarised(Path(paths[0]))
     print(dumps(tagged("fleet-summary", **found)) if shared.json else _text(found))
     return 0

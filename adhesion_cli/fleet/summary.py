@@ -48,7 +48,9 @@ def summarised(folder: Path) -> dict[str, Any]:
         )
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
-        raise UserError(text, "name the folder that `adhesion fleet -o` wrote") from error
+        raise UserError(
+            text, "name the folder that `adhesion fleet -o` wrote; to analyse first, add -o"
+        ) from error
     days = {_key(row): row["start"].date().isoformat() for row in good if row["start"]}
     stems = _keys(applications).to_pylist()
     speed = 3.6 * 0.5 * (_column(applications, "from_mps") + _column(applications, "to_mps"))

@@ -52,12 +52,19 @@ def test_the_exit_code_is_that_of_analyze(run: Run, tmp_path: Path) -> None:
             assert [counts[k] for k in ("skipped", "failed", "lossy")] == [skipped, 0, lossy]
 
 
+def test_a_summary_of_what_is_no_result_and_one_after_a_run(run: Run, tmp_path: Path) -> None:
+    logs_of_fleet.write(tmp_path / "logs", 1)
+    assert run("fleet", "--summary", "logs").returncode == 1
+    assert run("fleet", "--summary", "a", "b").returncode == 2
+    both = run("fleet", "logs", "-o", "results", "--summary", "-a", "td")
+    assert both.returncode == 0
+    assert run("fleet", "--summary", "results").stdout in both.stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
         (["none.csv"], 1),
-        (["--summary", "empty"], 1),
-        (["--summary", "a", "b"], 2),
         (["empty", "--workers", "2", "--scheduler", "tcp://localhost:1"], 2),
         (["empty", "--set", "vehicle.fricton=1"], 2),
         (["empty", "-a", "nesso"], 2),
