@@ -39,6 +39,11 @@ def unknown(kind: str, name: str, known: list[str], listed_by: str = "") -> User
     return UserError(f"unknown {kind} {name!r}", hint + rest, code=2)
 
 
+def installed_by(extra: str) -> str:
+    """The hint that installs an optional part of the program."""
+    return f"pip install 'adhesion-cli[{extra}]', or in a clone: pip install '.[{extra}]'"
+
+
 def as_told(error: BaseException) -> UserError:
     """An error as the user sees it: a `UserError` as it is, else the text of system or program."""
     if isinstance(error, UserError):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..core.errors import UserError
+from ..core.errors import UserError, installed_by
 from ..core.text import printable
 from ..formats.open import FORMATS
 
@@ -18,7 +18,7 @@ SUFFIXES = (
 )  # fmt: skip
 _RESULTS = (".adhesion.mcap", ".compare.mcap", ".slip.mcap")
 _DATASET = {"applications", "estimators", "findings", "logs"}  # folders of a fleet's results
-EXTRA = "pip install 'adhesion-cli[fleet]'"
+EXTRA = installed_by("fleet")
 
 
 class Location(NamedTuple):

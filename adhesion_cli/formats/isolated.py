@@ -24,7 +24,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..core.errors import UserError
+from ..core.errors import UserError, installed_by
 from .source import Field, ReadOptions
 from .tables import Columns, Contents, Note, Reader, Samples, TableSource
 
@@ -52,7 +52,7 @@ class Library:
         if missing := [m for m in self.modules if importlib.util.find_spec(m) is None]:
             raise UserError(
                 f"{path}: {self.words} needs {' and '.join(missing)}, not installed",
-                f"install it with: pip install 'adhesion-cli[{self.extra}]'",
+                installed_by(self.extra),
             )
         return TableSource(path, self.kind, options, _Remote(self, path, options))
 

@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from ..core.errors import UserError
+from ..core.errors import UserError, installed_by
 from ..formats.can import FrameDecoder, bus
 from ..formats.source import ReadOptions
 from .feed import Pump
 from .messages import Messages, Values
 
-_INSTALL = "pip install 'adhesion-cli[can]'"
+_INSTALL = installed_by("can")
 
 
 class Can(Messages):

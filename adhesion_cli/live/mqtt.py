@@ -4,12 +4,12 @@ import queue
 import threading
 from typing import Any
 
-from ..core.errors import UserError
+from ..core.errors import UserError, installed_by
 from ..formats.source import ReadOptions
 from .feed import Pump
 from .messages import MOST_BYTES, Messages, in_datagrams
 
-_INSTALL = "pip install 'adhesion-cli[live]'"
+_INSTALL = installed_by("live")
 _PORT = 1883
 _WAIT = 10.0  # for the broker's answer [s]
 _KEEPALIVE = 30  # [s]

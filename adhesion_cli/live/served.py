@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.errors import UserError
+from ..core.errors import UserError, installed_by
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..results import descriptors
 from .axle import Sample
 
-_INSTALL = "pip install 'adhesion-cli[live]'"
+_INSTALL = installed_by("live")
 _HOST = "127.0.0.1"  # nobody else is let in
 
 
