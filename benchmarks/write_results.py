@@ -2,10 +2,10 @@
 
     python benchmarks/write_results.py
 
-The log has four axles at 100 Hz for 10 minutes: stops of the scenario `low-adhesion`, with the
-train brought up to speed in between. It stops every 5 minutes, as between two towns, or every
-minute, as a metro does. It is CSV. The rivals write the same numbers with all digits, and every
-sample:
+The log has four axles at 100 Hz: stops of the scenario `low-adhesion`, with the train brought up to
+speed in between. It is CSV. In an hour it stops every 5 minutes, as between two towns; in 10
+minutes it stops every minute, as a metro does. The rivals write the numbers of the 10 minutes with
+all digits, and every sample:
 
 - `mcap.Writer` at its defaults writes the protobuf messages. Its time is without the packing.
 - The Rerun SDK at its defaults writes a column of every sample for each line of our recording.
@@ -37,8 +37,8 @@ from adhesion_cli.core.model import Floats, Result
 from adhesion_cli.results import mcap, rrd
 from adhesion_cli.wsp import plant, simulate
 
-LENGTH, RATE = 600.0, 100.0  # [s], [Hz]
-PERIODS = (300.0, 60.0)  # of a stop and the way back to its speed [s]
+RATE = 100.0  # [Hz]
+TOWNS, METRO = (3600.0, 300.0), (600.0, 60.0)  # length, and a stop with the way back to speed [s]
 
 
 def write_log(path: Path, stops: int, period: float = 60.0) -> None:
@@ -122,12 +122,12 @@ def by_rerun(path: Path, result: Result) -> None:
     rec.disconnect()
 
 
+def size(*paths: Path) -> float:
+    """Of the files together [MB]."""
+    return sum(path.stat().st_size for path in paths) / 1e6
+
+
 def rows() -> Iterator[Row]:
-    for period in PERIODS:
-        yield from of_log(period)
-
-
-def of_log(period: float) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log, files = folder / "log.csv", [folder / "a.mcap", folder / "a.rrd"]
@@ -139,30 +139,35 @@ def of_log(period: float) -> Iterator[Row]:
 
         write_log(log, 1)
         run()  # compiles
-        write_log(log, round(LENGTH / period), period)
+        against = "the log as CSV"
+        length, period = TOWNS
+        write_log(log, round(length / period), period)
+        run()
+        yield Row("results of an hour, size", size(*files), size(log), "MB", against, most=6)
+        length, period = METRO
+        write_log(log, round(length / period), period)
         found: list[Result] = []
         own = seconds(lambda: found.append(run()))
-        (result,) = found
-        our_recording = seconds(lambda: rrd.write_result(files[1], result))
-        whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
-        with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-            mcap.write_result(whole, result, "{}", full=True)
-        mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
-        read_time = seconds(lambda: csv.read_csv(log))
+        yield Row("results, braked half the time, size", size(*files), size(log), "MB", against)
+        yield from against_writers(folder, files, found[0], own)
 
-        def size(*paths: Path) -> float:
-            return sum(path.stat().st_size for path in paths) / 1e6
 
-        every = f"a stop each {period:g} s"
-        yield Row(f"results, size, {every}", size(*files), size(log), "MB", "log as CSV", most=6)
-        against = "mcap.Writer at its defaults, all digits"
-        yield Row("result MCAP, size", size(files[0]), size(bare), "MB", against, most=1)
-        against = "Rerun SDK, every sample"
-        yield Row("recording, size", size(files[1]), size(sdk), "MB", against, most=1)
-        yield Row("recording, time to write", our_recording, sdk_time, "s of CPU", against)
-        against = "pyarrow.csv, mcap.Writer, Rerun SDK"
-        rival = read_time + mcap_time + sdk_time
-        yield Row("analyze 10 min of 4 axles", own, rival, "s of CPU", against)
+def against_writers(folder: Path, files: list[Path], result: Result, own: float) -> Iterator[Row]:
+    """The files of a result, and all of `analyze`, which took `own` seconds."""
+    our_recording = seconds(lambda: rrd.write_result(files[1], result))
+    whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
+    with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
+        mcap.write_result(whole, result, "{}", full=True)
+    mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
+    read_time = seconds(lambda: csv.read_csv(folder / "log.csv"))
+    against = "mcap.Writer at its defaults, all digits"
+    yield Row("result MCAP, size", size(files[0]), size(bare), "MB", against, most=1)
+    against = "Rerun SDK, every sample"
+    yield Row("recording, size", size(files[1]), size(sdk), "MB", against, most=1)
+    yield Row("recording, time to write", our_recording, sdk_time, "s of CPU", against)
+    against = "pyarrow.csv, mcap.Writer, Rerun SDK"
+    rival = read_time + mcap_time + sdk_time
+    yield Row("analyze 10 min of 4 axles", own, rival, "s of CPU", against)
 
 
 if __name__ == "__main__":
