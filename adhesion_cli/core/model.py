@@ -350,6 +350,14 @@ class Reference:
         upper = self.force + self.half
         return upper if self.open is None else np.where(self.open, np.nan, upper)
 
+    def rows(self, part: slice | NDArray[np.int64]) -> "Reference":
+        """Some rows of it."""
+        changed: dict[str, Any] = {}
+        for name in (f.name for f in fields(self)):
+            if isinstance(column := getattr(self, name), np.ndarray):
+                changed[name] = column[part]
+        return replace(self, **changed)
+
 
 @dataclass(frozen=True, slots=True)
 class Score:

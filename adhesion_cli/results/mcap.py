@@ -325,7 +325,8 @@ def _input_streams(record: AxleRecord, log: Log, topic: str) -> Iterator[_Stream
         record.pressure, record.clamping_force, record.wheel_speed, record.train_speed,
     )  # fmt: skip
     brake = log.find("pressure", record.axle) or log.find("clamping_force", record.axle)
-    if brake and brake.meaning and not np.isin(t, brake.data.t).all():
+    own = brake.data.t if brake else t
+    if brake and brake.meaning and not (np.array_equal(t, own) or np.isin(t, own).all()):
         # Between its own stamps the reference interpolates: held values alone would not do again.
         yield _scalar(f"{topic}/{brake.meaning}", names.SI[brake.meaning], brake.data)
     if record.truth is not None or record.true_slip is not None:
@@ -338,6 +339,9 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
     def kept(x: Floats, sigma: Floats = ref.sigma) -> _Values:
         return lambda part: rounding.rounded(x[part], sigma[part])
 
+    def edge(of: str) -> _Values:  # of the band; both of every axle at once would be large
+        return lambda part: rounding.rounded(getattr(ref.rows(part), of), ref.sigma[part])
+
     def mu(force: Floats, sigma: Floats = ref.sigma) -> _Values:
         return lambda part: rounding.rounded(
             *(physics.coefficient(x[part], result.vehicle) for x in (force, sigma))
@@ -348,7 +352,7 @@ def _computed_streams(axle: AxleResult, result: Result, topic: str) -> Iterator[
 
     yield _stream(
         f"{topic}/reference", "Reference", t,
-        kept(ref.force), _digits(ref.sigma), kept(ref.lower), kept(ref.upper), mu(ref.force),
+        kept(ref.force), _digits(ref.sigma), edge("lower"), edge("upper"), mu(ref.force),
     )  # fmt: skip
     for algo, force in sorted(axle.estimates.items()):
         sigma = axle.sigma(algo)
