@@ -15,6 +15,14 @@ _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
 
+def median(x: Floats | Times) -> float:
+    """`np.median` of x (n,), n > 0; faster where one value is the usual one, as of intervals."""
+    usual = x[len(x) // 2]
+    if 2 * np.count_nonzero(x == usual) > len(x):
+        return float(usual)
+    return float(np.median(x))
+
+
 def finite_median(x: Floats) -> Floats:
     """Median over the rows that have a value, of x (k, n); NaN where none has."""
     known = np.isfinite(x).any(axis=0)

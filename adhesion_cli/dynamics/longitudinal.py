@@ -68,7 +68,7 @@ _OWN = 0.005  # 1 sigma of what is not correlated: curves, wind [m/s²]
 _SMALL = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 
-_FINE = 0.05  # step of the grid, where the log is fast enough [s]
+FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
 _AROUND = 6.0  # before and after a change [s]
 _PIECE = 12.0  # longest piece [s]
@@ -286,7 +286,7 @@ def _stands(a: Axle) -> float:
     """1 sigma of the rounding that is no noise [rad/s]: of a speed that stays on its levels."""
     t, y = a.record.t * 1e-9, a.record.wheel_speed
     lasts = np.diff(t[np.flatnonzero(np.diff(y, prepend=np.nan))], append=t[-1])
-    stays = float(lasts[lasts > 2.0 * _FINE].sum() / (t[-1] - t[0]))
+    stays = float(lasts[lasts > 2.0 * FINE].sum() / (t[-1] - t[0]))
     return stays * a.speed.coarsest / math.sqrt(12.0)
 
 
@@ -628,15 +628,18 @@ def _likeliest_scale(brake: Brake, x: Floats) -> float:
 # What explains how the train slows
 
 
-def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
+def explained(
+    axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle, fine: Grid | None = None
+) -> Explanation:
     """The best explanation of how the train slows; the stated vehicle where the log shows none.
 
     Args:
         axles: all axles of the log, on one clock each.
         coarse: the same on one time axis, where they have one.
         vehicle: what is stated of it.
+        fine: the same in steps of `FINE`, where it is known already.
     """
-    fine = grid(axles, vehicle, _FINE) if coarse else None
+    fine = fine or (grid(axles, vehicle, FINE) if coarse else None)
     if coarse is None or fine is None:
         return AS_STATED
     rims = design(axles, vehicle, coarse, fine)
