@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RISE
@@ -94,8 +95,15 @@ def driven(record: AxleRecord, radius: float) -> Bools:
 
 def true_runs(mask: Bools) -> list[tuple[int, int]]:
     """First and past-the-last index of each run of True in a mask of shape (n,)."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(a, b) for a, b in edges(mask).tolist()]
+
+
+def edges(mask: Bools) -> NDArray[np.int64]:
+    """The same as an array, shape (runs, 2)."""
+    change = np.empty(len(mask) + 1, dtype=np.bool_)
+    change[1:-1] = mask[1:] != mask[:-1]
+    change[0], change[-1] = (mask[0], mask[-1]) if len(mask) else (False, False)
+    return np.flatnonzero(change).reshape(-1, 2)
 
 
 def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:

@@ -231,9 +231,9 @@ def _solved(
     """
     k, one = len(used), used[:, :, None].astype(np.float64)
     cc, cq, qq = (products @ one)[:, :, 0].T
-    A = np.zeros((k + 1, k + 1))
+    A: Floats = np.zeros((k + 1, k + 1))
     np.fill_diagonal(A, np.append(cc, qq.sum()) + weights)
     A[k, :k] = A[:k, k] = cq  # two axles share no sample
     of_c, of_q = (sides @ one)[:, :, 0].T
-    x: Floats = np.linalg.solve(A, np.append(of_c, of_q.sum()) + weights * expected)
-    return x
+    b: Floats = np.append(of_c, of_q.sum()) + weights * expected
+    return np.asarray(np.linalg.solve(A, b), np.float64)
