@@ -666,22 +666,20 @@ def _explained(d: Design, vehicle: Vehicle) -> Explanation:
     first = _search([brake], [d.size], known, [start])
     pieces = _gradients(d, first.posterior())
     near = _search([brake], [d.size], free, [first.mean])
-    rest = _sums(d, left(d, first.mean, first.mean[_SHARED:]) ** 2) / d.size
+    rest = _sums(d, brake.left(first.mean, first.mean[_SHARED:]) ** 2) / d.size
     noise = _NOISY * math.hypot(d.noise, d.floor)
     if first.cost - near.cost < clearly and (rest < noise**2).all():
         return AS_STATED._replace(pieces=pieces)
-    whole = _search([brake], [d.size], free, _starts(brake, free))
-    telling = [independent(d, _sloped(d, left(d, whole.mean, np.zeros(len(d.size)))))]
-
-    def likeliest(prior: Mapping[int, Parameter], *starts: Floats) -> _Likeliest:
-        return _search([brake], telling, prior, [*_starts(brake, prior), *starts])
-
+    everywhere = _starts(brake, free)
+    whole = _search([brake], [d.size], free, everywhere)
+    telling = [independent(d, _sloped(d, brake.left(whole.mean, np.zeros(len(d.size)))))]
     fits = {
-        "stated": likeliest(known),
-        "late": likeliest({**known, **any_delay}),
-        "line": likeliest({**known, **any_line}),
-        "both": likeliest(free, whole.mean),
-    }
+        name: _search([brake], telling, prior, _starts(brake, prior))
+        for name, prior in (
+            ("stated", known), ("late", {**known, **any_delay}), ("line", {**known, **any_line})
+        )
+    }  # fmt: skip
+    fits["both"] = _search([brake], telling, free, [*everywhere, whole.mean])
     return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces)
 
 
