@@ -115,7 +115,8 @@ def beside(g: Grid, interval: float) -> Beside:
     noise = max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs))
     s = _samples(g, some, every, noise, max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every)))
     late = _likeliest(s, _TAUS, at, *_DELAY)
-    offset = _likeliest(s, _OFFSETS, lambda o: at(0.0) - o, *_OFF)
+    shown = at(0.0)
+    offset = _likeliest(s, _OFFSETS, lambda o: shown - o, *_OFF)
     by_late = late.value if late and late.clear else None
     if offset is None or abs(offset.value.value) < _CERTAIN * offset.value.tolerance:
         return Beside(by_late)
