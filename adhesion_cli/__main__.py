@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _HINT = "nothing was left half-written"
-_ARENAS = -8  # M_ARENA_MAX of the C library's mallopt
+# Options of the C library's mallopt.
+_FEW = {-8: 1}  # M_ARENA_MAX
+_KEPT = {-3: 32 << 20, -1: 64 << 20}  # M_MMAP_THRESHOLD, at its highest, and M_TRIM_THRESHOLD [B]
 _SOON = 0.05  # after which an interrupt that got lost is raised again [s]
 
 
@@ -52,7 +54,7 @@ def main() -> NoReturn:
     # OpenBLAS adds in an order that depends on the number of its threads, and these wait busily.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.meta_path.insert(0, _WithoutPandas)
-    _fit_limit()
+    _fit_memory()
     try:
         signal.signal(signal.SIGTERM, _terminated)
         sys.unraisablehook = _not_lost
@@ -66,23 +68,29 @@ def main() -> NoReturn:
     sys.exit(code)
 
 
-def _fit_limit() -> None:
-    """Where address space is limited (`ulimit -v`), libraries reserve less of it.
+def _fit_memory() -> None:
+    """Sets how the C library and pyarrow take memory.
 
-    pyarrow's own allocator reserves 1 GB, the C library some 100 MB for each thread.
+    Memory that numpy frees goes back to the system, which clears it before the next array gets it:
+    a fifth of the time of `inspect`. So some of it stays.
+
+    Where address space is limited (`ulimit -v`), libraries reserve less of it. pyarrow's own
+    allocator reserves 1 GB, the C library some 100 MB for each thread.
     """
     if sys.platform == "win32":
         return
     import resource
 
-    if resource.getrlimit(resource.RLIMIT_AS)[0] == resource.RLIM_INFINITY:
-        return
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    options = _KEPT
+    if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
+        os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+        options = _FEW
     if sys.platform == "linux":
         import ctypes
 
-        with suppress(AttributeError, OSError):  # another C library has no arenas
-            ctypes.CDLL(None).mallopt(_ARENAS, 1)
+        with suppress(AttributeError, OSError):  # another C library has no such options
+            for option, value in options.items():
+                ctypes.CDLL(None).mallopt(option, value)
 
 
 def _told(error: BaseException) -> int:

@@ -209,14 +209,17 @@ def places(
         UserError: where they cannot be written.
     """
     from ..results import atomic_files
-    from ..results.csv import write_rejects
     from . import terminal
 
     left_out = [shared.rejects] if shared.rejects else []
     first, *others = sets
     of, kept = [[*first, *left_out], *others], inputs(shared, *read)
     with atomic_files.sets(of, shared.force, inputs=kept) as found:
-        count = write_rejects(found[0].pop(), logs) if left_out else 0
+        count = 0
+        if left_out:
+            from ..results.csv import write_rejects  # it loads pyarrow
+
+            count = write_rejects(found[0].pop(), logs)
         yield found
     for path in left_out:
         terminal.message(f"wrote {path}: {count} rows and cells left out", shared.quiet)

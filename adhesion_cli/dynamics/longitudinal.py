@@ -68,7 +68,7 @@ _OWN = 0.005  # 1 sigma of what is not correlated: curves, wind [m/s²]
 _SMALL = 0.03  # 1 sigma of the delay by calipers, hoses and transducers [s]
 _ZERO = 0.01  # 1 sigma of a pressure sensor's zero, of the highest K
 
-_FINE = 0.05  # step of the grid, where the log is fast enough [s]
+FINE = 0.05  # step of the grid, where the log is fast enough [s]
 _CHANGE = 0.1  # of the highest K within a second: a build-up, a release
 _AROUND = 6.0  # before and after a change [s]
 _PIECE = 12.0  # longest piece [s]
@@ -79,6 +79,7 @@ _MOST = 0.9  # the largest offset looked for, of the highest K
 _STEEPEST = 30.0  # and the largest factor
 _FLOOR = 0.005  # 1 sigma by which the model misses a rolling wheel's speed [m/s]
 _PARTS = 1.0, 0.5, 0.2, 0.05  # of a step that are tried
+_STARTS = 64  # points that all fits of one design begin at, or fewer
 _CONVERGED = 0.05  # a smaller gain of a step ends the search
 _SINGULAR = 1e-9  # a smaller share left by the other parameters is rounding
 _FACTORS = np.exp(np.linspace(math.log(0.05), math.log(20.0), 40))
@@ -116,11 +117,6 @@ class Posterior(NamedTuple):
     def delay(self) -> Parameter:
         """Of the pressure [s]."""
         return Parameter(float(self.mean[DELAY]), self.sigma(DELAY))
-
-    @property
-    def scale(self) -> float:
-        """Factor of the force line [-]."""
-        return math.exp(self.mean[SCALE])
 
 
 def tolerance(v: Vehicle) -> float:
@@ -290,7 +286,7 @@ def _stands(a: Axle) -> float:
     """1 sigma of the rounding that is no noise [rad/s]: of a speed that stays on its levels."""
     t, y = a.record.t * 1e-9, a.record.wheel_speed
     lasts = np.diff(t[np.flatnonzero(np.diff(y, prepend=np.nan))], append=t[-1])
-    stays = float(lasts[lasts > 2.0 * _FINE].sum() / (t[-1] - t[0]))
+    stays = float(lasts[lasts > 2.0 * FINE].sum() / (t[-1] - t[0]))
     return stays * a.speed.coarsest / math.sqrt(12.0)
 
 
@@ -307,21 +303,38 @@ def _spread(d: Design, x: Floats) -> Floats:
 
 def _flat(d: Design, x: Floats) -> Floats:
     """What is left of x without α and γ of its piece, (m,): gradients change within it."""
-    if not d.bends:
-        return x - _spread(d, _sums(d, x) / d.size)
+    return _unbent(d, x, _bend(d))
+
+
+def _bend(d: Design) -> tuple[Floats, Floats]:
+    """t² without its mean in each piece (m,), and the sums of its squares (p,)."""
     bent = d.time**2
     bent -= _spread(d, _sums(d, bent) / d.size)  # times are even: a straight line leaves it
-    x = x - _spread(d, _sums(d, x) / d.size)
-    part = np.where(d.size >= _BENT, _sums(d, x * bent) / np.maximum(_sums(d, bent**2), 1e-30), 0.0)
-    return x - _spread(d, part) * bent
+    return bent, np.maximum(_sums(d, bent**2), 1e-30)
+
+
+def _unbent(d: Design, x: Floats, bend: tuple[Floats, Floats]) -> Floats:
+    """`_flat`, with what `_bend` gives."""
+    x = np.subtract(x, _spread(d, _sums(d, x) / d.size))
+    if not d.bends:
+        return x
+    bent, squares = bend
+    part = np.where(d.size >= _BENT, _sums(d, x * bent) / squares, 0.0)
+    flat: Floats = x - _spread(d, part) * bent
+    return flat
 
 
 # The model
 
 
-def _applied(d: Design, x: Floats) -> Floats:
+def _delayed(d: Design, x: Floats) -> Floats:
+    """K(t + τ), (n,)."""
+    return np.interp(d.t + float(x[DELAY]), d.t, d.K)
+
+
+def _applied(d: Design, x: Floats, delayed: Floats) -> Floats:
     """k, (n,)."""
-    K = np.maximum(np.interp(d.t + x[DELAY], d.t, d.K) - x[OFFSET], 0.0)
+    K = np.maximum(delayed - x[OFFSET], 0.0)
     k: Floats = K * (1.0 + x[FADE] * d.faster)
     return k
 
@@ -335,37 +348,78 @@ def _area(d: Design, k: Floats) -> Floats:
 
 def lost(d: Design, x: Floats) -> Floats:
     """What the brake takes from the speed, but for the factor s; (m,) [m/s]."""
-    k = _applied(d, x)
+    return _lost(d, x, _delayed(d, x))
+
+
+def _lost(d: Design, x: Floats, delayed: Floats) -> Floats:
+    k = _applied(d, x, delayed)
     crept = d.creeps * d.speed * k[d.at] / (G * math.exp(x[STIFFNESS]))
     taken: Floats = d.c * (_area(d, k)[d.at] + crept)
     return taken
 
 
-def _lost(d: Design, x: Floats) -> Floats:
-    return _flat(d, lost(d, x))
+class Brake:
+    """What the brake takes from the speed in one design, at the points of a search.
+
+    A search asks for the same point more than once, and most points share their delay. So the
+    latest results are kept.
+
+    Args:
+        d: the design.
+        kept: so many points.
+    """
+
+    def __init__(self, d: Design, kept: int = len(_PARTS)) -> None:
+        self.d = d
+        self._kept = kept
+        self._bend = _bend(d)
+        self._known: dict[tuple[float, ...], Floats] = {}
+        self._delayed = math.nan, d.K  # a delay and K(t + τ)
+
+    def lost(self, x: Floats) -> Floats:
+        """`lost` without α and γ of each piece, (m,) [m/s]."""
+        point = tuple(x[[OFFSET, DELAY, STIFFNESS, FADE]].tolist())
+        if point not in self._known:
+            if len(self._known) == self._kept:
+                del self._known[next(iter(self._known))]
+            self._known[point] = self._lost(x)
+        return self._known[point]
+
+    def left(self, x: Floats, gradients: Floats) -> Floats:
+        """What the model leaves of the speed, (m,) [m/s]."""
+        d, slope = self.d, _spread(self.d, gradients - x[RESISTANCE])
+        rest: Floats = d.v + math.exp(x[SCALE]) * self.lost(x) - slope * d.time
+        rest += x[DRAG] * d.squared
+        return rest
+
+    def columns(self, x: Floats) -> Floats:
+        """How what is left changes with each shared parameter, (7, m)."""
+        d, s = self.d, math.exp(x[SCALE])
+        J = np.empty((_SHARED, len(d.at)))
+        J[SCALE] = s * self.lost(x)
+        k = _applied(d, x, self._at(x))[d.at]
+        crept = d.creeps * d.c * d.speed * k / (G * math.exp(x[STIFFNESS]))
+        J[STIFFNESS] = -s * _unbent(d, crept, self._bend)
+        for i, step in ((OFFSET, 0.005), (FADE, 0.001), (DELAY, 0.01)):
+            high, low = x.copy(), x.copy()
+            high[i] += step
+            low[i] -= step
+            J[i] = s * (self._lost(high) - self._lost(low)) / (2.0 * step)
+        J[RESISTANCE], J[DRAG] = d.time, d.squared
+        return J
+
+    def _lost(self, x: Floats) -> Floats:
+        return _unbent(self.d, _lost(self.d, x, self._at(x)), self._bend)
+
+    def _at(self, x: Floats) -> Floats:
+        if self._delayed[0] != x[DELAY]:
+            self._delayed = x[DELAY], _delayed(self.d, x)
+        return self._delayed[1]
 
 
 def left(d: Design, x: Floats, gradients: Floats) -> Floats:
     """What the model leaves of the speed, (m,) [m/s]."""
-    slope = _spread(d, gradients - x[RESISTANCE])
-    rest: Floats = d.v + math.exp(x[SCALE]) * _lost(d, x) - slope * d.time + x[DRAG] * d.squared
-    return rest
-
-
-def _columns(d: Design, x: Floats) -> Floats:
-    """How what is left changes with each shared parameter, (7, m)."""
-    s = math.exp(x[SCALE])
-    J = np.empty((_SHARED, len(d.at)))
-    J[SCALE] = s * _lost(d, x)
-    for i, step in ((OFFSET, 0.005), (DELAY, 0.01), (FADE, 0.001)):
-        high, low = x.copy(), x.copy()
-        high[i] += step
-        low[i] -= step
-        J[i] = s * (_lost(d, high) - _lost(d, low)) / (2.0 * step)
-    crept = d.creeps * d.c * d.speed * _applied(d, x)[d.at] / (G * math.exp(x[STIFFNESS]))
-    J[STIFFNESS] = -s * _flat(d, crept)
-    J[RESISTANCE], J[DRAG] = d.time, d.squared
-    return J
+    return Brake(d).left(x, gradients)
 
 
 def gradients(designs: Sequence[Design], x: Floats) -> list[Floats]:
@@ -377,37 +431,38 @@ def gradients(designs: Sequence[Design], x: Floats) -> list[Floats]:
 class _Problem(NamedTuple):
     """Designs with weights, and the prior of all unknowns."""
 
-    designs: Sequence[Design]
+    brakes: Sequence[Brake]  # of each design
     telling: Sequence[Floats]  # independent samples of each piece
     mean: Floats  # of shared parameters, then of gradients
     weight: Floats  # inverse of its covariance
 
     def parts(self, x: Floats) -> list[Floats]:
         """The gradients of each design."""
-        return gradients(self.designs, x)
+        return gradients([b.d for b in self.brakes], x)
 
 
 def _problem(
-    designs: Sequence[Design], telling: Sequence[Floats], prior: Mapping[int, Parameter]
+    brakes: Sequence[Brake], telling: Sequence[Floats], prior: Mapping[int, Parameter]
 ) -> _Problem:
-    total = _SHARED + sum(len(d.size) for d in designs)
+    total = _SHARED + sum(len(b.d.size) for b in brakes)
     mean, weight = np.zeros(total), np.zeros((total, total))
     for i, p in prior.items():
         mean[i], weight[i, i] = p.value, p.tolerance**-2.0
     begin = _SHARED
-    for d in designs:
-        own = slice(begin, begin + len(d.size))
-        weight[own, own] = np.linalg.inv(d.doubt)
+    for brake in brakes:
+        own = slice(begin, begin + len(brake.d.size))
+        weight[own, own] = np.linalg.inv(brake.d.doubt)
         begin = own.stop
-    return _Problem(designs, telling, mean, weight)
+    return _Problem(brakes, telling, mean, weight)
 
 
 def _cost(p: _Problem, x: Floats) -> float:
     """−2 log of the posterior, every piece's own variance taken as is likeliest."""
     off = x - p.mean
     cost = float(off @ p.weight @ off)
-    for d, telling, gradients in zip(p.designs, p.telling, p.parts(x), strict=True):
-        squares = _sums(d, left(d, x, gradients) ** 2) / d.size + d.floor**2
+    for brake, telling, gradients in zip(p.brakes, p.telling, p.parts(x), strict=True):
+        d = brake.d
+        squares = _sums(d, brake.left(x, gradients) ** 2) / d.size + d.floor**2
         cost += float(telling @ np.log(squares))
     return cost
 
@@ -416,10 +471,10 @@ def _normal(p: _Problem, x: Floats) -> tuple[Floats, Floats]:
     """Normal equations at a point: matrix and right side."""
     A, b = p.weight.copy(), p.weight @ (x - p.mean)
     begin = _SHARED
-    for d, telling, gradients in zip(p.designs, p.telling, p.parts(x), strict=True):
-        rest = left(d, x, gradients)
+    for brake, telling, gradients in zip(p.brakes, p.telling, p.parts(x), strict=True):
+        d, rest = brake.d, brake.left(x, gradients)
         each = telling / (_sums(d, rest**2) + d.size * d.floor**2)
-        J = _columns(d, x)
+        J = brake.columns(x)
         JW = J * _spread(d, each)
         A[:_SHARED, :_SHARED] += JW @ J.T
         b[:_SHARED] += JW @ rest
@@ -447,12 +502,37 @@ def fit(
         prior: of each shared parameter; an infinite tolerance frees it.
         starts: points to begin at: shared parameters, or these and the gradients.
     """
-    p = _problem(designs, telling, prior)
+    return _search([Brake(d) for d in designs], telling, prior, starts).posterior()
+
+
+class _Likeliest(NamedTuple):
+    """The maximum of a posterior."""
+
+    problem: _Problem
+    prior: Mapping[int, Parameter]
+    mean: Floats  # of the shared parameters, then of every piece's gradient [m/s²]
+    cost: float  # as of `Posterior`
+
+    def posterior(self) -> Posterior:
+        """The same with its covariance."""
+        covariance = inverse(_normal(self.problem, self.mean)[0])
+        sigmas = np.array([self.prior[i].tolerance for i in range(_SHARED)])
+        of = self.problem.mean[:_SHARED]
+        return Posterior(of, sigmas, self.mean, covariance, self.cost)
+
+
+def _search(
+    brakes: Sequence[Brake],
+    telling: Sequence[Floats],
+    prior: Mapping[int, Parameter],
+    starts: Sequence[Floats],
+) -> _Likeliest:
+    p = _problem(brakes, telling, prior)
     points = [_completed(p, x) for x in starts]
     costs = [_cost(p, x) for x in points]
     best, cost = points[int(np.argmin(costs))], min(costs)
     most = np.full(len(best), 2.0)
-    reach = min(_REACH, *(float(d.t[-1]) / 4.0 for d in designs))
+    reach = min(_REACH, *(float(b.d.t[-1]) / 4.0 for b in brakes))
     most[:_SHARED] = math.log(_STEEPEST), _MOST, reach, 12.0, 0.05, 0.5, 5e-4
     for _ in range(15):
         A, b = _normal(p, best)
@@ -465,9 +545,7 @@ def fit(
             best, cost = trials[int(np.argmin(costs))], min(costs)
         if gained < _CONVERGED:
             break
-    covariance = inverse(_normal(p, best)[0])
-    sigmas = np.array([prior[i].tolerance for i in range(_SHARED)])
-    return Posterior(p.mean[:_SHARED], sigmas, best, covariance, cost)
+    return _Likeliest(p, prior, best, cost)
 
 
 def joint(designs: Sequence[Design], prior: Mapping[int, Parameter]) -> Posterior:
@@ -484,8 +562,9 @@ def _completed(p: _Problem, x: Floats) -> Floats:
     if len(x) == len(p.mean):
         return x
     found = [x[:_SHARED]]
-    for d in p.designs:
-        own = left(d, x, np.zeros(len(d.size)))
+    for brake in p.brakes:
+        d = brake.d
+        own = brake.left(x, np.zeros(len(d.size)))
         found.append(np.clip(_sums(d, own * d.time) / _sums(d, d.time**2), -0.5, 0.5))
     return np.concatenate(found)
 
@@ -517,8 +596,9 @@ def independent(d: Design, off: Floats) -> Floats:
     return d.size * (1.0 - alike) / (1.0 + alike)
 
 
-def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
+def _starts(brake: Brake, prior: Mapping[int, Parameter]) -> list[Floats]:
     """Where to look: with what is free, each by itself."""
+    d = brake.d
     base = np.array([prior[i].value for i in range(_SHARED)])
     reach = min(_REACH, float(d.t[-1]) / 4.0)
     delays = np.linspace(-reach, reach, 41) if math.isinf(prior[DELAY].tolerance) else [0.0]
@@ -530,14 +610,15 @@ def _starts(d: Design, prior: Mapping[int, Parameter]) -> list[Floats]:
         x = base.copy()
         x[DELAY], x[OFFSET] = delay, offset
         if scales:
-            x[SCALE] = _likeliest_scale(d, x)
+            x[SCALE] = _likeliest_scale(brake, x)
         found.append(x)
     return found
 
 
-def _likeliest_scale(d: Design, x: Floats) -> float:
+def _likeliest_scale(brake: Brake, x: Floats) -> float:
     """The ln s that fits best with any gradients."""
-    u, v = _sloped(d, _lost(d, x)), _sloped(d, d.v)
+    d = brake.d
+    u, v = _sloped(d, brake.lost(x)), _sloped(d, d.v)
     A, B, C = _sums(d, v * v), _sums(d, v * u), _sums(d, u * u)
     s = _FACTORS[:, None]
     squares = np.maximum(A + 2.0 * s * B + s * s * C, 0.0) / d.size + d.floor**2
@@ -547,15 +628,18 @@ def _likeliest_scale(d: Design, x: Floats) -> float:
 # What explains how the train slows
 
 
-def explained(axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle) -> Explanation:
+def explained(
+    axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle, fine: Grid | None = None
+) -> Explanation:
     """The best explanation of how the train slows; the stated vehicle where the log shows none.
 
     Args:
         axles: all axles of the log, on one clock each.
         coarse: the same on one time axis, where they have one.
         vehicle: what is stated of it.
+        fine: the same in steps of `FINE`, where it is known already.
     """
-    fine = grid(axles, vehicle, _FINE) if coarse else None
+    fine = fine or (grid(axles, vehicle, FINE) if coarse else None)
     if coarse is None or fine is None:
         return AS_STATED
     rims = design(axles, vehicle, coarse, fine)
@@ -577,22 +661,25 @@ def _explained(d: Design, vehicle: Vehicle) -> Explanation:
     any_delay = {DELAY: Parameter(0.0, math.inf)}
     any_line = {SCALE: Parameter(0.0, math.inf), OFFSET: offset}
     free = {**known, **any_delay, **any_line}
+    brake = Brake(d, _STARTS)
     start = np.array([known[i].value for i in range(_SHARED)])
-    first = fit([d], [d.size], known, [start])
-    pieces = _gradients(d, first)
-    near = fit([d], [d.size], free, [first.mean])
-    rest = _sums(d, left(d, first.mean, first.mean[_SHARED:]) ** 2) / d.size
+    first = _search([brake], [d.size], known, [start])
+    pieces = _gradients(d, first.posterior())
+    near = _search([brake], [d.size], free, [first.mean])
+    rest = _sums(d, brake.left(first.mean, first.mean[_SHARED:]) ** 2) / d.size
     noise = _NOISY * math.hypot(d.noise, d.floor)
     if first.cost - near.cost < clearly and (rest < noise**2).all():
         return AS_STATED._replace(pieces=pieces)
-    whole = fit([d], [d.size], free, _starts(d, free))
-    telling = [independent(d, _sloped(d, left(d, whole.mean, np.zeros(len(d.size)))))]
+    everywhere = _starts(brake, free)
+    whole = _search([brake], [d.size], free, everywhere)
+    telling = [independent(d, _sloped(d, brake.left(whole.mean, np.zeros(len(d.size)))))]
     fits = {
-        "stated": fit([d], telling, known, _starts(d, known)),
-        "late": fit([d], telling, {**known, **any_delay}, _starts(d, {**known, **any_delay})),
-        "line": fit([d], telling, {**known, **any_line}, _starts(d, {**known, **any_line})),
-        "both": fit([d], telling, free, [*_starts(d, free), whole.mean]),
-    }
+        name: _search([brake], telling, prior, _starts(brake, prior))
+        for name, prior in (
+            ("stated", known), ("late", {**known, **any_delay}), ("line", {**known, **any_line})
+        )
+    }  # fmt: skip
+    fits["both"] = _search([brake], telling, free, [*everywhere, whole.mean])
     return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces)
 
 
@@ -607,7 +694,7 @@ def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
 
 
 def _judged(
-    d: Design, telling: Sequence[Floats], fits: Mapping[str, Posterior], vehicle: Vehicle,
+    d: Design, telling: Sequence[Floats], fits: Mapping[str, _Likeliest], vehicle: Vehicle,
     clearly: float,
 ) -> Explanation:  # fmt: skip
     """What the likelihoods of all causes say together.
@@ -615,7 +702,7 @@ def _judged(
     Args:
         d: the pieces.
         telling: independent samples of each.
-        fits: the posterior of each cause.
+        fits: the likeliest point of each cause.
         vehicle: what is stated of it.
         clearly: gain of another cause that is clear.
     """
@@ -628,7 +715,8 @@ def _judged(
         late = line = both
     uncertain = SIGMAS * _spring(d, vehicle).tolerance
     allowed = math.log1p(math.hypot(SIGMAS * tolerance(vehicle), uncertain))
-    tau, o, s = late.delay, float(line.mean[OFFSET]), line.scale
+    tau, (ln_s, o) = late.posterior().delay, line.mean[[SCALE, OFFSET]].tolist()
+    s = math.exp(ln_s)
     is_late = abs(tau.value) > max(_LEAST_DELAY, _SHARE * d.interval, _SURE * tau.tolerance)
     other = abs(o) > max(_SLIGHT, uncertain)
     other |= max(abs(math.log(s)), abs(math.log(s * max(1.0 - o, 1e-3)))) > allowed
@@ -656,7 +744,7 @@ def _sloped(d: Design, x: Floats) -> Floats:
     return x - _spread(d, _sums(d, x * d.time) / _sums(d, d.time**2)) * d.time
 
 
-def _missed(d: Design, telling: Floats, p: Posterior) -> float:
+def _missed(d: Design, telling: Floats, p: _Likeliest) -> float:
     """Share of the speed's square that is left, rounding apart."""
     rest = _sums(d, left(d, p.mean, p.mean[_SHARED:]) ** 2) / d.size
     whole = _sums(d, _sloped(d, d.v) ** 2) / d.size

@@ -55,11 +55,19 @@ class _Samples(NamedTuple):
 
     t: Floats  # [s]
     rim: Floats  # [m/s]
-    slowing: Floats  # of the rim [m/s²]
     free: Bools  # not braked (axles, n)
     slows: Bools  # the train does (n,)
     noise: float  # 1 sigma of the train speed [m/s]
     alike: float  # samples in a row with correlated noise
+    known: Bools  # where the rim turns and its deceleration is known (axles, n)
+    fast: Bools  # where it is not slow for its axle (axles, n)
+    factors: Floats  # of c and q, 0 where not known (axles, 2, n)
+    products: Floats  # of these: c², c q, q² (axles, 3, n)
+
+    def of(self, axles: Bools) -> "_Samples":
+        """Those of some axles."""
+        of_axles = ("rim", "free", "known", "fast", "factors", "products")
+        return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
 
 
 class _Fit(NamedTuple):
@@ -99,19 +107,16 @@ def beside(g: Grid, interval: float) -> Beside:
     known, every = np.isfinite(train), max(1, len(t) // _MOST)
     apart = (1, max(1, round(0.5 / g.step)))  # neighbours may be interpolated
     runs = ((t[known][::j], train[known][::j]) for j in apart)
-    some = t[::every]
+    some, own, measured = t[::every], t[known], train[known]
 
     def at(tau: float) -> Floats:
-        return np.interp(some + tau, t[known], train[known], left=np.nan, right=np.nan)
+        return np.interp(some + tau, own, measured, left=np.nan, right=np.nan)
 
-    s = _Samples(
-        some, g.rim[:, ::every], -g.slope(g.rim)[:, ::every], g.clamping[:, ::every] <= 0.0,
-        np.nan_to_num(-g.slope(train)[::every]) > _SLOWING,
-        max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs)),
-        max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every)),
-    )  # fmt: skip
+    noise = max(_FLOOR, *(math.sqrt(white_noise([run])) for run in runs))
+    s = _samples(g, some, every, noise, max(1.0, max(_SLOW, 3.0 * interval) / (g.step * every)))
     late = _likeliest(s, _TAUS, at, *_DELAY)
-    offset = _likeliest(s, _OFFSETS, lambda o: at(0.0) - o, *_OFF)
+    shown = at(0.0)
+    offset = _likeliest(s, _OFFSETS, lambda o: shown - o, *_OFF)
     by_late = late.value if late and late.clear else None
     if offset is None or abs(offset.value.value) < _CERTAIN * offset.value.tolerance:
         return Beside(by_late)
@@ -119,6 +124,22 @@ def beside(g: Grid, interval: float) -> Beside:
         return Beside(None, offset.value if offset.clear else None)
     either = by_late and _CLEAR * late.loss > offset.loss
     return Beside(by_late, offset.value if either else None)
+
+
+def _samples(g: Grid, t: Floats, every: int, noise: float, alike: float) -> _Samples:
+    """Every so many samples of a grid, at times t; with what all fits share."""
+    rim, slowing = g.rim[:, ::every], -g.slope(g.rim)[:, ::every]
+    slows = np.zeros(len(t), dtype=np.bool_)
+    if g.train is not None:
+        slows = np.nan_to_num(-g.slope(g.train)[::every]) > _SLOWING
+    known = np.isfinite(slowing) & (rim > CRAWL)
+    c = np.where(known, rim, 0.0)
+    q = np.where(known, rim * np.maximum(slowing, 0.0), 0.0)
+    fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
+    return _Samples(
+        t, rim, g.clamping[:, ::every] <= 0.0, slows, noise, alike, known, fast,
+        np.stack([c, q], axis=1), np.stack([c * c, c * q, q * q], axis=1),
+    )  # fmt: skip
 
 
 def _likeliest(
@@ -143,7 +164,7 @@ def _likeliest(
     if rolls.max() < least:
         return None
     counts = rolls > _ALIKE * rolls.max()  # what little is left of a slide is no noise
-    s = s._replace(rim=s.rim[counts], slowing=s.slowing[counts], free=s.free[counts])
+    s = s.of(counts)
     near = np.linspace(tried[place - 1], tried[place + 1], 9)
     bend, slope, _ = np.polyfit(near - tried[place], [_fit(s, true(x)).loss for x in near], 2)
     if not bend > 0.0 or not abs(slope) < 2.0 * bend * (near[-1] - near[0]):
@@ -164,8 +185,9 @@ def _likeliest(
 def _start(s: _Samples, v: Floats) -> Floats:
     """First c and q: a wheel coasts without slip, and one that rolls is the faster one."""
     c = np.append(np.zeros(len(s.rim)), _CREEP[0])
+    runs = v > CRAWL
     for i, rim in enumerate(s.rim):
-        fast = (rim > 0.3 * np.nanmax(rim)) & (v > CRAWL)
+        fast = s.fast[i] & runs
         free = fast & ~s.slows & s.free[i]
         if free.sum() >= LEAST:
             c[i] = np.median(v[free] / rim[free]) - 1.0
@@ -178,25 +200,41 @@ def _start(s: _Samples, v: Floats) -> Floats:
 def _fit(s: _Samples, v: Floats) -> _Fit:
     """Least squares of c and q over what is no slide, by the train's true speed (n,) [m/s]."""
     k = len(s.rim)
-    usable = np.isfinite(v) & np.isfinite(s.slowing) & (s.rim > CRAWL) & (v > CRAWL)
-    X, d = np.zeros((k + 1, *s.rim.shape)), np.where(usable, v - s.rim, 0.0)
-    X[np.arange(k), np.arange(k)] = np.where(usable, s.rim, 0.0)
-    X[k] = np.where(usable, s.rim * np.maximum(s.slowing, 0.0), 0.0)
-    rim, creep = X[np.arange(k), np.arange(k)], X[k]
+    usable = s.known & np.isfinite(v) & (v > CRAWL)
+    d = np.where(usable, v - s.rim, 0.0)
+    sides = s.factors * d[:, None]
     weights = (s.noise / np.array([*([_WORN] * k), _CREEP[1]])) ** 2  # as numbers of samples
     expected = np.append(np.zeros(k), _CREEP[0])
     x, left, used, cut = _start(s, v), d, usable, _CUT * s.noise
     near = round(_NEAR / (s.t[1] - s.t[0]))
     for n in range(8):
-        left, before = d - (rim * x[:k, None] + creep * x[k]), used
+        left, before = d - (s.factors[:, 0] * x[:k, None] + s.factors[:, 1] * x[k]), used
         used = usable & (np.abs(left) < cut) & far(~usable | (left < cut), near)
         if n > 0 and np.array_equal(used, before):
             break  # the next fit would be this one
-        own, A = X * used, np.zeros((k + 1, k + 1))
-        np.fill_diagonal(A, np.einsum("ian,ian->i", own, X))
-        A[k] = A[:, k] = np.einsum("an,jan->j", own[k], X)  # two axles share no sample
-        b = np.einsum("ian,an->i", own, d) + weights * expected
-        x = np.linalg.solve(A + np.diag(weights), b)
+        x = _solved(s.products, sides, used, weights, expected)
     some = left[usable]
     loss = float(np.mean(np.minimum(some**2, cut**2))) if len(some) >= LEAST else math.inf
     return _Fit(x, used, loss)
+
+
+def _solved(
+    products: Floats, sides: Floats, used: Bools, weights: Floats, expected: Floats
+) -> Floats:
+    """Every axle's c, and q, by the normal equations of the used samples.
+
+    Args:
+        products: of the factors of c and q, (axles, 3, n).
+        sides: the factors times what they explain, (axles, 2, n).
+        used: samples (axles, n).
+        weights: of what is expected of c and q, as numbers of samples (axles + 1,).
+        expected: of c and q (axles + 1,).
+    """
+    k, one = len(used), used[:, :, None].astype(np.float64)
+    cc, cq, qq = (products @ one)[:, :, 0].T
+    A: Floats = np.zeros((k + 1, k + 1))
+    np.fill_diagonal(A, np.append(cc, qq.sum()) + weights)
+    A[k, :k] = A[:k, k] = cq  # two axles share no sample
+    of_c, of_q = (sides @ one)[:, :, 0].T
+    b: Floats = np.append(of_c, of_q.sum()) + weights * expected
+    return np.asarray(np.linalg.solve(A, b), np.float64)

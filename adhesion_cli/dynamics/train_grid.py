@@ -1,7 +1,7 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,10 +21,10 @@ from ..core.model import (
 )
 from ..core.physics import FREE as FREE
 from ..core.physics import GRADIENT, rolling_deceleration, wheelset
-from ..core.signals import true_runs
+from ..core.signals import median, true_runs
 
 LEAST = 8  # samples on it that show anything
-_STEP = 0.25  # where the log is fast enough [s]
+STEP = 0.25  # where the log is fast enough [s]
 _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
 _MOST = 20_000  # samples on it
 _FIRMLY = 0.3  # of the highest K: a brake that no motor works against
@@ -221,7 +221,7 @@ class Scene(NamedTuple):
         )  # fmt: skip
 
 
-def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid | None:
+def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
     """None where all axles share too little time, or where a clock jumps back.
 
     Args:
@@ -229,56 +229,172 @@ def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = _STEP) -> Grid
         vehicle: for the wheels' radii.
         finest: step where the log is fast enough [s].
     """
-    if not axles or any((np.diff(a.record.t) <= 0).any() for a in axles):
-        return None  # it is not known what was at the same time
+    return grids(axles, vehicle, [finest])[0]
+
+
+def grids(
+    axles: Sequence[Axle], vehicle: Vehicle, finest: Sequence[float]
+) -> list[Grid] | list[None]:
+    """`grid` for several steps: each channel is integrated once."""
+    steps = _steps(axles, finest)
+    if not steps:
+        return [None] * len(finest)
     first = max(int(a.record.t[0]) for a in axles)
     last = min(int(a.record.t[-1]) for a in axles)
-    usual = max(float(np.median(np.diff(a.record.t))) for a in axles) / 1e9
-    span = (last - first) / 1e9
-    step = max(usual, min(finest, span / 200.0), span / _MOST)
-    if usual > _SLOW:
-        step = max(step, span / 500.0)
-    n = int(span / step) + 1
-    if n < LEAST:
-        return None
-    t = step * np.arange(n, dtype=np.float64)
-    rim, clamping, pressure = np.full((3, len(axles), n), np.nan)
-    train: Floats | None = None
-    error: Floats | float = 0.0
+    evens = [_Even.of(s, int((last - first) / 1e9 / s) + 1) for s in steps]
+    means = _Means(first, evens)
+    rows = [np.full((3, len(axles), len(e.t)), np.nan) for e in evens]
     for i, a in enumerate(axles):
-        r = a.record
-        own = (r.t - first) / 1e9
-        radius = vehicle.radius(r.axle).value
-        ends = False if r.saturated is None else r.saturated  # the true one is higher there
-        rim[i] = radius * _even(own, r.wheel_speed, r.segments, t, step)
-        K = np.where(ends, np.nan, r.clamping_force_smooth)
-        clamping[i] = _even(own, K, r.segments, t, step)
-        if r.pressure is not None:
-            p = np.where(ends, np.nan, r.pressure)
-            pressure[i] = _even(own, p, r.segments, t, step)
-        if train is None and r.train_speed is not None:
-            train = _even(own, r.train_speed, r.segments, t, step)
-            if r.train_speed_sigma is not None:
-                error = Z95 * _even(own, r.train_speed_sigma, r.segments, t, step)
-    return Grid(first, step, rim, clamping, pressure, train, error)
+        r, radius = a.record, vehicle.radius(a.record.axle).value
+        for row, x in zip(rows, means.of(r, r.wheel_speed), strict=True):
+            row[0, i] = radius * x
+        brakes = [r.clamping_force_smooth, *([] if r.pressure is None else [r.pressure])]
+        for k, brake in enumerate(brakes, 1):
+            # The true one is higher than where the sensor's range ends.
+            known = brake if r.saturated is None else np.where(r.saturated, np.nan, brake)
+            for row, x in zip(rows, means.of(r, known), strict=True):
+                row[k, i] = x
+    trains = means.of_train(axles)
+    return [
+        Grid(first, e.step, rim, clamping, pressure, train, error)
+        for e, (rim, clamping, pressure), (train, error) in zip(evens, rows, trains, strict=True)
+    ]
 
 
-def _even(own: Floats, x: Floats, segments: tuple[slice, ...], t: Floats, step: float) -> Floats:
-    """Means over a step, at even times; NaN outside the segments."""
-    found = np.full(len(t), np.nan)
-    for s in segments:
-        known = np.isfinite(x[s])
-        u, y = own[s][known], x[s][known]
-        if len(u) < 2:
-            continue
-        area = np.concatenate([[0.0], np.cumsum((y[1:] + y[:-1]) / 2.0 * np.diff(u))])
-        low = np.clip(t - step / 2.0, u[0], u[-1])
-        high = np.clip(t + step / 2.0, u[0], u[-1])
-        inside = (t >= u[0]) & (t <= u[-1])
-        inside &= np.interp(t, own[s], known) >= 0.5  # no gap is bridged
-        mean = (np.interp(high, u, area) - np.interp(low, u, area))[inside]
-        found[inside] = mean / (high - low)[inside]
-    return found
+def with_train(g: Grid, axles: Sequence[Axle]) -> Grid:
+    """The grid of axles of which only the train speed is another one."""
+    even = _Even.of(g.step, g.rim.shape[-1])
+    train, error = _Means(g.first, [even]).of_train(axles)[0]
+    return replace(g, train=train, train_error=error)
+
+
+def _steps(axles: Sequence[Axle], finest: Sequence[float]) -> list[float]:
+    """The step of each grid [s]; none where there can be no grid."""
+    if not axles:
+        return []
+    usual = 0.0
+    for i, a in enumerate(axles):
+        if i == 0 or not np.array_equal(a.record.t, axles[i - 1].record.t):
+            between = np.diff(a.record.t)
+            if (between <= 0).any():
+                return []  # it is not known what was at the same time
+            usual = max(usual, median(between) / 1e9)
+    first = max(int(a.record.t[0]) for a in axles)
+    span = (min(int(a.record.t[-1]) for a in axles) - first) / 1e9
+    steps = [max(usual, min(s, span / 200.0), span / _MOST) for s in finest]
+    if usual > _SLOW:
+        steps = [max(s, span / 500.0) for s in steps]
+    return steps if all(int(span / s) + 1 >= LEAST for s in steps) else []
+
+
+class _Even(NamedTuple):
+    """The times of a grid."""
+
+    step: float  # [s]
+    t: Floats  # after its first time, (n,) [s]
+
+    @classmethod
+    def of(cls, step: float, n: int) -> "_Even":
+        return cls(step, step * np.arange(n, dtype=np.float64))
+
+
+class _Place(NamedTuple):
+    """Where times lie between samples, for what is linear between these."""
+
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+    beyond: Floats  # the sample before [s]
+    gap: Floats  # between the two samples [s]
+
+    @classmethod
+    def of(cls, u: Floats, t: Floats) -> "_Place":
+        """Times t, rising and within those of the samples, u."""
+        before = np.searchsorted(u, t, side="right") - 1
+        after = np.minimum(before + 1, len(u) - 1)
+        return cls(before, after, t - u[before], np.where(after > before, u[after] - u[before], 1))
+
+    def at(self, x: Floats) -> Floats:
+        """What samples x give there."""
+        low = x[self.before]
+        value: Floats = (x[self.after] - low) / self.gap * self.beyond + low
+        return value
+
+
+class _Cells:
+    """The steps of a grid, each around its time, over samples at the times u (m,) [s]."""
+
+    def __init__(self, u: Floats, even: _Even) -> None:
+        self.inside = (even.t >= u[0]) & (even.t <= u[-1])
+        t, half = even.t[self.inside], even.step / 2.0
+        low, high = (np.clip(t + x, u[0], u[-1]) for x in (-half, half))
+        self._width = high - low
+        self._low, self._high = _Place.of(u, low), _Place.of(u, high)
+
+    def means(self, area: Floats) -> Floats:
+        """Means over the steps inside, by the integral up to each sample (m,)."""
+        mean: Floats = (self._high.at(area) - self._low.at(area)) / self._width
+        return mean
+
+
+class _Means:
+    """Means of an axle's channels over the steps of grids that begin at `first` [ns]."""
+
+    def __init__(self, first: int, evens: Sequence[_Even]) -> None:
+        self._first, self._evens = first, evens
+        self._own = np.empty(0)  # times of the latest axle [s]
+        self._of: AxleRecord | None = None
+        self._cells: dict[int, list[_Cells]] = {}  # of whole segments, by their beginning
+
+    def of(self, record: AxleRecord, x: Floats) -> list[Floats]:
+        """Of each grid, (n,); NaN outside the segments."""
+        self._take(record)
+        found = [np.full(len(e.t), np.nan) for e in self._evens]
+        for s in record.segments:
+            own, known = self._own[s], np.isfinite(x[s])
+            whole = bool(known.all())
+            u, y = (own, x[s]) if whole else (own[known], x[s][known])
+            if len(u) < 2:
+                continue
+            cells = self._cells.get(s.start) if whole else None
+            cells = cells or [_Cells(u, e) for e in self._evens]
+            if whole:
+                self._cells[s.start] = cells
+            area = _integral(u, y)
+            for even, c, row in zip(self._evens, cells, found, strict=True):
+                mean = c.means(area)
+                if not whole:  # no gap is bridged
+                    bridged = np.interp(even.t[c.inside], own, known) < 0.5
+                    mean = np.where(bridged, np.nan, mean)
+                row[c.inside] = mean
+        return found
+
+    def of_train(self, axles: Sequence[Axle]) -> list[tuple[Floats | None, Floats | float]]:
+        """The train speed and its error (95 %), of each grid."""
+        for r in (a.record for a in axles):
+            if r.train_speed is not None:
+                speeds = self.of(r, r.train_speed)
+                if r.train_speed_sigma is None:
+                    return [(v, 0.0) for v in speeds]
+                sigmas = self.of(r, r.train_speed_sigma)
+                return [(v, Z95 * s) for v, s in zip(speeds, sigmas, strict=True)]
+        return [(None, 0.0) for _ in self._evens]
+
+    def _take(self, r: AxleRecord) -> None:
+        """Takes the times of an axle; columns of one table share them."""
+        last, self._of = self._of, r
+        if last is r or (last and last.segments == r.segments and np.array_equal(last.t, r.t)):
+            return
+        self._own, self._cells = (r.t - self._first) / 1e9, {}
+
+
+def _integral(u: Floats, y: Floats) -> Floats:
+    """∫ y du up to each sample, shape (m,)."""
+    area = np.zeros(len(u))
+    middle = y[1:] + y[:-1]
+    middle /= 2.0
+    middle *= np.diff(u)
+    np.cumsum(middle, out=area[1:])
+    return area
 
 
 def largest(x: Floats) -> Floats:
@@ -289,11 +405,14 @@ def largest(x: Floats) -> Floats:
 
 def far(mask: Bools, j: int) -> Bools:
     """True more than j samples from every False, shape (..., n)."""
-    along = [(0, 0)] * (mask.ndim - 1)
-    wide = np.pad(~mask, [*along, (j, j)], mode="edge")
-    before = np.pad(np.cumsum(wide, axis=-1), [*along, (1, 0)])  # how many are False
-    far: Bools = before[..., 2 * j + 1 :] == before[..., : -2 * j - 1]
-    return far
+    near, reached = ~mask, 0  # that many samples or fewer from a False
+    while reached < j:
+        more = min(j - reached, 2 * reached + 1)  # a step to each side reaches three times as far
+        wide = near.copy()
+        wide[..., more:] |= near[..., :-more]
+        wide[..., :-more] |= near[..., more:]
+        near, reached = wide, reached + more
+    return ~near
 
 
 def lasting(mask: Bools, seconds: float, g: Grid) -> Bools:

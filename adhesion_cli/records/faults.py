@@ -54,7 +54,8 @@ class View(NamedTuple):
             names: texts that the message quotes.
         """
         t = channel.data.t
-        where = fault.where & self.holds(t)
+        where = fault.where
+        where = where & self.holds(t) if where.any() else where
         if not where.any():
             return []
         since = self.seconds(t)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core import time_axis
 from ..core.methods import About
 from ..core.model import Bools, Channel, Floats, Quantity, Times
-from ..core.signals import true_runs, white_noise
+from ..core.signals import edges, true_runs, white_noise
 from .faults import Fault
 
 ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
@@ -114,7 +114,10 @@ def _scale(brake: Channel) -> float:
     1 for a pressure, unless its unit is one in which no cylinder has it: the unit is wrong then,
     not the sensor.
     """
-    high = float(np.quantile(np.abs(brake.data.value), 0.99))
+    size = np.abs(brake.data.value)
+    if brake.meaning == "pressure" and size.max(initial=0.0) <= HIGHEST:
+        return 1.0
+    high = float(np.quantile(size, 0.99))
     return high / _FULL if brake.meaning != "pressure" or high > HIGHEST else 1.0
 
 
@@ -123,11 +126,17 @@ def _single(c: Channel, steep: float) -> Bools:
     away, dt = np.diff(c.data.value), np.diff(c.data.t) / 1e9
     if len(away) < 4:
         return np.zeros(len(c.data.t), dtype=np.bool_)
-    there, back, longer = away[:-1], -away[1:], np.maximum(dt[:-1], dt[1:])
+    found = np.zeros(len(c.data.t), dtype=np.bool_)
+    large = np.abs(away) > steep * dt
+    at = np.flatnonzero(large[:-1] & large[1:])  # few: only there is more to look at
+    if not len(at):
+        return found
+    there, back, longer = away[at], -away[at + 1], np.maximum(dt[at], dt[at + 1])
     least = np.minimum(np.abs(there), np.abs(back))
-    found = (there * back > 0.0) & (np.abs(there - back) < least / 2.0)
-    found &= (np.minimum(dt[:-1], dt[1:]) > 0.0) & (least - noise(c) > steep * longer)
-    return np.pad(found, 1)
+    single = (there * back > 0.0) & (np.abs(there - back) < least / 2.0)
+    single &= (np.minimum(dt[at], dt[at + 1]) > 0.0) & (least - noise(c) > steep * longer)
+    found[at[single] + 1] = True
+    return found
 
 
 def noise(c: Channel) -> float:
@@ -139,6 +148,8 @@ def noise(c: Channel) -> float:
 def _excursions(c: Channel, limits: Limits) -> Bools:
     """Samples that the largest possible part excludes, shape (n,)."""
     found = np.zeros(len(c.data.t), dtype=np.bool_)
+    if np.abs(np.diff(c.data.value)).max(initial=0.0) <= limits.least:
+        return found
     more = _noise_among_outliers(c, limits.least)
     limits = limits._replace(least=limits.least + more, start=limits.start + more)
     for piece in time_axis.pieces(c.starts, len(found)):
@@ -184,15 +195,15 @@ def _impossible(t: Times, x: Floats, step: float, limits: Limits) -> Bools:
     seconds = (t - t[0]) / 1e9
     refresh = max(float(np.median(np.diff(seconds))), _held(seconds, x, step, limits))
     signal = _Signal(seconds, x, _rest(seconds, x, step, limits.rests), refresh, limits)
-    at = np.arange(len(x) - 1)
-    possible = signal.possible(at, at + 1)
-    if possible.all():
+    large = np.flatnonzero(np.abs(change) > min(limits.least, limits.start))
+    impossible = large[~signal.possible(large, large + 1)]
+    if not len(impossible):
         return none
     pieces = _pieces(x, limits.least / 2.0)
     kept = _heaviest(signal, pieces)
     weight, shows = pieces.weight, pieces.shows
     if weight[kept & shows].sum() < _CLEAR * weight[shows].sum():
-        steps = np.sign(change[~possible])
+        steps = np.sign(change[impossible])
         returns = np.mean(steps[1:] != steps[:-1]) if len(steps) > 1 else 0.0
         return np.full(len(x), returns > _RETURNS)
     return _left_over(signal, pieces, kept)
@@ -247,8 +258,9 @@ def _left_over(signal: _Signal, pieces: _Pieces, kept: Bools) -> Bools:
 def _rest(seconds: Floats, x: Floats, step: float, rests: float) -> Bools:
     """Where a signal reads zero for long, or at its beginning or end; shape (n,)."""
     zero = np.abs(x) <= step / 2.0
-    for a, b in true_runs(zero):
-        zero[a:b] = a == 0 or b == len(x) or seconds[b - 1] - seconds[a] >= rests
+    first, past = edges(zero).T
+    lasts = (first == 0) | (past == len(x)) | (seconds[past - 1] - seconds[first] >= rests)
+    zero[zero] = np.repeat(lasts, past - first)
     return zero
 
 

@@ -104,8 +104,7 @@ def _silent(p: Params, brake: Channel, same: Runs) -> Bools:
     small = max(p.small * float(x.max()), 2.5 * brake.step)
     turns = _turns(value, small, 1.5 * brake.step)
     j = min(max(2, round(p.near * rate)), 20)
-    near = np.lib.stride_tricks.sliding_window_view(np.pad(value, j, "edge"), 2 * j + 1)
-    level = np.ptp(near, axis=1) <= p.level * small
+    level = _range(np.pad(value, j, "edge"), 2 * j + 1) <= p.level * small
 
     def longest(where: Bools) -> float:
         """What the noise there allows."""
@@ -122,6 +121,16 @@ def _silent(p: Params, brake: Channel, same: Runs) -> Bools:
     usual = float(np.sort(length[below])[-4:][0]) if below.any() else 0.0
     least = max(longest(level), p.longer * usual)
     return np.where(below, length >= least, length > longest(np.ones_like(level)))
+
+
+def _range(x: Floats, many: int) -> Floats:
+    """Range of so many values in a row, shape (n - many + 1,)."""
+    high, low, wide = x, x, 1  # of so many; two stretches make one that is up to twice as long
+    while wide < many:
+        more = min(wide, many - wide)
+        high, low = np.maximum(high[more:], high[:-more]), np.minimum(low[more:], low[:-more])
+        wide += more
+    return high - low
 
 
 def _turns(value: Floats, small: float, clear: float) -> Bools:

@@ -57,8 +57,9 @@ def of_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[Fault
     """
     frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
     same = runs(train)
-    if same.value[-1] > p.slow:
-        moved = min((_moved(train, same.first, same.last, w)[-1] for w in wheels), default=0.0)
+    if same.value[-1] > p.slow and frozen[same.first[-1] :].any():
+        last = same.first[-1:], same.last[-1:]
+        moved = min((_moved(train, *last, w)[0] for w in wheels), default=0.0)
         if same.seconds[-1] < p.early or not moved > p.rollers:
             frozen[same.first[-1] :] = False
     return [Fault("train-speed-stuck", frozen)]
@@ -84,8 +85,9 @@ def stuck(
     """
     y, same = speed.data.value, runs(speed)
     value = same.value
-    long = same.length >= np.maximum(3.0, p.stays * _usual(y))
-    long &= (same.seconds > p.lasts) & (value > p.slow)
+    long = (same.length >= 3) & (same.seconds > p.lasts) & (value > p.slow)
+    if long.any():
+        long &= same.length >= p.stays * _usual(y)
     if y.max() < 0.1 * p.slow and any(other.data.value.max() > p.fast for other in others):
         return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
     if not long.any():

@@ -13,7 +13,7 @@ from ..core import time_axis
 from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
 from ..dynamics import acceleration, longitudinal, train_clock
-from ..dynamics.train_grid import Axle, Grid, Scene, grid
+from ..dynamics.train_grid import STEP, Axle, Grid, Scene, grid, grids, with_train
 from .faults import View
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
@@ -44,14 +44,14 @@ def synchronise(
     if accelerometer and all(a.train is None for a in axles):
         axles, told = _integrated(axles, accelerometer, vehicle)
         findings += told
-    together = grid(axles, vehicle)
-    axles, told = _on_one_clock(axles, together, vehicle, view)
+    together, fine = grids(axles, vehicle, [STEP, longitudinal.FINE])
+    if not together or not fine:
+        return Synchronised(axles, None, findings)
+    axles, told = _on_one_clock(axles, together, view)
     findings += told
     if told:  # the train speed is another one
-        together = grid(axles, vehicle)
-    if not together:
-        return Synchronised(axles, None, findings)
-    why = longitudinal.explained(axles, together, vehicle)
+        together, fine = with_train(together, axles), with_train(fine, axles)
+    why = longitudinal.explained(axles, together, vehicle, fine)
     axles = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in axles]
     return Synchronised(axles, Scene(axles, together, vehicle, view.start_ns, why), findings)
 
@@ -83,15 +83,13 @@ def _integrated(
     return made, [found]
 
 
-def _on_one_clock(
-    axles: list[Axle], g: Grid | None, vehicle: Vehicle, view: View
-) -> tuple[list[Axle], list[Finding]]:
+def _on_one_clock(axles: list[Axle], g: Grid, view: View) -> tuple[list[Axle], list[Finding]]:
     """The axles with a train speed shifted by its delay, where that is sure.
 
     Where an offset explains the same, the time stamps stay: slip's error includes the delay.
     """
     train = axles[0].train
-    if not g or train is None:
+    if train is None:
         return axles, []
     delay, offset = train_clock.beside(g, axles[0].record.train_speed_interval)
     values = {}
