@@ -266,6 +266,9 @@ class Expressions:
         if name in ("isfinite", "isnan"):
             helper = self.program.helper(name.removeprefix("is"))
             return Expr(f"{helper}({arguments})", BOOL, cost + Cost({"compare": 2}), True)
+        if name == "ceil":
+            spent = cost + Cost({"ceil": 1, "compare": 2})
+            return Expr(f"{self.program.helper('ceil')}({arguments})", self.real, spent, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
         what = {"fabs": "sign", "copysign": "sign"}.get(name, name)
