@@ -113,7 +113,8 @@ class Interface:
             self._ranges(read), self._init(start, begins, bool(self.estimator)),
             self._step_text(step),
         ]  # fmt: skip
-        ranges = Cost({"compare": 2 * len(self.params.fields) + (10 if self.estimator else 0)})
+        of_given = len(STATED) + len(self.given.fields) if self.estimator else 0
+        ranges = Cost({"compare": 2 * len(self.params.fields) + of_given})
         costs = {"init": first + prepared + judged + of_wheelset + checks + ranges}
         costs["step"] = cost + checks + Cost({"compare": 1} if self.limited else {})
         body = "\n".join(x for x in parts if x)
@@ -310,7 +311,7 @@ class Interface:
             tests = [x for f, of in STATED.items() for x in self._within(f"w->{f}", limits[of])]
             call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
             same = f"const {self.name}_wheelset same = {call};"
-            tests += ["(w->a == same.a)", "(w->rolling == same.rolling)"]
+            tests += [f"(w->{x} == same.{x})" for x, _ in self.given.fields if x not in (*STATED,)]
             text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, same)
             tests = [x for n in ("K", "y") for x in self._within(n, self.inputs[n])]
             return text + self._test("input_ok(real K, real y)", tests)
