@@ -174,14 +174,10 @@ class Expressions:
         return Expr(f"-{of.bracketed()}", of.kind, of.cost + Cost({"add, subtract": 1}))
 
     def _BinOp(self, node: ast.BinOp) -> Expr:
-        if type(node.op) not in (*_OPERATORS, ast.Mod):
-            self.refuse(node, f"{type(node.op).__name__}: only + - * / and % (for x ** 2: x * x)")
+        if type(node.op) not in _OPERATORS:
+            self.refuse(node, f"{type(node.op).__name__}: only + - * / (for x ** 2: x * x)")
         a, b = self(node.left), self(node.right)
         self._alike(node, a, b)
-        if isinstance(node.op, ast.Mod):
-            helper = self.program.helper("modulo")
-            cost = a.cost + b.cost + Cost({"fmod": 1, "compare": 3, "add, subtract": 1})
-            return Expr(f"{helper}({a.text}, {b.text})", self.real, cost, True)
         sign, what = _OPERATORS[type(node.op)]
         if a.kind != self.real and sign == "/":
             self.refuse(node, "a division of whole numbers")

@@ -140,7 +140,7 @@ class Interface:
         """The lines that bring `next` one sample on."""
         p: tuple[str, Kind] = ("state->p", self.params)
         loops = self.split is not None and self.split.has_parts
-        s: tuple[str, Kind] = ("next" if loops else "state->now", self.now)
+        s: tuple[str, Kind] = ("state->now", self.now)
         h: tuple[str, Kind] = ("h", self.real)
         w: tuple[str, Kind] = ("state->w", self.given)
         sample: list[tuple[str, Kind]] = [("K", self.real), ("y", self.real)]
@@ -159,15 +159,17 @@ class Interface:
             call, cost = self._call(self.split.part, [f, q, w, s, *sample])
             lines.append(f"{self.name}_now next = {call};")
             return lines, spent + cost + Cost({"compare": 1})
-        number = ("(" + self.real.c + ")i", self.real)
+        # The first sub-step, which is mostly the only one, needs no state of its own.
+        number = (self.number.literal(0.0), self.real)
         call, cost = self._call(self.split.part, [f, q, w, s, *sample, number])
+        number = (f"({self.real.c})i", self.real)
+        again, _ = self._call(self.split.part, [f, q, w, ("next", self.now), *sample, number])
         most = self.most_parts = int(self.split.part.__globals__["SUBSTEPS"])
         self.sub_step = cost + Cost({"compare": 1})
         count = self.c.helper("count")
-        lines += [f"{self.name}_now next = state->now;"]
         lines += [f"int32_t parts = {count}(state->q.parts, {most});"]
-        lines += ["for (int32_t i = 0; i < parts; i++) {"]
-        lines += [f"    next = {call};", "}"]
+        lines += [f"{self.name}_now next = {call};"]
+        lines += ["for (int32_t i = 1; i < parts; i++) {", f"    next = {again};", "}"]
         return lines, spent + Cost({k: n * most for k, n in self.sub_step.items()})
 
     def _prepared(self) -> tuple[list[str], Cost]:

@@ -38,12 +38,6 @@ _HELPERS = {
     ),
     "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
     "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
-    "modulo": (
-        "{real} {name}({real} a, {real} b)\n{{\n    {real} rest = fmod{f}(a, b);\n"
-        "    if (rest == {zero}) {{\n        rest = copysign{f}({zero}, b);\n"
-        "    }} else if ((rest < {zero}) != (b < {zero})) {{\n        rest = rest + b;\n    }} else {{\n"  # noqa: E501
-        "        /* it has the sign of b already */\n    }}\n    return rest;\n}}"
-    ),
     "count": (
         "int32_t {name}({real} n, int32_t most)\n{{\n    int32_t count = 0; /* also for NaN */\n"
         "    if (n >= ({real})most) {{\n        count = most;\n    }} else if (n >= {one}) {{\n"

@@ -84,7 +84,7 @@ class CMethod:
         return bytes(self.memory)[8 * self.before :].startswith(wanted)
 
     def offset(self) -> int:
-        """The numbers before it: given ones, those of `fixed` and `across`, the longest interval."""
+        """The numbers before it: what was given, what is kept from it, the longest interval."""
         p = self.method.Params()
         if not self.estimator:
             return len(p)
