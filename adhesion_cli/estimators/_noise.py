@@ -136,7 +136,8 @@ def _averaged(x: Noise, was: Noise, memory: float) -> Noise:
     most = _OUTLIER * certain(x) + step * step
     variance = max(x.variance + (min(square, most) - x.variance) / n, _FLOOR * x.guess)
     total, before, first, blocks = x.total, x.before, x.first, x.blocks
-    if x.readings % _BLOCK == 0.0:
+    full = x.readings / _BLOCK
+    if full == math.floor(full):
         if x.readings >= 3.0 * _BLOCK:
             square = squared(before - 0.5 * (first + total)) / 1.5
             blocks += (min(square, _BLOCK * most) - blocks) / (n / _BLOCK + 1.0)

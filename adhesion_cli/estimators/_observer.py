@@ -97,7 +97,7 @@ def across(f: Fixed, h: float) -> Across:
 def part(f: Fixed, q: Across, w: Wheelset, s: State, K: float, y: float) -> State:
     """One sample on."""
     e, d = advance(s.e, s.d, f.modes, q.decay, q.h, lines(w, s, q.per_h, K, y, f.euler))
-    return State(e, d, K, y, d * (1.0 / w.a))
+    return State(e, d, K, y, d * w.per_a)
 
 
 def lines(w: Wheelset, s: State, per_h: float, K: float, y: float, euler: float) -> Inputs:

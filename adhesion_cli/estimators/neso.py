@@ -103,7 +103,7 @@ def part(  # noqa: PLR0913 (as `step`, with the sub-step)
         m = at(p, s.e if p.euler > 0.0 else e)
         e, d = advance(s.e, s.d, m, decayed(m, q.h, p.euler), q.h, start)  # (9)
     last = i + 1.0 >= q.parts
-    return State(e, d, K if last else s.K, y if last else s.y, d * (1.0 / w.a))
+    return State(e, d, K if last else s.K, y if last else s.y, d * w.per_a)
 
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:

@@ -85,7 +85,7 @@ def part(  # noqa: PLR0913 (as `step`, with the sub-step)
     rate = fhan(s.x1 + ahead * s.x2 - v - f.middle * dv, middle, f.r, q.h0)  # (4)
     x2 = s.x2 + q.h * rate
     last = i + 1.0 >= q.parts
-    F = w.phi * K + x2 * (1.0 / w.a)  # (5)
+    F = w.phi * K + x2 * w.per_a  # (5)
     return State(s.x1 + q.h * middle, x2, y if last else s.y, F)
 
 

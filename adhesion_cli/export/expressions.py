@@ -174,14 +174,10 @@ class Expressions:
         return Expr(f"-{of.bracketed()}", of.kind, of.cost + Cost({"add, subtract": 1}))
 
     def _BinOp(self, node: ast.BinOp) -> Expr:
-        if type(node.op) not in (*_OPERATORS, ast.Mod):
-            self.refuse(node, f"{type(node.op).__name__}: only + - * / and % (for x ** 2: x * x)")
+        if type(node.op) not in _OPERATORS:
+            self.refuse(node, f"{type(node.op).__name__}: only + - * / (for x ** 2: x * x)")
         a, b = self(node.left), self(node.right)
         self._alike(node, a, b)
-        if isinstance(node.op, ast.Mod):
-            helper = self.program.helper("modulo")
-            cost = a.cost + b.cost + Cost({"fmod": 1, "compare": 3, "add, subtract": 1})
-            return Expr(f"{helper}({a.text}, {b.text})", self.real, cost, True)
         sign, what = _OPERATORS[type(node.op)]
         if a.kind != self.real and sign == "/":
             self.refuse(node, "a division of whole numbers")
@@ -266,6 +262,9 @@ class Expressions:
         if name in ("isfinite", "isnan"):
             helper = self.program.helper(name.removeprefix("is"))
             return Expr(f"{helper}({arguments})", BOOL, cost + Cost({"compare": 2}), True)
+        if name == "ceil":
+            spent = cost + Cost({"ceil": 1, "compare": 2})
+            return Expr(f"{self.program.helper('ceil')}({arguments})", self.real, spent, True)
         if name not in LIBRARY:
             self.refuse(node, f"math.{name}: the C library has none with the same bits")
         what = {"fabs": "sign", "copysign": "sign"}.get(name, name)

@@ -17,7 +17,7 @@ from ..core.physics import wheelset_of
 from .ascii_text import ascii_text
 from .c_types import Kind, Number, Scalar, Struct, c_name, declaration
 from .expressions import Cost
-from .translate import Translation, folded
+from .translate import INLINE, Translation, folded
 
 # The fields of `Wheelset` that are vehicle parameters; the others follow from them.
 STATED = {
@@ -32,6 +32,17 @@ _STATUS = (
     ("TOO_LONG", "the interval is too long for forward Euler (euler = 1)"),
     ("NOT_FINITE", "the result is no finite number"),
 )
+
+
+# A struct that a function returns then needs no memory.
+_INLINE = f"""\
+/* gcc and clang put each function into its callers, unless they optimize for size. */
+#if defined(__GNUC__) && defined(__OPTIMIZE__) && !defined(__OPTIMIZE_SIZE__)
+#define {INLINE} static inline __attribute__((always_inline))
+#else
+#define {INLINE} static inline
+#endif
+"""
 
 
 class Code(NamedTuple):
@@ -77,32 +88,37 @@ class Interface:
         self.sub_step, self.most_parts = Cost(), 0
         self.fixed: Kind | None = None
         self.across: Kind | None = None
+        self.limited = False  # whether a longer interval can be unstable
 
     def code(self) -> Code:
         """Header and source."""
         step, cost = self._step()
         start, first = self._call(self.method.init, self._begins())
         longest = getattr(self.estimator, "longest_step", None)
-        limit, judged = "", Cost()
-        if longest is not None and longest.__name__ == "longest_step":
-            limit, judged = self._call(longest, [("state->p", self.params)])
+        self.limited = longest is not None and longest.__name__ == "longest_step"
+        limit, judged = [], Cost()
+        if self.limited:
+            call, judged = self._call(longest, [("*p", self.params)])
+            limit = [f"state->longest = {call};"]
         made, of_wheelset = "", Cost()
         if self.estimator:
             four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
             made, of_wheelset = self._call(wheelset_of, four)
         begins, prepared = self._prepared()
+        begins += limit
         read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
         checks = Cost({"compare": 2 * len(self.inputs) + 2})
         parts = [
             self._defaults(made), self._wheelset(made) if self.estimator else "",
             self._ranges(read), self._init(start, begins, bool(self.estimator)),
-            self._step_text(step, limit),
+            self._step_text(step),
         ]  # fmt: skip
-        ranges = Cost({"compare": 2 * len(self.params.fields) + (10 if self.estimator else 0)})
-        costs = {"init": first + prepared + of_wheelset + checks + ranges}
-        costs["step"] = cost + judged + checks
+        of_given = len(STATED) + len(self.given.fields) if self.estimator else 0
+        ranges = Cost({"compare": 2 * len(self.params.fields) + of_given})
+        costs = {"init": first + prepared + judged + of_wheelset + checks + ranges}
+        costs["step"] = cost + checks + Cost({"compare": 1} if self.limited else {})
         body = "\n".join(x for x in parts if x)
-        statuses = tuple(x for x in _STATUS if self._returned(x[0], bool(limit)))
+        statuses = tuple(x for x in _STATUS if self._returned(x[0]))
         return Code(self._header(statuses), self._source(body), costs, statuses, read)
 
     # --- what the functions compute ---------------------------------------------------------------
@@ -124,7 +140,7 @@ class Interface:
         """The lines that bring `next` one sample on."""
         p: tuple[str, Kind] = ("state->p", self.params)
         loops = self.split is not None and self.split.has_parts
-        s: tuple[str, Kind] = ("next" if loops else "state->now", self.now)
+        s: tuple[str, Kind] = ("state->now", self.now)
         h: tuple[str, Kind] = ("h", self.real)
         w: tuple[str, Kind] = ("state->w", self.given)
         sample: list[tuple[str, Kind]] = [("K", self.real), ("y", self.real)]
@@ -143,15 +159,17 @@ class Interface:
             call, cost = self._call(self.split.part, [f, q, w, s, *sample])
             lines.append(f"{self.name}_now next = {call};")
             return lines, spent + cost + Cost({"compare": 1})
-        number = ("(" + self.real.c + ")i", self.real)
+        # The first sub-step, which is mostly the only one, needs no state of its own.
+        number = (self.number.literal(0.0), self.real)
         call, cost = self._call(self.split.part, [f, q, w, s, *sample, number])
+        number = (f"({self.real.c})i", self.real)
+        again, _ = self._call(self.split.part, [f, q, w, ("next", self.now), *sample, number])
         most = self.most_parts = int(self.split.part.__globals__["SUBSTEPS"])
         self.sub_step = cost + Cost({"compare": 1})
         count = self.c.helper("count")
-        lines += [f"{self.name}_now next = state->now;"]
         lines += [f"int32_t parts = {count}(state->q.parts, {most});"]
-        lines += ["for (int32_t i = 0; i < parts; i++) {"]
-        lines += [f"    next = {call};", "}"]
+        lines += [f"{self.name}_now next = {call};"]
+        lines += ["for (int32_t i = 1; i < parts; i++) {", f"    next = {again};", "}"]
         return lines, spent + Cost({k: n * most for k, n in self.sub_step.items()})
 
     def _prepared(self) -> tuple[list[str], Cost]:
@@ -171,8 +189,8 @@ class Interface:
 
     # --- text -------------------------------------------------------------------------------------
 
-    def _returned(self, status: str, limited: bool) -> bool:
-        return {"BAD_WHEELSET": bool(self.estimator), "TOO_LONG": limited}.get(status, True)
+    def _returned(self, status: str) -> bool:
+        return {"BAD_WHEELSET": bool(self.estimator), "TOO_LONG": self.limited}.get(status, True)
 
     def _signatures(self, r: str = "real") -> dict[str, str]:
         """The public functions, by what they do; `r` is the floating-point type."""
@@ -227,6 +245,8 @@ class Interface:
                 ("q", self.across, "what the interval h decides"),
                 ("h", self.real, "the last interval [s]"),
             ]
+        if self.limited:
+            held.append(("longest", self.real, "the longest stable interval [s]"))
         held.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))
         fields = tuple((x, kind) for x, kind, _ in held if kind is not None)
         notes = tuple(text for *_, text in held)
@@ -260,7 +280,7 @@ class Interface:
         lines += ["#include <stdbool.h>", "#include <stddef.h>", ""]
         for macro, (value, comment) in self.c.constants.items():
             lines += [f"#define {macro} ({value})" + (f" /* {comment} */" if comment else "")]
-        lines += ["", f"typedef {self.name}_real real;", ""]
+        lines += ["", _INLINE, f"typedef {self.name}_real real;", ""]
         for s in private:
             lines += folded(declaration(s))
         return "\n".join([*lines, *self.c.functions, body])
@@ -293,7 +313,7 @@ class Interface:
             tests = [x for f, of in STATED.items() for x in self._within(f"w->{f}", limits[of])]
             call = "physics_wheelset_of(w->radius, w->phi, w->inertia, w->mass)"
             same = f"const {self.name}_wheelset same = {call};"
-            tests += ["(w->a == same.a)", "(w->rolling == same.rolling)"]
+            tests += [f"(w->{x} == same.{x})" for x, _ in self.given.fields if x not in (*STATED,)]
             text += self._test(f"wheelset_ok(const {self.name}_wheelset *w)", tests, same)
             tests = [x for n in ("K", "y") for x in self._within(n, self.inputs[n])]
             return text + self._test("input_ok(real K, real y)", tests)
@@ -315,7 +335,7 @@ class Interface:
         )
 
     def _test(self, signature: str, tests: list[str], before: str = "") -> str:
-        lines = [f"static bool {signature}", "{", *([f"    {before}"] if before else [])]
+        lines = [f"{INLINE} bool {signature}", "{", *([f"    {before}"] if before else [])]
         lines += folded([f"    return {' && '.join(tests)};"])
         return "\n".join([*lines, "}", "", ""])
 
@@ -329,15 +349,15 @@ class Interface:
         guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
         return self._function("init", self._guarded(guards, [*put, f"state->now = {start};"]))
 
-    def _step_text(self, step: list[str], limit: str) -> str:
+    def _step_text(self, step: list[str]) -> str:
         tests = self._within("h", self.interval)
         sample, pointers = ("K, y", "state == NULL") if self.estimator else (
             "o", "(state == NULL) || (o == NULL)"
         )  # fmt: skip
         guards = [(pointers, "BAD_POINTER")]
         guards += [(f"{_not(tests)} || !input_ok({sample})", "BAD_INPUT")]
-        if limit:
-            guards += [(f"h > {limit}", "TOO_LONG")]
+        if self.limited:
+            guards += [("h > state->longest", "TOO_LONG")]
         kinds = dict(self.now.fields)
         finite = self.c.helper("finite")
         sound = [f"{finite}(next.{x})" for x in self.answers() if kinds[x] == self.real]

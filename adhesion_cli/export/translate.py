@@ -1,6 +1,6 @@
 """Functions of a method in C, with every function that they call.
 
-Each becomes a `static` function. It takes structs by their address, and changes none. One that is
+Each becomes an inline function. It takes structs by their address, and changes none. One that is
 called with arguments of other types is translated once for each.
 """
 
@@ -26,19 +26,18 @@ from .c_types import (
 )
 from .expressions import Cost, Expr, Expressions, Function
 
+INLINE = "ADHESION_INLINE"  # the macro of a function that compilers put into its callers
 _HELPERS = {
     "min": "{real} {name}({real} a, {real} b)\n{{\n    return (b < a) ? b : a;\n}}",
     "max": "{real} {name}({real} a, {real} b)\n{{\n    return (b > a) ? b : a;\n}}",
     "min_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b < a) ? b : a;\n}}",
     "max_int": "int32_t {name}(int32_t a, int32_t b)\n{{\n    return (b > a) ? b : a;\n}}",
+    "ceil": (
+        "{real} {name}({real} x)\n{{\n    /* mostly 1, without a call */\n"
+        "    return ((x > {zero}) && (x <= {one})) ? {one} : ceil{f}(x);\n}}"
+    ),
     "finite": "bool {name}({real} x)\n{{\n    return fabs{f}(x) <= {largest};\n}}",
     "nan": "bool {name}({real} x)\n{{\n    return x != x; /* only NaN is not itself */\n}}",
-    "modulo": (
-        "{real} {name}({real} a, {real} b)\n{{\n    {real} rest = fmod{f}(a, b);\n"
-        "    if (rest == {zero}) {{\n        rest = copysign{f}({zero}, b);\n"
-        "    }} else if ((rest < {zero}) != (b < {zero})) {{\n        rest = rest + b;\n    }} else {{\n"  # noqa: E501
-        "        /* it has the sign of b already */\n    }}\n    return rest;\n}}"
-    ),
     "count": (
         "int32_t {name}({real} n, int32_t most)\n{{\n    int32_t count = 0; /* also for NaN */\n"
         "    if (n >= ({real})most) {{\n        count = most;\n    }} else if (n >= {one}) {{\n"
@@ -110,7 +109,7 @@ class Translation:
                 real=self.types.real.c, name=called, f=self.number.suffix,
                 zero=self.literal(0.0), one=self.literal(1.0), largest=self.number.largest,
             )  # fmt: skip
-            self.functions.insert(0, f"static {text}\n")
+            self.functions.insert(0, f"{INLINE} {text}\n")
         return called
 
     def reads(self, of: Struct, field: str) -> None:
@@ -157,7 +156,7 @@ class _Body:
             copies += [f"    {kind.c} {x} = {star}{x}_in;"] if copied else []
         for x, of in self.hoisted.items():
             copies.append(f"    {of.c} {c_name(x)} = {self._zero(of)};")
-        head = f"static {result.c} {name}({', '.join(taken) or 'void'})"
+        head = f"{INLINE} {result.c} {name}({', '.join(taken) or 'void'})"
         text = "\n".join([*_origin(self.f), *folded([head]), "{", *copies, *lines, "}", ""])
         return text, Function(name, used, result, cost)
 

@@ -84,12 +84,12 @@ class CMethod:
         return bytes(self.memory)[8 * self.before :].startswith(wanted)
 
     def offset(self) -> int:
-        """The numbers before it: parameters, wheelset, and what `fixed` and `across` return."""
+        """The numbers before it: what was given, what is kept from it, the longest interval."""
         p = self.method.Params()
         if not self.estimator:
             return len(p)
-        split = self.method.split
+        split, given = self.method.split, len(p) + len(W) + self.statuses.count("TOO_LONG")
         if split is None:
-            return len(p) + len(W)
+            return given
         f = split.fixed(p)
-        return len(p) + len(W) + len(flat(f)) + len(flat(split.across(f, 1e-3))) + 1
+        return given + len(flat(f)) + len(flat(split.across(f, 1e-3))) + 1
