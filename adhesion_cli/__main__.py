@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 _HINT = "nothing was left half-written"
 # Options of the C library's mallopt.
 _FEW = {-8: 1}  # M_ARENA_MAX
-_KEPT = {-3: 32 << 20, -1: 64 << 20}  # M_MMAP_THRESHOLD, at its highest, and M_TRIM_THRESHOLD [B]
+# With M_MMAP_THRESHOLD, at its highest, and M_TRIM_THRESHOLD [B]
+_KEPT = _FEW | {-3: 32 << 20, -1: 64 << 20}
 _SOON = 0.05  # after which an interrupt that got lost is raised again [s]
 
 
@@ -72,7 +73,7 @@ def _fit_memory() -> None:
     """Sets how the C library and pyarrow take memory.
 
     Memory that numpy frees goes back to the system, which clears it before the next array gets it:
-    a fifth of the time of `inspect`. So some of it stays.
+    a fifth of the time of `inspect`. So some of it stays, and all threads take from it.
 
     Where address space is limited (`ulimit -v`), libraries reserve less of it. pyarrow's own
     allocator reserves 1 GB, the C library some 100 MB for each thread.
