@@ -20,6 +20,7 @@ LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
 CRAWL = 1.0  # below it a wheel may stand, and a slip is mostly an error of the speeds [m/s]
 FREE = 0.05  # share of the highest clamping force: less is no braking
+LEAST_SHARE = 0.1  # of friction that every pad keeps at any speed
 NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
 
 
@@ -58,10 +59,10 @@ def clamping_force(pressure: Floats, vehicle: Vehicle) -> Floats:
 def friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
     """φ(v) / φ [-] at the rim speed v = ωR [m/s], shape (n,).
 
-    v is the speed of the pad on its disc. No pad loses more than nine tenths of its friction.
+    v is the speed of the pad on its disc.
     """
     faster = rim - vehicle.friction_speed.value
-    return np.maximum(1.0 + vehicle.friction_fade.value * faster, 0.1)
+    return np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
 
 
 def faded(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:

@@ -78,7 +78,7 @@ def export(
     if not double and found.lost:
         text = f"{algo}: no finite answer in single precision at {found.lost} samples"
         raise UserError(f"{text} of {vectors.LOG}", "leave out --float")
-    facts = pages.Facts(of, code, found, stated, physics.force_line(vehicle))
+    facts = pages.Facts(of, code, found, stated, vehicle)
     texts = (code.header, code.source, check_program.program(of, found), pages.makefile(of),
              pages.readme(facts))  # fmt: skip
     answer = -1 if of.estimator else 0

@@ -15,7 +15,7 @@ from ..core.methods import Method
 from ..core.model import Quantity, Vehicle, Wheelset, quantities
 from ..core.physics import wheelset_of
 from .ascii_text import ascii_text
-from .c_types import Kind, Number, Scalar, Struct, c_name, declaration
+from .c_types import INT, Kind, Number, Scalar, Struct, c_name, declaration
 from .expressions import Cost
 from .translate import INLINE, Translation, folded
 
@@ -31,7 +31,9 @@ _STATUS = (
     ("BAD_INPUT", "an input is NaN or out of its range"),
     ("TOO_LONG", "the interval is too long for forward Euler (euler = 1)"),
     ("NOT_FINITE", "the result is no finite number"),
+    ("NOT_BEGUN", "no init of this state was OK"),
 )
+_BEGUN = 0x41444845  # what only init puts into a state: other memory hardly ever holds it
 
 
 # A struct that a function returns then needs no memory.
@@ -116,7 +118,7 @@ class Interface:
         of_given = len(STATED) + len(self.given.fields) if self.estimator else 0
         ranges = Cost({"compare": 2 * len(self.params.fields) + of_given})
         costs = {"init": first + prepared + judged + of_wheelset + checks + ranges}
-        costs["step"] = cost + checks + Cost({"compare": 1} if self.limited else {})
+        costs["step"] = cost + checks + Cost({"compare": 1 + self.limited})
         body = "\n".join(x for x in parts if x)
         statuses = tuple(x for x in _STATUS if self._returned(x[0]))
         return Code(self._header(statuses), self._source(body), costs, statuses, read)
@@ -231,12 +233,16 @@ class Interface:
         lines += [f"}} {n}_status;", ""]
         for s in public:
             lines += folded(declaration(s, real))
-        lines += [*folded(declaration(self.state(), real)), *self._prototypes(), "#endif", ""]
+        lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+        lines += [*folded(declaration(self.state(), real)), *self._prototypes()]
+        lines += ["#ifdef __cplusplus", "}", "#endif", "", "#endif", ""]
         return "\n".join(lines)
 
     def state(self) -> Struct:
         """What the caller keeps for one axle."""
-        held: list[tuple[str, Kind | None, str]] = [("p", self.params, "as given to init")]
+        held: list[tuple[str, Kind | None, str]] = [
+            ("begun", INT, "whether init was OK"), ("p", self.params, "as given to init"),
+        ]  # fmt: skip
         if self.estimator:
             held.append(("w", self.given, "as given to init"))
         if self.split:
@@ -277,7 +283,8 @@ class Interface:
         private = [s for s in self.c.types.structs if not s.public]
         lines = [f"/* {self.name}.c: made by adhesion {self.version} from the Python source. */"]
         lines += [f'#include "{self.name}.h"', "", "#include <float.h>", "#include <math.h>"]
-        lines += ["#include <stdbool.h>", "#include <stddef.h>", ""]
+        begun = f"#define BEGUN ({_BEGUN}) /* in a state: init was OK */"
+        lines += ["#include <stdbool.h>", "#include <stddef.h>", "", begun]
         for macro, (value, comment) in self.c.constants.items():
             lines += [f"#define {macro} ({value})" + (f" /* {comment} */" if comment else "")]
         lines += ["", _INLINE, f"typedef {self.name}_real real;", ""]
@@ -347,14 +354,15 @@ class Interface:
         guards = [(pointers, "BAD_POINTER"), ("!params_ok(p)", "BAD_PARAMETER")]
         guards += [("!wheelset_ok(w)", "BAD_WHEELSET")] if with_wheelset else []
         guards += [(f"!input_ok({'K, y' if with_wheelset else 'o'})", "BAD_INPUT")]
-        return self._function("init", self._guarded(guards, [*put, f"state->now = {start};"]))
+        put += [f"state->now = {start};", "state->begun = BEGUN;"]
+        return self._function("init", self._guarded(guards, put))
 
     def _step_text(self, step: list[str]) -> str:
         tests = self._within("h", self.interval)
         sample, pointers = ("K, y", "state == NULL") if self.estimator else (
             "o", "(state == NULL) || (o == NULL)"
         )  # fmt: skip
-        guards = [(pointers, "BAD_POINTER")]
+        guards = [(pointers, "BAD_POINTER"), ("state->begun != BEGUN", "NOT_BEGUN")]
         guards += [(f"{_not(tests)} || !input_ok({sample})", "BAD_INPUT")]
         if self.limited:
             guards += [("h > state->longest", "TOO_LONG")]

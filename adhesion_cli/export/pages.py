@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ..core.methods import parameters
 from ..core.model import Vehicle, quantities
-from ..core.physics import ForceLine
+from ..core.physics import LEAST_SHARE, force_line
 from .c_types import Number, flat, range_of
 from .check_program import limits
 from .expressions import Cost
@@ -69,7 +69,7 @@ class Facts(NamedTuple):
     code: Code
     vectors: Vectors
     wheelset: dict[str, float]  # the vehicle's values by the names of `STATED`
-    force_line: ForceLine  # K by the pressure
+    vehicle: Vehicle  # K follows from its brake
 
 
 def makefile(of: Interface) -> str:
@@ -139,9 +139,10 @@ def _use(of: Interface) -> str:
 def _statuses(facts: Facts) -> str:
     rows = [(f"`{facts.of.macro}_{x}`", text) for x, text in facts.code.statuses]
     text = (
-        "If the status is not OK, `now` is as before. An answer is always a finite number. Where "
+        "If the status is not OK, `now` is as before. Once `_init` was OK, an answer is always a "
+        "finite number. Before that, the state holds what its memory held: use no answer of it. "
+        "Where NOT_FINITE comes again, start anew with `_init`.\n"
     )
-    text += "NOT_FINITE comes again, start anew with `_init`.\n"
     return f"## Status\n\n{_table(('status', 'meaning'), rows)}\n{text}"
 
 
@@ -167,11 +168,22 @@ def _inputs(facts: Facts) -> str:
         of_vehicle = [(x, facts.wheelset[x], known[name]) for x, name in STATED.items()]
         body = [(f"`{x}`", f"{v:g}", q.unit, range_of(q), q.text) for x, v, q in of_vehicle]
         head = ("wheelset", "default", "unit", "range", "what")
-        line = facts.force_line
-        text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n`K` follows from the cylinder "
-        text += f"pressure p [Pa]. For this vehicle K = {line.per_pascal:.6g} N/Pa · p − "
-        text += f"{line.at_zero:.6g} N, at least 0.\n"
+        text += f"\n`_wheelset_of` takes\n\n{_table(head, body)}\n{_clamping(facts.vehicle)}"
     return text
+
+
+def _clamping(vehicle: Vehicle) -> str:
+    """How K follows from the pressure and, where friction changes over speed, from the speed."""
+    line, fade = force_line(vehicle), vehicle.friction_fade.value
+    text = "`K` follows from the cylinder pressure p [Pa]. For this vehicle K = "
+    text += f"{line.per_pascal:.6g} N/Pa · p − {line.at_zero:.6g} N, at least 0.\n"
+    if not fade:
+        return text
+    return text + (
+        "\nThe pad friction of this vehicle changes over speed. So multiply K by "
+        f"1 + {fade:.6g} s/m · (R y − {vehicle.friction_speed.value:.6g} m/s), at least "
+        f"{LEAST_SHARE:g}, before `_init` and `_step`: φ stands for all speeds there.\n"
+    )
 
 
 def _operations(facts: Facts) -> str:

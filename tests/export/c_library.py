@@ -84,11 +84,11 @@ class CMethod:
         return bytes(self.memory)[8 * self.before :].startswith(wanted)
 
     def offset(self) -> int:
-        """The numbers before it: what was given, what is kept from it, the longest interval."""
+        """The numbers before it: the mark of init, what was given, what is kept from it."""
         p = self.method.Params()
         if not self.estimator:
-            return len(p)
-        split, given = self.method.split, len(p) + len(W) + self.statuses.count("TOO_LONG")
+            return 1 + len(p)
+        split, given = self.method.split, 1 + len(p) + len(W) + self.statuses.count("TOO_LONG")
         if split is None:
             return given
         f = split.fixed(p)

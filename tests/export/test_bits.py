@@ -1,5 +1,6 @@
 """The C has the bits of the Python `step`: over every bundled log, and on random inputs."""
 
+import ctypes
 import math
 from functools import cache
 from itertools import pairwise
@@ -183,6 +184,22 @@ def test_what_is_out_of_range_is_refused(compiled, name):
         assert c.init(p, good, W._replace(radius=2.0)) == "BAD_WHEELSET"
         assert c.init(p, good, W._replace(a=2.0 * W.a)) == "BAD_WHEELSET"
     assert bytes(c.memory) == kept
+
+
+@pytest.mark.parametrize("byte", [0x00, 0x3F, 0xA5, 0xFF])
+@pytest.mark.parametrize("name", METHODS)
+def test_a_state_without_init_is_refused(compiled, name, byte):
+    method, c = METHODS[name], compiled(name)
+    of = Sample if name in ESTIMATORS else Observed
+    known = list(quantities(of).values())[1 if of is Sample else 0 :]
+    good = [0.5 * (q.low + q.high) for q in known]
+    ctypes.memset(c.memory, byte, ctypes.sizeof(c.memory))
+    assert c.step(0.01, good) == "NOT_BEGUN"
+    refused = {next(iter(method.Params._fields)): math.nan}
+    assert c.init(method.Params()._replace(**refused), good) == "BAD_PARAMETER"
+    assert c.step(0.01, good) == "NOT_BEGUN"
+    assert c.init(method.Params(), good) == "OK"
+    assert c.step(0.01, good) == "OK"
 
 
 def test_null_is_refused(compiled):

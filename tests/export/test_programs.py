@@ -5,11 +5,13 @@ import re
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from c_library import tool
 
+from adhesion_cli.core import physics
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.model import Vehicle
+from adhesion_cli.core.model import Parameter, Vehicle
 from adhesion_cli.export import files, vectors
 from adhesion_cli.export.c_types import Number
 from adhesion_cli.export.interface import Interface
@@ -128,6 +130,36 @@ def test_the_readme_states_the_figures_of_the_run():
     assert "an interval of 0.02 s has 1." in readme
     assert re.search(r"\| compare \| \d+ \| \d+ \| \d+ \|", readme)
     assert all(x.isascii() for x in (made.texts["adhesion_td.h"], made.texts["adhesion_td.c"]))
+
+
+def test_a_fade_of_the_friction_is_in_the_formula_of_k():
+    """By it, the inputs of the vectors follow from pressure and speed of the log."""
+    fade = Vehicle(friction_fade=Parameter(-0.004, 0.0), friction_speed=Parameter(10.0, 0.0))
+    readme = files.export("td", {}, fade).texts["README.md"]
+    (per, zero) = re.search(r"K = (\S+) N/Pa · p − (\S+) N", readme).groups()
+    (slope, at) = re.search(r"1 \+ (\S+) s/m · \(R y − (\S+) m/s\)", readme).groups()
+    p, y = 3e5, 30.0
+    K = max(float(per) * p - float(zero), 0.0)
+    K *= max(1.0 + float(slope) * (0.42 * y - float(at)), 0.1)
+    share = physics.friction_share(np.array([0.42 * y]), fade)[0]
+    assert pytest.approx(share * physics.clamping_force(np.array([p]), fade)[0], rel=1e-5) == K
+    assert "1 +" not in files.export("td", {}, Vehicle()).texts["README.md"]
+
+
+def test_cpp_links_with_the_c(exports, tmp_path):
+    folder = exports("td", True)
+    (tmp_path / "main.cpp").write_text(
+        '#include "adhesion_td.h"\n'
+        "int main() { adhesion_td_params p = adhesion_td_defaults(); return p.h0 > 0.0 ? 0 : 1; }\n"
+    )
+    made, c = str(tmp_path / "a.o"), str(folder / "adhesion_td.c")
+    subprocess.run([tool("gcc"), "-std=c99", "-c", c, "-o", made], check=True)
+    program = str(tmp_path / "a.out")
+    subprocess.run(
+        [tool("g++"), f"-I{folder}", str(tmp_path / "main.cpp"), made, "-lm", "-o", program],
+        check=True,
+    )
+    subprocess.run([program], check=True)
 
 
 def test_settings_are_the_defaults_of_the_c():
