@@ -10,6 +10,8 @@ from ..core.model import AxleRecord, Bools, Reference, Vehicle
 from ..core.stop import STANDING
 from ..core.time_axis import spans_of
 from ..evaluation import metrics
+from ..rail import slip
+from ..rail.events import UNSEEN
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
 _SURELY = 0.99  # probability from which a speed is an average since the last one
@@ -50,6 +52,14 @@ def of_axle(
             yield Finding(
                 code, severity, channel=name, count=count, spans=found, values=values.get(code, {})
             )
+    if record.train_speed is not None:
+        lost = [slip.unknown(record, s, vehicle) for s in applications]
+        where, unknown_s = sum((x for x, _ in lost), begins & False), sum(x for _, x in lost)
+        if unknown_s > UNSEEN:
+            yield Finding(
+                "slip-unknown", "warning", channel=name, count=int(where.sum()),
+                spans=spans(record, where, start_ns), values={"unknown_s": unknown_s},
+            )  # fmt: skip
     if ref.runout:
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
     if ref.averaged > _SURELY:

@@ -61,6 +61,7 @@ class BrakeApplication:
         utilisation_ci: its 95 % interval.
         budget: what each quantity adds to the uncertainty of the mean force.
         coverage: what they give together.
+        slip_unknown_s: time in which the wheel turns and no train speed shows its slip [s].
     """
 
     axle: int
@@ -81,6 +82,7 @@ class BrakeApplication:
     utilisation_ci: tuple[float, float] | None
     budget: "tuple[budget.Row, ...] | None"
     coverage: Coverage | None
+    slip_unknown_s: float
 
 
 def tagged(kind: str, **body: Any) -> dict[str, Any]:
@@ -189,6 +191,7 @@ def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication
         utilisation_ci=used and (used.low, used.high),
         budget=x.budget and x.budget.rows,
         coverage=x.budget and _coverage(x.budget),
+        slip_unknown_s=x.unseen,
     )
 
 

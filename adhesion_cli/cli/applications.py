@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+from ..rail.events import UNSEEN
 from ..results.result_rows import row, slid_row
 from . import terminal
 from .terminal import number
@@ -35,7 +36,11 @@ def tables(axles: Sequence[dict[str, Any]]) -> str:
         least = any(one["at_least"] for _, one in every if one["slides"])
         note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
         return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
-    return "\n".join([*parts, "No slides."])
+    unseen = max(one.get("slip_unknown_s", 0.0) for _, one in every)
+    if unseen < UNSEEN:
+        return "\n".join([*parts, "No slides."])
+    where = f"without a train speed for up to {unseen:.1f} s of a brake application"
+    return "\n".join([*parts, f"No slide seen, but slides may be hidden: {where}."])
 
 
 def budgets(axles: Sequence[dict[str, Any]]) -> str:

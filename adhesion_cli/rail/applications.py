@@ -39,13 +39,14 @@ class Application:
         where: of the record.
         start: [ns].
         end: [ns].
-        from_mps: speed at the start: the train's, or ωR of the wheel [m/s].
+        from_mps: speed at the start: the train's, or where it is not known, ωR of the wheel [m/s].
         to_mps: speed at the end.
         force: adhesion force [N].
         coefficient: adhesion coefficient F/(m g).
         slides: that begin in it, in the order of time.
         utilisation: mean μ in its slides over the highest that the rail could give.
         budget: of the mean force.
+        unseen: time in which the wheel turns and its slip is not known [s].
     """
 
     where: slice
@@ -58,6 +59,7 @@ class Application:
     slides: tuple[Slide, ...]
     utilisation: Interval | None
     budget: Budget | None
+    unseen: float
 
 
 def of_axle(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
@@ -93,10 +95,9 @@ def _application(
     axle, vehicle = whole.axle, whole.vehicle
     record, where = axle.record, slice(parts[0].start, parts[-1].stop)
     start, end = int(record.t[where.start]), int(record.t[where.stop - 1])
-    if record.train_speed is None:
-        speed = record.wheel_speed[where] * vehicle.radius(record.axle).value
-    else:
-        speed = record.train_speed[where]
+    speed = rim = record.wheel_speed[where] * vehicle.radius(record.axle).value
+    if record.train_speed is not None:
+        speed = np.where(np.isfinite(record.train_speed[where]), record.train_speed[where], rim)
     known = speed[np.isfinite(speed)]
     first, last = (float(known[i]) if len(known) else None for i in (0, -1))
     force, own_budget = _measured(axle, vehicle, parts, moved) or (None, None)
@@ -105,7 +106,7 @@ def _application(
     return Application(
         where, start, end, first, last, force,
         force and _over(force, weight, _mass(axle, where, vehicle)), own,
-        slip.utilisation(whole, own), own_budget,
+        slip.utilisation(whole, own), own_budget, slip.unknown(record, where, vehicle)[1],
     )  # fmt: skip
 
 

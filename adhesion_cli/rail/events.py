@@ -10,6 +10,7 @@ from ..core.signals import true_runs
 from ..core.stop import SLIDE
 from .slope import SHOWN
 
+UNSEEN = 0.5  # a slide may be hidden in as long a time without slip [s]
 CAUGHT = 0.01  # slip at which a slide is over
 _SHORT = 0.1  # least duration of a slide [s]
 _LASTS = 0.5  # least duration of a region that is an event [s]

@@ -20,7 +20,17 @@ import numpy as np
 
 from ..core import compiled, physics, signals
 from ..core.finding import Finding, merged
-from ..core.model import Z95, AxleRecord, AxleResult, Floats, Parameter, Regions, Times, Vehicle
+from ..core.model import (
+    Z95,
+    AxleRecord,
+    AxleResult,
+    Bools,
+    Floats,
+    Parameter,
+    Regions,
+    Times,
+    Vehicle,
+)
 from ..core.physics import reference_speed
 from . import events, fit
 from .events import CAUGHT, Slide
@@ -431,6 +441,26 @@ class Whole:
         """Where it creeps, as `creeps`."""
         assert self.axle.slip is not None
         return creeps(self.axle.record, self.axle.slip)
+
+
+def unknown(record: AxleRecord, where: slice, vehicle: Vehicle) -> tuple[Bools, float]:
+    """Where the wheel turns and the train speed is not known, and for how long [s].
+
+    Args:
+        record: the axle's record.
+        where: a brake application.
+        vehicle: for the radius.
+
+    Returns:
+        A mask of the record, shape (n,), and its time.
+    """
+    turns = record.wheel_speed[where] * vehicle.radius(record.axle).value > physics.CRAWL
+    v = record.train_speed
+    mask = np.zeros(len(record), dtype=np.bool_)
+    mask[where] = turns if v is None else turns & ~np.isfinite(v[where])
+    h = np.diff(record.t[where], append=record.t[where.stop - 1])
+    typical = np.minimum(h, 2.0 * np.median(h))  # without the time of a gap
+    return mask, float(typical[mask[where]].sum()) * 1e-9
 
 
 def utilisation(whole: Whole, found: Sequence[Slide]) -> fit.Interval | None:

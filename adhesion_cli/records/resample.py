@@ -4,6 +4,7 @@ An online estimator may use the last value only. The offline reference may inter
 what is only compared: train speed and truth.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +12,13 @@ import numpy as np
 from ..core import time_axis, units
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
-from ..core.physics import clamping_force, force_line
+from ..core.physics import CRAWL, NO_FORCE, clamping_force, force_line
 from ..dynamics.train_grid import Axle
 from .choose import SHORTEST, AxleKeys, Choice, find
 from .faults import Fault, View
 from .screen import Screened
+
+_EARLIER = 1_000_000_000  # a brake applied for so long without a wheel speed is lost [ns]
 
 
 class _Sampled(NamedTuple):
@@ -56,6 +59,7 @@ def _axle(
     inside = view.holds(speed.data.t)
     segments, kept = _segments(speed, inside & at.fresh)
     findings = _left_out(speed, brake, inside & ~at.fresh, inside & at.fresh & ~kept, view)
+    findings += _without_speed(speed, brake, vehicle, view)
     if not segments:
         return None, findings
     train, truth, slip = (
@@ -120,6 +124,27 @@ def _left_out(
         *view.report(missing, speed, names={"quantity": quantity}),
         *view.report(Fault("too-short", short), speed, {"needed": SHORTEST}),
     ]
+
+
+def _without_speed(speed: Channel, brake: Channel, vehicle: Vehicle, view: View) -> list[Finding]:
+    """The samples of a brake that is applied before its wheel speed begins, or after its end.
+
+    They are info where the wheel hardly turned at that end: no pulses come from a standing one.
+    """
+    t, y, at = speed.data.t, speed.data.value, brake.data.t
+    held = brake.data.value
+    K = clamping_force(held, vehicle) if brake.meaning == "pressure" else held
+    slow = CRAWL / vehicle.radius(speed.axle or 1).value
+    found: list[Finding] = []
+    for outside, turned in (
+        (at < t.min() - _EARLIER, y[np.argmin(t)] > slow),
+        (at > t.max() + _EARLIER, y[np.argmax(t)] > slow),
+    ):
+        lost = outside & (K > NO_FORCE)
+        if lost.sum() * np.median(np.diff(at, append=at[-1])) >= _EARLIER:
+            fault = Fault("no-wheel-speed", lost, severity="warning" if turned else "info")
+            found += [replace(f, channel=speed.title) for f in view.report(fault, brake)]
+    return found
 
 
 def _segments(speed: Channel, keep: Bools) -> tuple[tuple[slice, ...], Bools]:

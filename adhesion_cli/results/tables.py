@@ -48,6 +48,7 @@ APPLICATIONS = pa.schema([
     _field("at_least", _TRUTH),
     *_numbers(utilisation="-", utilisation_ci_low="-", utilisation_ci_high="-"),
     *_numbers(coverage_u_n="N", coverage_k="-", coverage_degrees_of_freedom="-"),
+    *_numbers(slip_unknown_s="s"),
 ])  # fmt: skip
 ESTIMATORS = pa.schema([
     *_OF_AXLE,

@@ -116,6 +116,56 @@ def test_a_train_speed_that_all_inputs_hold_is_written_once(tmp_path: Path) -> N
     assert [c.name for c in third.log.channels if c.meaning == "train_speed"][-1] == "/train_speed"
 
 
+def cut(log: Path, column: str, begin: float, end: float = 99.0) -> Path:
+    """low-adhesion.csv without the cells of a column between two times."""
+    header, *lines = (SAMPLES / "low-adhesion.csv").read_text().splitlines()
+    at = header.split(",").index(column)
+    rows = [line.split(",") for line in lines]
+    for row in rows:
+        if begin <= float(row[0]) < end:
+            row[at] = ""
+    log.write_text("\n".join([header, *(",".join(row) for row in rows)]) + "\n")
+    return log
+
+
+@pytest.mark.parametrize("end", [18.0, 99.0])
+def test_a_train_speed_that_is_lost_hides_slides(tmp_path: Path, end: float) -> None:
+    whole = analysed(SAMPLES / "low-adhesion.csv", algos=["td"])
+    part = analysed(cut(tmp_path / "a.csv", "train_speed [km/h]", 10.0, end), algos=["td"])
+    assert not any(f.code == "slip-unknown" for f in whole.findings)
+    found = [f for f in part.findings if f.code == "slip-unknown"]
+    assert {(f.channel, f.severity) for f in found} == {
+        (f"axle {i}", "warning") for i in range(1, 5)
+    }
+    braked = json_documents.brake_applications(part)
+    for f in found:
+        begin, until = f.spans[0][0], f.spans[-1][1]
+        assert begin == pytest.approx(10.0, abs=0.5)
+        assert until <= end + 0.3
+        (one,) = braked[int(f.channel[-1])]
+        assert one.slip_unknown_s == pytest.approx(f.values["unknown_s"])
+        assert one.slip_unknown_s == pytest.approx(until - begin, abs=1.0)
+        assert one.to_mps is not None
+        assert one.to_mps < 2.0  # of the wheel, where the train's is not known
+    for (one,) in json_documents.brake_applications(whole).values():
+        assert one.slip_unknown_s < 0.5
+
+
+@pytest.mark.parametrize(("begin", "severity"), [(12.0, "warning"), (33.5, None)])
+def test_a_wheel_speed_that_ends_while_braked_is_reported(
+    tmp_path: Path, begin: float, severity: str | None
+) -> None:
+    result = analysed(cut(tmp_path / "a.csv", "wheel_speed_3 [km/h]", begin), algos=["td"])
+    found = [f for f in result.findings if f.code == "no-wheel-speed"]
+    if begin < 20.0:
+        (f,) = found
+        assert (f.channel, f.severity) == ("wheel_speed_3 [km/h]", severity)
+        assert f.spans[0][0] == pytest.approx(begin + 1.0, abs=0.2)
+        assert f.spans[-1][1] > 30.0
+    else:  # the wheel stands
+        assert all(f.severity == "info" for f in found)
+
+
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(UserError, match="algorithm 'nesso'"):
         analysed(SAMPLES / "service-brake.csv", algos=["nesso"])

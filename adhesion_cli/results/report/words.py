@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from ...core.finding import Words, catalogue
 from ...core.text import by_uncertainty
+from ...rail.events import UNSEEN
 from .run import Axle, Run
 
 Mark = Literal["good", "slid", "locked", "unknown"]
@@ -63,6 +64,11 @@ def slides_known(axle: Axle) -> bool:
     return axle.known("slip")
 
 
+def _seen(axle: Axle, one: Mapping[str, Any]) -> bool:
+    """Whether a slide in this brake application would have been seen."""
+    return slides_known(axle) and one.get("slip_unknown_s", 0.0) < UNSEEN
+
+
 def headline(run: Run) -> tuple[Mark, str]:
     """The verdict on a run in one line."""
     marks = {a.number: verdict(a).mark for a in run.axles}
@@ -85,6 +91,8 @@ def headline(run: Run) -> tuple[Mark, str]:
         share = f"{'up to ' * (min(slid) < max(slid))}{max(slid)} of " * (count > 1)
         return "slid", f"{of('slid')} slid in {share}{braked}."
     if "unknown" in by_mark:
+        if any(slides_known(a) for a in run.axles):
+            return "unknown", f"{of('unknown')} may have slid: parts have no train speed."
         return "unknown", "The log does not show whether wheels slid: there is no train speed."
     return "good", f"No wheel slid in {braked}."
 
@@ -109,6 +117,9 @@ def verdict(axle: Axle) -> Verdict:
         return Verdict(title, "locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
+        return Verdict(title, "unknown", "slides not known", text, adhesion)
+    if not all(_seen(axle, one) for one in every):
+        text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
         return Verdict(title, "unknown", "slides not known", text, adhesion)
     least = "The rail gave at least this adhesion." if worst["coefficient"] else ""
     braked = "No slide" + (f" in {len(every)} brake applications." if len(every) > 1 else ".")
@@ -155,7 +166,7 @@ def application_rows(run: Run) -> list[tuple[Mark, Cells]]:
 
 def _mark(axle: Axle, one: Mapping[str, Any]) -> Mark:
     if not one["slides"]:
-        return "good" if slides_known(axle) else "unknown"
+        return "good" if _seen(axle, one) else "unknown"
     return "locked" if one["max_slip"] > _LOCKED else "slid"
 
 
@@ -173,7 +184,7 @@ def _application(axle: Axle, one: Mapping[str, Any]) -> Cells:
         "Adhesion coefficient, mean": measured(one["coefficient"], "mean", 1.0, 3),
         "highest": measured(one["coefficient"], "max", 1.0, 3),
         "Force, mean [kN]": measured(one["force_n"], "mean", 1e-3, 2),
-        "Slides": str(one["slides"]) if slides_known(axle) else "?",
+        "Slides": str(one["slides"]) if one["slides"] or _seen(axle, one) else "?",
         "Sliding for [s]": if_slid(number(one["slide_s"], 1)),
         "Most slip [%]": if_slid(percent(min(one["max_slip"] or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),

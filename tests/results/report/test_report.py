@@ -144,6 +144,20 @@ def test_the_axle_that_slid_is_named_and_the_other_is_not(run: Run) -> None:
     assert marks == {"1": ("good", "0"), "2": ("slid", "1")}
 
 
+def test_where_the_train_speed_is_missing_slides_are_not_denied(tmp_path: Path) -> None:
+    made = analysed(axles=1, n=3000)
+    (axle,) = made.axles
+    assert axle.record.train_speed is not None
+    lost = axle.record.train_speed.copy()
+    lost[axle.applications[0].start + 100 : axle.applications[0].start + 300] = np.nan
+    blind = replace(axle, record=replace(axle.record, train_speed=lost), events=())
+    run = read(written(tmp_path / "x.mcap", replace(made, axles=(blind,))))
+    assert words.headline(run)[0] == "unknown"
+    assert words.verdict(run.axles[0]).mark == "unknown"
+    ((mark, row),) = words.application_rows(run)
+    assert (mark, row["Slides"]) == ("unknown", "?")
+
+
 def test_without_slip_slides_are_not_denied(tmp_path: Path) -> None:
     made = analysed(axles=1, n=3000)
     (axle,) = made.axles
