@@ -673,14 +673,23 @@ def _explained(d: Design, vehicle: Vehicle) -> Explanation:
     everywhere = _starts(brake, free)
     whole = _search([brake], [d.size], free, everywhere)
     telling = [independent(d, _sloped(d, brake.left(whole.mean, np.zeros(len(d.size)))))]
-    fits = {
-        name: _search([brake], telling, prior, _starts(brake, prior))
-        for name, prior in (
-            ("stated", known), ("late", {**known, **any_delay}), ("line", {**known, **any_line})
-        )
-    }  # fmt: skip
-    fits["both"] = _search([brake], telling, free, [*everywhere, whole.mean])
+    fits = {"stated": _search([brake], telling, known, _starts(brake, known))}
+    for name, prior in (("late", {**known, **any_delay}), ("line", {**known, **any_line})):
+        fits[name] = _best(brake, telling, prior, _starts(brake, prior), [fits["stated"]])
+    fits["both"] = _best(brake, telling, free, [*everywhere, whole.mean], list(fits.values()))
     return _judged(d, telling, fits, vehicle, clearly)._replace(pieces=pieces)
+
+
+def _best(
+    brake: Brake, telling: Sequence[Floats], prior: Mapping[int, Parameter],
+    starts: Sequence[Floats], inside: Sequence[_Likeliest],
+) -> _Likeliest:  # fmt: skip
+    """The best fit from the best of `starts` and from each fit with fewer unknowns.
+
+    A model is never less likely than one that it contains; one search may end where it is.
+    """
+    every = [starts, *([fit.mean] for fit in inside)]
+    return min((_search([brake], telling, prior, x) for x in every), key=lambda fit: fit.cost)
 
 
 def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
