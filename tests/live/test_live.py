@@ -131,6 +131,38 @@ def test_a_file_that_grows_and_begins_anew_is_followed(tmp_path: Path) -> None:
     assert len(again.axles[0].record.t) == 160
 
 
+def ended(process: "subprocess.Popen[str]", lines: int) -> tuple[list[dict[str, Any]], str]:
+    """That many lines, then Ctrl-C; every line and what was said on stderr."""
+    first = taken(process, lines)
+    process.send_signal(signal.SIGINT)
+    out, told = process.communicate(timeout=60)
+    return [*first, *(one for one in lines_of(out) if "t" in one)], told
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_the_rows_of_a_long_file_are_taken_once(tmp_path: Path, as_json: bool) -> None:
+    rows = [line.split(",") for line in SERVICE.read_text().splitlines()]
+    text = [",".join(row) for row in rows]
+    if as_json:
+        named = [dict(zip(rows[0], row, strict=True)) for row in rows[1:]]
+        text = [json.dumps({n: float(x) for n, x in row.items() if x}) for row in named]
+    log = tmp_path / ("brake.jsonl" if as_json else "brake.csv")
+    log.write_text("\n".join(text[:2000]) + "\n")
+    with running(tmp_path, log, "--json", "-a", "imm") as process:
+        first = taken(process, 1900)
+        with log.open("a") as file:
+            file.write("\n".join(text[2000:]) + "\n")
+        rest, told = ended(process, 2601 - 1900)
+    settings = load()
+    kept, _ = followed(Replay(SERVICE, settings.read, 0.0), settings, ["imm"])
+    samples = [*first, *rest]
+    assert [s["t"] for s in samples] == pytest.approx([s.t * 1e-9 for s in kept[1]])
+    force = [s.estimates["imm"].force for s in kept[1]]
+    assert [s["force_n"] for s in samples] == pytest.approx(force)
+    assert not {"time-backward", "csv-bad-cells", "messages-unreadable"} & set(told.split())
+    assert process.returncode == 130
+
+
 def test_standard_input_takes_a_table_and_objects_in_json(tmp_path: Path) -> None:
     rows = [line.split(",") for line in SERVICE.read_text().splitlines()]
     names = rows[0]
