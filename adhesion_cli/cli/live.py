@@ -17,13 +17,20 @@ if TYPE_CHECKING:
     from ..live.run import Sink
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
+_TEXTS = {  # of shared options that mean something else here
+    "dbc": "Signals of the frames on a CAN bus; repeatable.",
+    "out": "Folder for <name>.live.mcap and .live.rrd, made if missing; else no files.",
+    "algo": "Only this estimator; repeatable. The terminal shows the first one.",
+    "json": "One JSON object per line on stdout for each sample and axle.",
+    "view": "Show the samples in the Rerun viewer as they arrive.",
+}
 # Between two chunks of a file [s]. The Rerun SDK keeps a note of each one up to the end.
 _CHUNK, _RERUN_CHUNK = 0.5, 0.9
 _FRAME = 0.1  # between two frames of the viewer [s]
 _SHOWN = "imm"  # the estimator with a band of its own
 
 
-@shared(*_OPTIONS)
+@shared(*_OPTIONS, texts=_TEXTS)
 def command(
     shared: Shared,
     source: Annotated[
@@ -69,12 +76,14 @@ def command(
         raise UserError("name SOURCE, or --replay LOG", "adhesion live --help", code=2)
     if speed is not None and replay is None:
         raise UserError("--speed is for --replay", "leave it out, or add --replay", code=2)
+    viewer = _viewer(shared, connect)
     if replay:
         feed: Feed = Replay(replay, settings.read, 1.0 if speed is None else speed)
     else:
+        _check_dbc(source, shared)
         feed = opened(source, settings.read)
     try:
-        return _follow(feed, settings, shared, _Screens(_viewer(shared, connect), serve))
+        return _follow(feed, settings, shared, _Screens(viewer, serve))
     finally:
         feed.close()
 
@@ -90,14 +99,31 @@ def _viewer(shared: Shared, connect: str) -> str:
     """The address of the viewer that shows the samples, "" for none; starts one for --view.
 
     Raises:
-        UserError: where there is no display.
+        UserError: where there is no display, or the address is none.
     """
+    if connect:
+        from ..results.rrd.live import check_viewer
+
+        check_viewer(connect)
     if not shared.view or connect:
         return connect
     from .view import check_display, start_viewer
 
     check_display("adhesion live ... -o DIR")
     return start_viewer()
+
+
+def _check_dbc(source: str, shared: Shared) -> None:
+    """Refuses a DBC that no frame is decoded with.
+
+    Raises:
+        UserError: as said.
+    """
+    if shared.dbc and not source.startswith("can:"):
+        from ..core.errors import UserError
+
+        text = f"--dbc {shared.dbc[0]}: is for frames of a CAN bus, and {source} has none"
+        raise UserError(text, "leave it out, or name a bus as can:can0", code=2)
 
 
 def _follow(feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens) -> int:

@@ -46,6 +46,9 @@ def opened(source: str, options: ReadOptions) -> Feed:
     if source == "-":
         return _text(bytes_arriving.standard_input(), options, None)
     path = Path(source)
+    if path.is_dir():
+        hint = "name the file in it that grows"
+        raise UserError(f"{source}: is a folder, not a file", hint, code=2)
     pieces = bytes_arriving.growing(path)
     pieces.peek()
     format_ = kind(path) if path.is_file() else None

@@ -295,11 +295,33 @@ def test_a_viewer_shows_the_samples_and_may_go(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-", "--connect", "foo"],
+        ["-", "--connect", "rerun+http://127.0.0.1:99999/proxy"],
+        ["-", "--dbc", "no.dbc"],
+        ["-", "-o", "file.txt"],
+        ["."],
+        ["udp://127.0.0.1:99999"],
+    ],
+)
+def test_wrong_arguments_are_refused_with_a_remedy(tmp_path: Path, arguments: list[str]) -> None:
+    (tmp_path / "file.txt").touch()
+    with running(tmp_path, *arguments, "--json") as process:
+        out, _ = process.communicate("", timeout=60)
+    (error,) = lines_of(out)
+    assert (process.returncode, error["schema"]) == (2, "adhesion.error/1")
+    assert "internal error" not in str(error["error"])
+    assert error["hint"]
+
+
+@pytest.mark.parametrize(
     ("source", "says"),
     [
         ("no.csv", "no such file"),
         ("tcp://127.0.0.1:1", "no source of this kind"),
         ("udp://127.0.0.1:0", "no port"),
+        ("udp://127.0.0.1:x", "no port"),
         ("udp://192.0.2.1:5005", "cannot listen"),
         ("log.parquet", "--replay"),
     ],

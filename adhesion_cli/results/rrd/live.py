@@ -8,13 +8,29 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core import physics
+from ...core.errors import UserError
 from ...core.model import Z95, Floats, Times, Vehicle
+from ...core.text import printable
 from .. import palette
 from ..samples import Samples
 from . import overview, parts
 from .piped import Piped
 
 _PATIENCE = 10.0  # for a disk, at the end [s]
+
+
+def check_viewer(url: str) -> None:
+    """Refuses what is no address of a viewer; whether one is there shows later.
+
+    Raises:
+        UserError: as said.
+    """
+    try:
+        rr.GrpcSink(url)
+    except RuntimeError as error:  # the binding's word for what it cannot read
+        text = f"--connect {printable(url)}: is no address of a Rerun viewer"
+        hint = "name host and port of the viewer, as rerun+http://127.0.0.1:9876/proxy"
+        raise UserError(text, hint, code=2) from error
 
 
 class LiveRecording:
