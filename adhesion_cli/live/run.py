@@ -1,5 +1,6 @@
 """The loop: rows of a sender through the axles to whoever wants the samples."""
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -8,6 +9,7 @@ from ..analysis.settings import Settings
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..formats.source import Source
 from .axle import Axle, Sample
 from .feed import Feed, Row
 from .wheels import Wheels
@@ -45,6 +47,7 @@ class Tally:
     ) -> None:
         self._tell, self._name, self._strict = tell, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
+        self._lock = threading.Lock()  # files are written in threads of their own
 
     def add(self, found: Sequence[Finding]) -> None:
         """Counts these.
@@ -52,6 +55,11 @@ class Tally:
         Raises:
             UserError: at damaged data, with `strict`.
         """
+        if found:
+            with self._lock:
+                self._add(found)
+
+    def _add(self, found: Sequence[Finding]) -> None:
         for f in found:
             key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
             known = self._kinds.get(key)
@@ -100,10 +108,16 @@ def follow(
         UserError: where the sender cannot be read on.
     """
     tally.add(wheels.findings)
-    of, start = settings.analysis, None
-    own = [Axle(p.axle, settings.vehicle, algos, of.slowest, of.max_gap) for p in wheels.axles]
-    for row in feed.rows(wheels.fields):
+    of, start, own = settings.analysis, None, list[Axle]()
+
+    def more(source: Source) -> None:
+        tally.add(wheels.more(source))
+
+    for row in feed.rows(wheels.fields, more):
         tally.add(feed.findings())
+        tally.add(wheels.lacking())
+        for p in wheels.axles[len(own) :]:
+            own.append(Axle(p.axle, settings.vehicle, algos, of.slowest, of.max_gap))
         if row is not None:
             start = row.t if start is None else start
             if samples := taken(row, wheels, own, start):

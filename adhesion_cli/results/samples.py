@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..core.model import Floats, Times
+from ..core.model import Bools, Floats, Times
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,3 +17,11 @@ class Samples:
     train_speed: Floats  # [m/s]
     slip: Floats  # [-]
     estimates: Mapping[str, tuple[Floats, Floats]]  # force and its sigma by estimator [N]
+
+    def rows(self, rows: slice | Bools) -> "Samples":
+        """Some of them."""
+        return Samples(
+            self.t[rows], self.pressure[rows], self.clamping[rows], self.wheel_speed[rows],
+            self.train_speed[rows], self.slip[rows],
+            {algo: (force[rows], sigma[rows]) for algo, (force, sigma) in self.estimates.items()},
+        )  # fmt: skip

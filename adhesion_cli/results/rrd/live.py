@@ -39,7 +39,7 @@ class LiveRecording:
     Args:
         name: shown for it.
         vehicle: for rim speed and coefficient.
-        axles: numbers of the axles.
+        axles: numbers of the axles that are known; others may come.
         algos: estimators; the first is shown for all axles.
         to: a file, or the address of a viewer.
     """
@@ -54,7 +54,7 @@ class LiveRecording:
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
         self._file = Piped(to.open("wb", buffering=0)) if isinstance(to, Path) else None
-        layout = parts.Layout([self._layout()], "time", live=True)
+        layout = self._layout()
         if self._file:
             with self._file:
                 self._rec.set_sinks(rr.FileSink(self._file.place), default_blueprint=layout)
@@ -70,6 +70,9 @@ class LiveRecording:
         """
         if self._file:
             self._file.check()
+        if came := [axle for axle in new if axle not in self._axles]:
+            self._axles += came
+            self._rec.send_blueprint(self._layout())
         for axle, x in new.items():
             if self._start is None:
                 self._start = int(x.t[0])
@@ -141,7 +144,7 @@ class LiveRecording:
         since = (t - (self._start or 0)).astype("timedelta64[ns]")
         return [rr.TimeColumn("time", duration=since)]
 
-    def _layout(self) -> rrb.Container:
+    def _layout(self) -> parts.Layout:
         """All axles first, then a tab for each."""
         titles = overview.titles(self._algos[0]).items()
         charts = [parts.chart(f"all/{path}", f"All axles: {name}") for path, name in titles]
@@ -152,7 +155,7 @@ class LiveRecording:
                 parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
             ]
             tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
-        return rrb.Tabs(*tabs)
+        return parts.Layout([rrb.Tabs(*tabs)], "time", live=True)
 
 
 def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:
