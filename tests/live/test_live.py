@@ -1,12 +1,16 @@
 """`adhesion live`: senders, samples, and the same results as of a log."""
 
+import fcntl
 import json
 import os
+import pty
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Iterator, Sequence
@@ -17,6 +21,7 @@ from typing import Any
 import numpy as np
 import pytest
 import recordings
+from mcap.reader import make_reader
 from test_writing import mounted
 
 from adhesion_cli.analysis.analyze import analyze, chosen
@@ -86,6 +91,11 @@ def lines_of(text: str) -> list[dict[str, object]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
+def message(t: float, axle: int, kmh: float, bar: float | None = 1.0) -> str:
+    said = {"t": t, "axle": axle, "speed [km/h]": kmh, "bc pressure [bar]": bar}
+    return json.dumps({k: x for k, x in said.items() if x is not None})
+
+
 @contextmanager
 def running(folder: Path, *arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
     """`adhesion live` in the background; it is killed if it still runs at the end."""
@@ -136,7 +146,7 @@ def ended(process: "subprocess.Popen[str]", lines: int) -> tuple[list[dict[str, 
     first = taken(process, lines)
     process.send_signal(signal.SIGINT)
     out, told = process.communicate(timeout=60)
-    return [*first, *(one for one in lines_of(out) if "t" in one)], told
+    return [*first, *lines_of(out)], told
 
 
 @pytest.mark.parametrize("as_json", [False, True])
@@ -224,6 +234,86 @@ def test_datagrams_are_taken_and_kept_through_a_kill(tmp_path: Path) -> None:
     assert np.allclose(steps, 0.01)
     kept = analyze(tmp_path / "out" / f"udp-127-0-0-1-{port}.live.mcap", load)
     assert len(kept.axles[0].record.t) >= 200
+
+
+def test_an_axle_that_boots_later_is_taken_in(tmp_path: Path) -> None:
+    """Two brake units; the second begins 2 s later, first with its speed, then with all."""
+    port = free_port()
+    source, to = f"udp://127.0.0.1:{port}", ("127.0.0.1", port)
+    with (
+        running(tmp_path, source, "--json", "-o", "out", "-a", "imm") as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        lines: list[dict[str, Any]] = []
+        first = threading.Thread(target=lambda: lines.extend(taken(process, 100)))
+        first.start()
+        k = 0
+        while first.is_alive() or k < 500:
+            sender.sendto(message(0.02 * k, 1, 80 - 0.02 * k).encode(), to)
+            if k >= 250 and not first.is_alive():
+                said = message(0.02 * k, 2, 79 - 0.02 * k, None if k < 260 else 2.0)
+                sender.sendto(said.encode(), to)
+            k += 1
+            time.sleep(0.01)
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        out, told = process.communicate(timeout=60)
+    lines += lines_of(out)
+    second = [one for one in lines if one["axle"] == 2]
+    assert len(second) > 50, told
+    assert "axle-began-late" in told
+    assert {one["status"] for one in second[1:]} == {"ok"}
+    assert all(one["force_n"] is not None for one in second)
+    stem = tmp_path / "out" / f"udp-127-0-0-1-{port}.live"
+    kept = {a.record.axle: a.record for a in analyze(stem.with_suffix(".live.mcap"), load).axles}
+    assert kept.keys() == {1, 2}
+    assert len(kept[2].t) == len(second)
+    times, force = recordings.column(
+        stem.with_suffix(".live.rrd"), "/axle/2/force/estimates", "scalars"
+    )
+    assert len(times) == len(second)
+    assert np.isfinite(force).all()
+
+
+def test_a_late_channel_without_a_unit_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
+    text = [message(0.01 * k, 1, 80.0 - 0.01 * k) for k in range(400)]
+    text += [json.dumps({"t": 4.0 + 0.01 * k, "axle": 2, "speed": 70.0}) for k in range(5)]
+    text += [message(4.05 + 0.01 * k, 1, 76.0 - 0.01 * k) for k in range(100)]
+    feed = opened(str(_written(tmp_path, text)), load().read)
+    threading.Timer(2.0, (tmp_path / "log.jsonl").write_text, [""]).start()  # ends the feed
+    found, findings = followed(feed, load(), ["td"])
+    assert {f.code for f in findings} >= {"late-channels-left-out"}
+    assert len(found[1]) == 500
+
+
+def _written(folder: Path, lines: Sequence[str]) -> Path:
+    log = folder / "log.jsonl"
+    log.write_text("\n".join(lines) + "\n")
+    return log
+
+
+@pytest.mark.parametrize("then", [(), (-50.0,)])
+def test_times_before_zero_are_recorded(tmp_path: Path, then: tuple[float, ...]) -> None:
+    """Whole seconds are added, as in result files; a clock set back below zero is reported."""
+    t = [*(-3.0 + 0.01 * k for k in range(500)), *(x + 0.01 * k for x in then for k in range(20))]
+    text = [message(x, 1, 80.0 - 0.01 * k) for k, x in enumerate(t)]
+    with running(tmp_path, "-", "--json", "-o", "out", "-a", "imm") as process:
+        assert process.stdin
+        process.stdin.write("\n".join(text[:500]) + "\n")
+        process.stdin.flush()
+        taken(process, 500)
+        time.sleep(1.0)  # it is written
+        out, told = process.communicate("\n".join(text[500:]), timeout=60)
+    assert process.returncode == (3 if then else 0), told
+    assert len(lines_of(out)) == len(t) - 500
+    assert ("not-recorded" in told) == bool(then)
+    record = tmp_path / "out" / "standard-input.live.mcap"
+    with record.open("rb") as file:
+        (own,) = [m for m in make_reader(file).iter_metadata() if m.name.endswith("provenance")]
+    assert own.metadata["time_shift_ns"] == "3000000000"
+    kept = analyze(record, load)
+    assert len(kept.axles[0].record.t) == 500
+    assert kept.log.start_ns() == 0
 
 
 def test_the_file_goes_on_where_nobody_reads_the_lines(tmp_path: Path) -> None:
@@ -334,6 +424,94 @@ def test_what_is_no_source_is_refused(
     with pytest.raises(UserError) as told:
         opened(source, load().read)
     assert says in f"{told.value.text} {told.value.hint}"
+
+
+def shown_on_a_terminal(folder: Path, columns: int, text: Sequence[str]) -> tuple[list[str], str]:
+    """The lines that stay on a terminal, and every state of the line that does not."""
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    command = [sys.executable, "-m", "adhesion_cli", "live", "-", "-a", "imm"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": slave}
+    with subprocess.Popen(command, cwd=folder, text=True, **pipes) as process:  # type: ignore[call-overload]
+        os.close(slave)
+        seen = bytearray()
+
+        def read() -> None:
+            with suppress(OSError):
+                while piece := os.read(master, 1 << 16):
+                    seen.extend(piece)
+
+        reading = threading.Thread(target=read)
+        reading.start()
+        assert process.stdin
+        for k, line in enumerate(text):
+            process.stdin.write(line + "\n")
+            process.stdin.flush()
+            time.sleep(0.005 if k > 100 else 0.0)
+        process.stdin.close()
+        assert process.wait(timeout=60) == 3
+    reading.join()
+    os.close(master)
+    *stays, last = seen.decode().replace("\r\n", "\n").split("\n")
+    states = [x for line in (*stays, last) for x in line.split("\r\x1b[2K")[1:-1] if x]
+    return [line.rsplit("\r\x1b[2K", 1)[-1] for line in stays], "\n".join(states)
+
+
+@pytest.mark.parametrize(("columns", "worst"), [(30, "4"), (60, "1"), (200, "1")])
+def test_the_line_fits_the_terminal_and_leaves_no_rests(
+    tmp_path: Path, columns: int, worst: str
+) -> None:
+    """Axle 4 slides most; a repeated sample is reported in between."""
+    slip = {1: 0.0, 2: 0.01, 3: 0.02, 4: 0.3}
+    text = []
+    for k in range(500):
+        said: dict[str, float] = {"t": 0.01 * k, "train speed [km/h]": 80.0 - 0.01 * k}
+        for n, s in slip.items():
+            said[f"speed {n} [km/h]"] = (80.0 - 0.01 * k) * (1.0 - s)
+            said[f"bc pressure {n} [bar]"] = 2.0
+        text += [json.dumps(said)] * (2 if k == 300 else 1)
+    stays, states = shown_on_a_terminal(tmp_path, columns, text)
+    assert states
+    assert max(map(len, states.split("\n"))) < columns
+    assert {line[0] for line in states.split("\n")[1:]} == {worst}
+    assert not [line for line in stays if "\r" in line or "Hz" in line or "30 %" in line]
+    assert any("time-duplicate" in line for line in stays)
+    assert [f"axle {n}: 500 samples" in stays for n in slip] == [True] * 4
+
+
+def test_what_was_taken_and_written_is_said_at_the_end(tmp_path: Path) -> None:
+    for quiet in ((), ("-q",)):
+        with running(
+            tmp_path, "--replay", SERVICE, "--speed", "0", "-o", "out", "--force", *quiet
+        ) as process:
+            _, told = process.communicate(timeout=120)
+        assert process.returncode == 0
+        said = told.splitlines()
+        wrote = [f"wrote out/service-brake.live{kind}" for kind in (".mcap", ".rrd")]
+        assert [x in said for x in ("axle 1: 2601 samples", *wrote)] == [not quiet] * 3
+        assert ("vehicle-default" in told) is not quiet
+
+
+def test_that_no_sample_comes_is_said_once(tmp_path: Path) -> None:
+    source = f"udp://127.0.0.1:{(port := free_port())}"
+    with (
+        running(tmp_path, source, "--json") as process,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        assert process.stderr
+        said = [process.stderr.readline()]
+        for k in range(700):
+            sender.sendto(message(0.01 * k, 1, 80.0).encode(), ("127.0.0.1", port))
+            time.sleep(0.001 if k < 300 else 0.0)
+        taken(process, 300)
+        time.sleep(4.0)
+        sender.sendto(message(9.0, 1, 80.0).encode(), ("127.0.0.1", port))
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        out, told = process.communicate(timeout=60)
+    said += told.splitlines()
+    assert sum(source in line for line in said) == 4  # nothing comes, it comes; twice
+    assert all("t" in one for one in lines_of(out))
 
 
 # ---- one axle
