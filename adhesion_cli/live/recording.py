@@ -193,7 +193,7 @@ def columns(of: Sequence[Sample], algos: Sequence[str]) -> Samples:
     estimates = {}
     for algo in algos:
         said = [s.estimates.get(algo, _NOTHING) for s in of]
-        force, sigma = (np.array([x[i] for x in said], np.float64) for i in (0, 1))
-        estimates[algo] = force, sigma
+        force, sigma, own = (np.array([x[i] for x in said], np.float64) for i in (0, 1, 2))
+        estimates[algo] = force, sigma, own
     t = np.array([s.t for s in of], np.int64)
     return Samples(t, pressure, clamping, speed, train, slip, estimates)

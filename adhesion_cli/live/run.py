@@ -9,8 +9,9 @@ from ..analysis.settings import Settings
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
+from ..diagnostics import diagnosis
 from ..formats.source import Source
-from .axle import Axle, Sample
+from .axle import Axle, Measuring, Sample
 from .feed import Feed, Row
 from .wheels import Wheels
 
@@ -109,6 +110,7 @@ def follow(
     """
     tally.add(wheels.findings)
     of, start, own = settings.analysis, None, list[Axle]()
+    thresholds = diagnosis.of_sensors(settings.checks)
 
     def more(source: Source) -> None:
         tally.add(wheels.more(source))
@@ -117,7 +119,9 @@ def follow(
         tally.add(feed.findings())
         tally.add(wheels.lacking())
         for p in wheels.axles[len(own) :]:
-            own.append(Axle(p.axle, settings.vehicle, algos, of.slowest, of.max_gap))
+            pressure = True if p.is_pressure else None
+            measured = Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
+            own.append(Axle(measured, settings.vehicle, algos))
         if row is not None:
             start = row.t if start is None else start
             if samples := taken(row, wheels, own, start):
@@ -139,7 +143,7 @@ def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[S
         if p.train in si:
             axle.train(*si[p.train])
         if p.brake in si:
-            axle.brake(*si[p.brake], p.is_pressure, start)
+            axle.brake(*si[p.brake], start)
         if p.speed in si and (sample := axle.wheel(*si[p.speed], start)):
             samples.append(sample)
     return samples

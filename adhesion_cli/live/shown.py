@@ -50,7 +50,7 @@ class JsonLines:
         """See `Sink`."""
         if self._gone:
             return
-        lines = [json.dumps(self._object(s, algo)) for s in samples for algo in self._algos]
+        lines = [self._line(s, algo) for s in samples for algo in self._algos]
         text = "\n".join([*lines, ""]).encode()
         if self._waiting is None:
             _print(text)
@@ -72,17 +72,19 @@ class JsonLines:
             self._gone = True
             drop_output()
 
-    def _object(self, s: Sample, algo: str) -> dict[str, Any]:
+    def _line(self, s: Sample, algo: str) -> str:
         e = s.estimates.get(algo, Estimate(math.nan, math.nan))
-        return {
-            "t": s.t * 1e-9,
+        said: dict[str, Any] = {
             "axle": s.axle,
             "force_n": _known(e.force),
             "coefficient": _known(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]
-            "u95_n": _known(Z95 * e.sigma),
+            "u95_n": _known(e.u95),
             "algo": algo,
             "status": s.status,
+            "slip": _known(s.slip),
+            "regime": s.regime or None,
         }
+        return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -213,12 +215,18 @@ class StatusLine:
     def _axle(self, s: Sample, short: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, Z95 * e.sigma)]  # type: ignore[arg-type]
+        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, self._half(e))]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
         slip = f" {100.0 * s.slip:.{not short:d}f} %" if math.isfinite(s.slip) else ""
         if short:
             return f"{s.axle}: {mu[0]:.3f}{slip}"
-        return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {e.regime}".rstrip()
+        return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {s.regime}".rstrip()
+
+    def _half(self, e: Estimate) -> float:
+        """Half-width of the 95 % band of μ times the weight, with the mass's tolerance [N]."""
+        share = self._vehicle.axle_mass.tolerance / self._vehicle.axle_mass.value
+        added = (share * e.force) ** 2 - 2.0 * e.mass * e.force
+        return math.sqrt(max(e.u95**2 + Z95**2 * added, 0.0))
 
     def _write(self, text: str) -> None:
         self._drawn = bool(text)
@@ -246,6 +254,12 @@ def _columns() -> int:
 def _badness(s: Sample) -> tuple[bool, float]:
     """What an engineer looks at first: a sensor without a value, then the largest slip."""
     return not s.estimates, s.slip if math.isfinite(s.slip) else 0.0
+
+
+def _seconds(t: int) -> str:
+    """A time stamp [ns] in seconds, exactly: a float has no nanoseconds of a date."""
+    whole, rest = divmod(abs(t), 1_000_000_000)
+    return f"{'-' * (t < 0)}{whole}.{f'{rest:09d}'.rstrip('0') or '0'}"
 
 
 def _known(x: float) -> float | None:

@@ -266,7 +266,7 @@ class GrowingResult:
             x, topic = new.get(axle, nothing), f"/axle/{axle}"
             inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
             streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
-            for algo, (force, sigma) in x.estimates.items():
+            for algo, (force, sigma, _) in x.estimates.items():
                 mu = physics.coefficient(force, self._vehicle)
                 columns = force, mu, None, sigma
                 streams.append(_stream(f"{topic}/estimate/{algo}", "Estimate", x.t, *columns))

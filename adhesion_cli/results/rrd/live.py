@@ -108,7 +108,7 @@ class LiveRecording:
         """Entity and plot of each chart."""
         name = f"axle {axle}"
         colour = palette.rgba(palette.nth(self._axles.index(axle)))
-        force, sigma = x.estimates[self._algos[0]]
+        force, sigma, tolerance = x.estimates[self._algos[0]]
         rim = x.wheel_speed * self._vehicle.radius(axle).value
 
         def line(of: str, values: Floats, colour: int = colour) -> parts.Plot:
@@ -128,7 +128,7 @@ class LiveRecording:
         if np.isfinite(sigma).any():
             band = parts.Plot(
                 "", (f"{self._algos[0]}, 95 % band",), (palette.rgba(palette.GREY),),
-                force[:, None] / 1e3, Z95 * sigma[:, None] / 1e3,
+                force[:, None] / 1e3, Z95 * np.hypot(sigma, tolerance)[:, None] / 1e3,
             )  # fmt: skip
             found.append((f"{own}/force/band", band))
         # One entity for all estimators: each has a price, whatever it holds.
