@@ -161,6 +161,7 @@ class Axle:
         """A train speed [m/s]."""
         self._run.step(t)
         self._train = value
+        self._speed_stuck.train(t, value)
 
     def wheel(self, t: int, y: float, start: int) -> Sample | None:
         """A wheel speed [rad/s]; None where its stamp is not later than the one before."""
@@ -214,8 +215,9 @@ class Axle:
         """What is wrong with the sensors, "ok" for nothing; reports what is new."""
         fresh = self._brake.fresh(t) and math.isfinite(K)
         self._check_pressure(t, fresh, start)
-        of_speed = self._speed_stuck.stuck(t, y, K if fresh else math.nan, self._wheel.limit)
         pressure = self._pressure_stuck
+        force = K if fresh and not pressure.stuck else math.nan
+        of_speed = self._speed_stuck.stuck(t, y, force, self._wheel.limit)
         faults: dict[Status, bool] = {
             "speed-stuck": of_speed,
             "pressure-stuck": fresh and pressure.stuck,

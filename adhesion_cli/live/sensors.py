@@ -24,6 +24,8 @@ _HELD = 1.0  # a slow signal that is repeated in a fast table keeps a value as l
 _STAYS = 3.0  # other values that last as long are the signal [s]
 _REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
 _SHORT = 30  # samples: so long a stretch of pressure may be stuck
+_FEWEST = 3  # samples of the train speed that show how it changes
+_FAR = 5.0  # and the longest interval between two of them [s]
 _AGAIN = 1.25  # a stretch is judged again when it is longer by this factor
 
 
@@ -164,11 +166,16 @@ class StuckSpeed:
 
     def __init__(self, p: stuck_speed.Params) -> None:
         self._p, self._window = p, Window("wheel_speed", _MOST // 2)
+        self._train = Window("train_speed", _MOST // 2)
         self._next, self._stuck = 0.0, False
 
     def restart(self) -> None:
         """After a gap."""
         self._window.clear()
+
+    def train(self, t: int, v: float) -> None:
+        """A speed of the train [m/s], which shows by how much the wheel's must have changed."""
+        self._train.add(t, v)
 
     def stuck(self, t: int, y: float, force: float, gap: float) -> bool:
         """Whether the sensor is stuck at this sample.
@@ -176,7 +183,7 @@ class StuckSpeed:
         Args:
             t: [ns].
             y: [rad/s].
-            force: K [N], NaN where not known.
+            force: K [N], NaN where not known, or its sensor is stuck.
             gap: longer intervals are gaps [s].
         """
         window = self._window
@@ -187,7 +194,8 @@ class StuckSpeed:
         if not self._stuck and lasts > self._next and y > self._p.slow:
             self._next = _AGAIN * lasts
             K = np.nan_to_num(window.force())
-            self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K)[-1])
+            others = [self._train.channel(_FAR)] if len(self._train) > _FEWEST else []
+            self._stuck = bool(stuck_speed.stuck(self._p, window.channel(gap), K, others)[-1])
         return self._stuck
 
 
