@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -197,10 +197,10 @@ class _Run:
             self._status.clear()
         terminal.message(text, self._shared.quiet)
 
-    def _tell(self, finding: "Finding") -> None:
+    def _tell(self, found: "Sequence[Finding]") -> None:
         from . import terminal
 
-        self._say(terminal.findings([finding]))
+        self._say(terminal.findings(found))
 
     def _sum_up(self) -> None:
         """What was taken, found and written."""

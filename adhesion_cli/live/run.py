@@ -38,13 +38,13 @@ class Tally:
     """Findings as they come, those of one kind together.
 
     Args:
-        tell: called with each finding of a new kind.
+        tell: called with the findings of new kinds, those that come together at once.
         name: of the sender.
         strict: whether damaged data end the run.
     """
 
     def __init__(
-        self, tell: Callable[[Finding], None], name: str = "", strict: bool = False
+        self, tell: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
     ) -> None:
         self._tell, self._name, self._strict = tell, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
@@ -61,6 +61,7 @@ class Tally:
                 self._add(found)
 
     def _add(self, found: Sequence[Finding]) -> None:
+        new = []
         for f in found:
             key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
             known = self._kinds.get(key)
@@ -68,13 +69,15 @@ class Tally:
                 self._kinds[key] = f
                 if self._strict and f.severity == "error":
                     raise UserError(f"{self._name}: {f.message}", "go on without --strict")
-                self._tell(f)
+                new.append(f)
                 continue
             spans = (*known.spans, *f.spans)[:_SPANS]
             values = {k: max(x, f.values.get(k, x)) for k, x in known.values.items()}
             self._kinds[key] = replace(
                 known, count=known.count + f.count, spans=spans, values=values
             )
+        if new:
+            self._tell(new)
 
     @property
     def findings(self) -> list[Finding]:

@@ -567,6 +567,19 @@ def test_faults_are_found_as_analyze_finds_them(
     assert {s["status"] for s in others} <= {"ok", "start"}
 
 
+def test_empty_cells_of_slower_channels_are_one_note(tmp_path: Path) -> None:
+    names = [f"{what} {n} [{unit}]" for n in (1, 2, 3, 4)
+             for what, unit in (("bc_pressure", "bar"), ("wheel_speed", "km/h"))]  # fmt: skip
+    rows = [
+        [f"{0.01 * k:.2f}", *([f"{2.0 + 0.01 * (k % 7):.2f}" if k % 5 == 0 else "", "60.0"] * 4)]
+        for k in range(200)
+    ]
+    text = "\n".join(",".join(row) for row in [["time [s]", *names], *rows]) + "\n"
+    with running(tmp_path, "-", "--json", "-a", "td") as process:
+        _, told = process.communicate(text, timeout=60)
+    assert told.count("csv-missing-cells") == 1
+
+
 @pytest.mark.parametrize("log", [SERVICE, LOW, LOW.with_suffix(".mcap")], ids=lambda p: p.name)
 def test_a_sound_log_has_no_fault(log: Path) -> None:
     settings = load()
