@@ -209,7 +209,7 @@ class _Run:
         lines = self._counts.lines()
         if found := self._tally.findings:
             warnings = sum(f.severity != "info" for f in found)
-            lines.append(f"findings: {warnings} warnings or errors, {len(found) - warnings} notes")
+            lines.append(f"findings: {len(found)} (warnings and errors: {warnings})")
         self._say("\n".join([*lines, *([terminal.wrote(f) for f in self._files])]))
 
     def _sinks(self, axles: list[int]) -> "Iterator[Sink]":

@@ -120,6 +120,19 @@ def _annotation(name: str, text: str | None) -> Any:
     return Annotated[kind, own]
 
 
+def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.Parameter]:
+    """These of the shared options as parameters of a command."""
+    unset = Shared()
+    return [
+        inspect.Parameter(
+            f.name, inspect.Parameter.KEYWORD_ONLY, default=getattr(unset, f.name),
+            annotation=_annotation(f.name, texts.get(f.name)),
+        )
+        for f in fields(Shared)
+        if f.name in names
+    ]  # fmt: skip
+
+
 def shared(
     *names: str, texts: Mapping[str, str] | None = None
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
@@ -131,16 +144,7 @@ def shared(
         names: fields of `Shared`.
         texts: the help of some of them, where it differs from the usual one.
     """
-    unset = Shared()
-    extra = [
-        inspect.Parameter(
-            f.name, inspect.Parameter.KEYWORD_ONLY,
-            default=getattr(unset, f.name),
-            annotation=_annotation(f.name, (texts or {}).get(f.name)),
-        )
-        for f in fields(Shared)
-        if f.name in (*names, *ALWAYS)
-    ]  # fmt: skip
+    extra = _parameters((*names, *ALWAYS), texts or {})
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         own = [p for n, p in inspect.signature(command).parameters.items() if n != "shared"]

@@ -28,17 +28,8 @@ def opened(source: str, options: ReadOptions) -> Feed:
     Raises:
         UserError: where there is none, or it cannot be opened.
     """
-    scheme, found, rest = source.partition("://")
-    if found:
-        if scheme == "mqtt":
-            from .mqtt import Mqtt
-
-            return Mqtt(rest, options)
-        if scheme != "udp":
-            raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
-        from .udp import Udp
-
-        return Udp(rest, options)
+    if "://" in source:
+        return _sent(source, options)
     if source.startswith("can:"):
         from .can import Can
 
@@ -61,6 +52,20 @@ def opened(source: str, options: ReadOptions) -> Feed:
             code=2,
         )
     return _text(pieces, options, path)
+
+
+def _sent(source: str, options: ReadOptions) -> Feed:
+    """What comes over a network."""
+    scheme, _, rest = source.partition("://")
+    if scheme == "mqtt":
+        from .mqtt import Mqtt
+
+        return Mqtt(rest, options)
+    if scheme != "udp":
+        raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
+    from .udp import Udp
+
+    return Udp(rest, options)
 
 
 def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:

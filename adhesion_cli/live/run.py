@@ -13,7 +13,7 @@ from ..diagnostics import diagnosis
 from ..formats.source import Source
 from .axle import Axle, Measuring, Sample
 from .feed import Feed, Row
-from .wheels import Wheels
+from .wheels import Places, Wheels
 
 _SPANS = 20  # of a finding that grows
 
@@ -112,8 +112,7 @@ def follow(
         UserError: where the sender cannot be read on.
     """
     tally.add(wheels.findings)
-    of, start, own = settings.analysis, None, list[Axle]()
-    thresholds = diagnosis.of_sensors(settings.checks)
+    start, own = None, list[Axle]()
 
     def more(source: Source) -> None:
         tally.add(wheels.more(source))
@@ -122,9 +121,7 @@ def follow(
         tally.add(feed.findings())
         tally.add(wheels.lacking())
         for p in wheels.axles[len(own) :]:
-            pressure = True if p.is_pressure else None
-            measured = Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
-            own.append(Axle(measured, settings.vehicle, algos))
+            own.append(Axle(_measuring(p, settings), settings.vehicle, algos))
         if row is not None:
             start = row.t if start is None else start
             if samples := taken(row, wheels, own, start):
@@ -137,6 +134,12 @@ def follow(
         for sink in sinks:
             sink.idle()
     tally.add(feed.findings())
+
+
+def _measuring(p: Places, settings: Settings) -> Measuring:
+    of, pressure = settings.analysis, True if p.is_pressure else None
+    thresholds = diagnosis.of_sensors(settings.checks)
+    return Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
 
 
 def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:

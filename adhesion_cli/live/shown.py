@@ -125,7 +125,7 @@ class Counts:
         if not self._all:
             return ["no sample came"]
         return [
-            f"axle {n}: {count} samples"
+            f"axle {n}: {count} sample{'s' * (count != 1)}"
             + (f", {count - self._known[n]} of them without a force" * (count > self._known[n]))
             for n, count in sorted(self._all.items())
         ]
