@@ -528,6 +528,40 @@ def test_that_no_sample_comes_is_said_once(tmp_path: Path) -> None:
     assert all("t" in one for one in lines)
 
 
+def test_ctrl_c_before_the_first_sample_is_no_error(tmp_path: Path) -> None:
+    with running(tmp_path, f"udp://127.0.0.1:{free_port()}", "--json", "-o", "out") as process:
+        assert process.stderr
+        process.stderr.readline()  # it waits
+        process.send_signal(signal.SIGINT)
+        out, told = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, "")
+    assert "error" not in told
+
+
+def test_foxglove_gets_the_topics_of_an_axle_that_comes_later() -> None:
+    pytest.importorskip("foxglove")
+    sync = pytest.importorskip("websockets.sync.client")
+    from adhesion_cli.live.served import Served
+
+    served, (sample,) = Served(0, Vehicle(), [1], ["td", "imm"]), samples_of(1)
+    served.take([sample, sample._replace(axle=2)])
+    try:
+        with sync.connect(served.url, subprotocols=["foxglove.sdk.v1"]) as client:
+            told = [json.loads(client.recv(timeout=20)) for _ in range(2)]
+    finally:
+        served.close()
+    topics = {c["topic"] for one in told for c in one.get("channels", [])}
+    of = ("input", "slip", "estimate/td", "estimate/imm")
+    assert topics == {f"/axle/{n}/{t}" for n in (1, 2) for t in of}
+
+
+def samples_of(count: int) -> list[Sample]:
+    one = axle()
+    for k in range(count):
+        one.brake(k * 10_000_000, 2e5, 0)
+    return [s for k in range(count) if (s := one.wheel(k * 10_000_000, 40.0 - 0.01 * k, 0))]
+
+
 def faulty(folder: Path, column: int, value: str | None, to: float) -> Path:
     """The service brake with a fault from 10 s on; None: the value at its begin."""
     rows = [line.split(",") for line in SERVICE.read_text().splitlines()]
