@@ -95,7 +95,7 @@ def folder(out: Path) -> Iterator[None]:
     refuse_url(out)
     if out.exists() and not out.is_dir():
         hint = "name a folder with --out, a new one or one that exists"
-        raise UserError(f"{_shown(out)}: is a file, not a folder", hint, code=2)
+        raise UserError(f"{_shown(out)}: is a file, not a folder", hint)
     made = [p for p in (out, *out.parents) if not p.exists()]
     try:
         if made:
