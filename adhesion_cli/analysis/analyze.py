@@ -121,13 +121,13 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     done = [result for result, _ in every_axle]
     findings += [f for _, more in every_axle for f in more]
     findings += _calibration(made.scene, done[0], vehicle)
-    assumed = _assumed(settings, any(r.pressure is not None for r in records))
+    defaults = assumed(settings, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(
         log,
         vehicle,
         tuple(done),
-        tuple(dict.fromkeys((*assumed, *log.findings, *findings))),
+        tuple(dict.fromkeys((*defaults, *log.findings, *findings))),
         settings_module.tree(settings, estimators, axles, window),
         tuple(dict.fromkeys(sources)),
     )
@@ -160,15 +160,15 @@ def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
     return source.metadata.get("adhesion.settings", {})
 
 
-def _assumed(settings: Settings, by_pressure: bool) -> list[Finding]:
+def assumed(settings: Settings, by_pressure: bool) -> list[Finding]:
     """The vehicle values that are defaults; those of the brake only if K is by pressure."""
     wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
     vehicle, papers, named = settings.vehicle, Vehicle(), []
     for name, q in quantities(Vehicle).items():
         mine, theirs = (np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers))
-        assumed = not name.startswith("friction_") and (by_pressure or name in wheel)
-        assumed &= name not in settings.stated
-        if assumed and mine == theirs:
+        is_default = not name.startswith("friction_") and (by_pressure or name in wheel)
+        is_default &= name not in settings.stated
+        if is_default and mine == theirs:
             named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
     if not named:
         return []

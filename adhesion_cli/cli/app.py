@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from ..core.errors import UserError
+from .options import Ended
 
 _COMMANDS = (
     "inspect", "analyze", "compare", "fleet", "slip", "antiskid", "calibrate", "tune",
@@ -79,6 +80,6 @@ def run() -> int:
         raise UserError(error.format_message(), hint, code=2) from error
     except typer.Abort:
         code = 130
-    if code == 130:
+    if code == 130 and not isinstance(code, Ended):
         raise KeyboardInterrupt
     return int(code)

@@ -2,28 +2,37 @@
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .options import Shared, checked, option, shared
+from .options import Ended, Shared, checked, option, shared
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
+    from ..core.finding import Finding
     from ..live.feed import Feed
     from ..live.run import Sink
 
 _OPTIONS = ("config", "set_", "dbc", "algo", "axle", "json", "force", "out", "strict", "view")
+_TEXTS = {  # of shared options that mean something else here
+    "dbc": "Signals of the frames on a CAN bus; repeatable.",
+    "out": "Folder for <name>.live.mcap and .live.rrd, made if missing; else no files.",
+    "algo": "Only this estimator; repeatable. The terminal shows the first one.",
+    "json": "One JSON object per line on stdout for each sample and axle.",
+    "view": "Show the samples in the Rerun viewer as they arrive.",
+}
 # Between two chunks of a file [s]. The Rerun SDK keeps a note of each one up to the end.
 _CHUNK, _RERUN_CHUNK = 0.5, 0.9
 _FRAME = 0.1  # between two frames of the viewer [s]
+_INTERRUPTED = Ended(130)  # after Ctrl-C
 _SHOWN = "imm"  # the estimator with a band of its own
 
 
-@shared(*_OPTIONS)
+@shared(*_OPTIONS, texts=_TEXTS)
 def command(
     shared: Shared,
     source: Annotated[
@@ -61,22 +70,33 @@ def command(
     Example: adhesion live --replay sample_logs/service-brake.csv --speed 0
     """
     from ..core.errors import UserError
-    from ..live.open import opened
-    from ..live.replay import Replay
 
     settings = checked(shared)()
     if (replay is None) == (not source):
         raise UserError("name SOURCE, or --replay LOG", "adhesion live --help", code=2)
     if speed is not None and replay is None:
         raise UserError("--speed is for --replay", "leave it out, or add --replay", code=2)
-    if replay:
-        feed: Feed = Replay(replay, settings.read, 1.0 if speed is None else speed)
-    else:
-        feed = opened(source, settings.read)
+    if replay is None:
+        _check_dbc(source, shared)
+    screens = _Screens(_viewer(shared, connect), serve)
     try:
-        return _follow(feed, settings, shared, _Screens(_viewer(shared, connect), serve))
-    finally:
-        feed.close()
+        feed = _opened(source, replay, speed, settings)
+        try:
+            return _Run(feed, settings, shared, screens).go()
+        finally:
+            feed.close()
+    except KeyboardInterrupt:  # before the first sample: the normal end as well
+        return _INTERRUPTED
+
+
+def _opened(source: str, replay: Path | None, speed: float | None, settings: "Settings") -> "Feed":
+    if replay:
+        from ..live.replay import Replay
+
+        return Replay(replay, settings.read, 1.0 if speed is None else speed)
+    from ..live.open import opened
+
+    return opened(source, settings.read)
 
 
 class _Screens(NamedTuple):
@@ -90,8 +110,12 @@ def _viewer(shared: Shared, connect: str) -> str:
     """The address of the viewer that shows the samples, "" for none; starts one for --view.
 
     Raises:
-        UserError: where there is no display.
+        UserError: where there is no display, or the address is none.
     """
+    if connect:
+        from ..results.rrd.live import check_viewer
+
+        check_viewer(connect)
     if not shared.view or connect:
         return connect
     from .view import check_display, start_viewer
@@ -100,62 +124,132 @@ def _viewer(shared: Shared, connect: str) -> str:
     return start_viewer()
 
 
-def _follow(feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens) -> int:
-    from ..analysis.analyze import chosen
-    from ..live.run import Tally, follow, wheels_of
-    from . import terminal
+def _check_dbc(source: str, shared: Shared) -> None:
+    """Refuses a DBC that no frame is decoded with.
 
-    algos = {e.name: (e, settings.params(e)) for e in chosen(shared.algo)}
-    tally = Tally(lambda f: terminal.show([f], shared.quiet), feed.name, shared.strict)
-    wheels = wheels_of(feed, settings, shared.axle)
-    axles = [p.axle for p in wheels.axles]
-    with ExitStack() as ends:
-        sinks: list[Sink] = []
-        for sink in _sinks(feed.name, settings, algos, axles, shared, screens):
-            ends.callback(sink.close)
-            sinks.append(sink)
-        follow(feed, wheels, settings, algos, sinks, tally)
-    return 3 if any(f.lossy for f in tally.findings) else 0
+    Raises:
+        UserError: as said.
+    """
+    if shared.dbc and not source.startswith("can:"):
+        from ..core.errors import UserError
+
+        text = f"--dbc {shared.dbc[0]}: is for frames of a CAN bus, and {source} has none"
+        raise UserError(text, "leave it out, or name a bus as can:can0", code=2)
 
 
-def _sinks(
-    name: str, settings: "Settings", algos: dict[str, Any], axles: list[int], shared: Shared,
-    screens: _Screens,
-) -> "Iterator[Sink]":  # fmt: skip
-    """Who takes the samples: the file first, so that it has what the others fail on."""
-    from ..live.recording import Batches, Mcap, Shown
-    from ..live.shown import JsonLines, StatusLine
-    from ..results import atomic_files
-    from ..results.rrd.live import LiveRecording
-    from . import terminal
+class _Run:
+    """One run, from the first sample to the last.
 
-    shown = list(shared.algo) or [_SHOWN]
-    names = [*shown, *(a for a in sorted(algos) if a not in shown)]
-    recording = None
-    if shared.out:
-        stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
-        record, recording = (shared.out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd"))
-        inputs = [*shared.config, *shared.dbc]
-        atomic_files.check([record, recording], shared.force, inputs=inputs)
-        yield Batches(Mcap(record, name, settings, algos, axles), sorted(algos), axles, _CHUNK)
+    Args:
+        feed: the sender.
+        settings: in force.
+        shared: the options.
+        screens: where the samples are shown.
+    """
 
-    def tell(error: str) -> None:
-        terminal.message(f"the recording ends here: {error}", shared.quiet)
+    def __init__(
+        self, feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens
+    ) -> None:
+        from ..analysis.analyze import chosen
+        from ..live.run import Tally
+        from ..live.shown import Counts, StatusLine, Waiting
 
-    for to, every in ((recording, _RERUN_CHUNK), (screens.viewer, _FRAME)):
-        if to:
+        self._feed, self._settings, self._shared, self._screens = feed, settings, shared, screens
+        self._algos = {e.name: (e, settings.params(e)) for e in chosen(shared.algo)}
+        self._shown = list(dict.fromkeys(shared.algo)) or [_SHOWN]
+        self._tally = Tally(self._tell, feed.name, shared.strict)
+        self._status: StatusLine | None = None
+        self._counts, self._files = Counts(), list[Path]()
+        self._waiting = Waiting(feed.name, self._say)
+        if not shared.json and not shared.quiet and sys.stderr.isatty():
+            self._status = StatusLine(self._shown[0], settings.vehicle)
+
+    def go(self) -> int:
+        """Follows the sender to its end, or to Ctrl-C; returns the exit code."""
+        from ..live.run import follow, wheels_of
+
+        try:
+            with ExitStack() as ends:
+                ends.callback(self._waiting.close)
+                wheels = wheels_of(self._feed, self._settings, self._shared.axle)
+                self._tally.add(self._defaults(any(p.is_pressure for p in wheels.axles)))
+                sinks: list[Sink] = [self._counts, self._waiting]
+                for sink in self._sinks([p.axle for p in wheels.axles]):
+                    ends.callback(sink.close)
+                    sinks.append(sink)
+                follow(self._feed, wheels, self._settings, self._algos, sinks, self._tally)
+        except KeyboardInterrupt:
+            self._sum_up()
+            return _INTERRUPTED
+        self._sum_up()
+        return 3 if any(f.lossy for f in self._tally.findings) else 0
+
+    def _defaults(self, by_pressure: bool) -> "list[Finding]":
+        from ..analysis.analyze import assumed
+
+        return assumed(self._settings, by_pressure)
+
+    def _say(self, text: str) -> None:
+        """Text on stderr, above the line of the samples."""
+        from . import terminal
+
+        if self._status:
+            self._status.clear()
+        terminal.message(text, self._shared.quiet)
+
+    def _tell(self, found: "Sequence[Finding]") -> None:
+        from . import terminal
+
+        self._say(terminal.findings(found))
+
+    def _sum_up(self) -> None:
+        """What was taken, found and written."""
+        from . import terminal
+
+        lines = self._counts.lines()
+        if found := self._tally.findings:
+            warnings = sum(f.severity != "info" for f in found)
+            lines.append(f"findings: {len(found)} (warnings and errors: {warnings})")
+        self._say("\n".join([*lines, *([terminal.wrote(f) for f in self._files])]))
+
+    def _sinks(self, axles: list[int]) -> "Iterator[Sink]":
+        """Who takes the samples: the file first, so that it has what the others fail on."""
+        from ..live.shown import JsonLines
+
+        names = [*self._shown, *(a for a in sorted(self._algos) if a not in self._shown)]
+        yield from self._recordings(axles, names)
+        if self._screens.serve is not None:
+            from ..live.served import Served
+
+            server = Served(self._screens.serve, self._settings.vehicle, axles, names)
+            self._say(f"Foxglove: open {server.url}")
+            yield server
+        if self._shared.json:
+            alone = not self._files and self._screens == _Screens("", None)
+            yield JsonLines(self._shown, self._settings.vehicle, alone, self._say)
+        elif self._status:
+            yield self._status
+
+    def _recordings(self, axles: list[int], names: list[str]) -> "Iterator[Sink]":
+        """The files, and the viewer."""
+        from ..live.recording import Batches, Mcap, Shown
+        from ..results import atomic_files
+        from ..results.rrd.live import LiveRecording
+
+        name, settings, out = self._feed.name, self._settings, self._shared.out
+        viewers: list[tuple[Path | str, float]] = []
+        if out:
+            stem = re.sub(r"\W+", "-", name if "://" in name else Path(name).stem).strip("-")
+            files = [out / f"{stem}.live{kind}" for kind in (".mcap", ".rrd")]
+            inputs = [*self._shared.config, *self._shared.dbc]
+            atomic_files.check(files, self._shared.force, inputs=inputs)
+            record = Mcap(files[0], name, settings, self._algos, axles, self._tally.add)
+            self._files = files
+            viewers.append((files[1], _RERUN_CHUNK))
+            yield Batches(record, sorted(self._algos), axles, _CHUNK)
+        if self._screens.viewer:
+            viewers.append((self._screens.viewer, _FRAME))
+        for to, every in viewers:
             live = LiveRecording(name, settings.vehicle, axles, names, to)
-            yield Batches(Shown(live, tell), names, axles, every)
-    if screens.serve is not None:
-        from ..live.served import Served
-
-        server = Served(screens.serve, settings.vehicle, axles, names)
-        terminal.message(f"Foxglove: open {server.url}", shared.quiet)
-        yield server
-    if shared.json:
-        alone = not recording and screens == _Screens("", None)
-        yield JsonLines(
-            shown, settings.vehicle, alone, lambda text: terminal.message(text, shared.quiet)
-        )
-    elif not shared.quiet and sys.stderr.isatty():
-        yield StatusLine(shown[0], settings.vehicle)
+            shown = Shown(live, lambda error: self._say(f"the recording ends here: {error}"))
+            yield Batches(shown, names, axles, every)

@@ -1,12 +1,13 @@
 """The options every command shares, declared once."""
 
+import copy
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
@@ -41,6 +42,10 @@ def completes(names: Callable[[], list[str]]) -> dict[str, Any]:
 def option(flags: str, metavar: str | None, text: str, **more: Any) -> Any:
     """An option of these flags; its default is not shown."""
     return typer.Option(*flags.split(), metavar=metavar, help=text, show_default=False, **more)
+
+
+class Ended(int):
+    """Exit code of a command whose normal end is Ctrl-C: no error is shown."""
 
 
 LOG_KINDS = "CSV, MCAP, Parquet, MDF (MF4), TDMS, CAN"
@@ -105,23 +110,41 @@ EVERY = tuple(f.name for f in fields(Shared) if f.name not in (*ALWAYS, "figure"
 """What an analysis takes."""
 
 
-def shared(*names: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+def _annotation(name: str, text: str | None) -> Any:
+    """The annotation of a shared option, with another help text if one is given."""
+    if text is None:
+        return _HINTS[name]
+    kind, usual = get_args(_HINTS[name])
+    own = copy.copy(usual)
+    own.help = text
+    return Annotated[kind, own]
+
+
+def _parameters(names: Sequence[str], texts: Mapping[str, str]) -> list[inspect.Parameter]:
+    """These of the shared options as parameters of a command."""
+    unset = Shared()
+    return [
+        inspect.Parameter(
+            f.name, inspect.Parameter.KEYWORD_ONLY, default=getattr(unset, f.name),
+            annotation=_annotation(f.name, texts.get(f.name)),
+        )
+        for f in fields(Shared)
+        if f.name in names
+    ]  # fmt: skip
+
+
+def shared(
+    *names: str, texts: Mapping[str, str] | None = None
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Gives a command these of the shared options, and only these.
 
     The command receives them as one `Shared` named `shared`; those it does not have are unset.
 
     Args:
         names: fields of `Shared`.
+        texts: the help of some of them, where it differs from the usual one.
     """
-    unset = Shared()
-    extra = [
-        inspect.Parameter(
-            f.name, inspect.Parameter.KEYWORD_ONLY,
-            default=getattr(unset, f.name), annotation=_HINTS[f.name],
-        )
-        for f in fields(Shared)
-        if f.name in (*names, *ALWAYS)
-    ]  # fmt: skip
+    extra = _parameters((*names, *ALWAYS), texts or {})
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         own = [p for n, p in inspect.signature(command).parameters.items() if n != "shared"]

@@ -10,25 +10,37 @@ import numpy as np
 from ..core import estimator, physics, time_axis
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..core.model import Vehicle
+from ..core.model import Z95, Vehicle
+from ..core.stop import SLIDE
+from ..rail.events import CAUGHT
+from ..records import screen
+from ..reference.force import moves
+from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
 
 _MANY = 100  # intervals whose median is the usual one
 _FIRST = 10.0  # longest interval before the usual one is known [s]
-_STUCK = 1.0  # time for which a wheel that turns repeats one value exactly [s]
-_FEWEST = 10  # samples that must do that
-_TURNS = 0.5  # a wheel that is as slow may stand [rad/s]
 _LATE = 2.0  # an older stamp than this is a clock that was set back [s]
+_ENDS = 2.0  # gaps that a pressure may end before the speed, or begin after it
 _REGIMES = ("rolling", "sliding", "changing")
 
-Status = Literal["start", "ok", "no-pressure"]
+Status = Literal[
+    "start", "ok", "no-pressure", "pressure-stuck", "pressure-saturated", "speed-stuck",
+    "speed-outlier",
+]  # fmt: skip
 
 
 class Estimate(NamedTuple):
     """What an estimator says of a sample."""
 
     force: float  # [N]
-    sigma: float  # its standard uncertainty [N], NaN where the method has none
-    regime: str = ""  # of `imm`: rolling, sliding or changing
+    sigma: float  # its standard uncertainty by noise [N], NaN where the method has none
+    tolerance: float = math.nan  # and by the vehicle's tolerances [N]
+    mass: float = 0.0  # covariance of the force with ln m, by the tolerances [N]
+
+    @property
+    def u95(self) -> float:
+        """Expanded uncertainty (95 %): noise and vehicle tolerances [N]."""
+        return Z95 * math.hypot(self.sigma, self.tolerance)
 
 
 class Sample(NamedTuple):
@@ -41,8 +53,20 @@ class Sample(NamedTuple):
     speed: float  # ω [rad/s]
     train: float  # [m/s]
     slip: float  # [-]
-    estimates: Mapping[str, Estimate]  # by name, empty without pressure
+    estimates: Mapping[str, Estimate]  # by name, empty without speed or pressure
     status: Status
+    regime: str = ""  # rolling or sliding by the slip; without slip as `imm` says, or changing
+
+
+class Measuring(NamedTuple):
+    """How an axle is measured and judged."""
+
+    axle: int  # its number, as the log counts it
+    slowest: float = 1.0  # no slip below this train speed [m/s]
+    max_gap: float = 0.0  # longer intervals are gaps [s]; 0: five times the usual one
+    pressure: object = True  # None where K itself is measured
+    of_rim: bool = False  # the wheel speed is ωR, and was divided by the vehicle's R
+    thresholds: screen.Thresholds = screen.DEFAULT
 
 
 class _Clock:
@@ -77,102 +101,199 @@ class Axle:
     """An axle.
 
     Args:
-        number: as the log counts it.
+        of: how it is measured.
         vehicle: its constants.
         algos: estimators with their parameters.
-        slowest: no slip below this train speed [m/s].
-        max_gap: longer intervals are gaps [s]; 0: five times the usual one.
     """
 
     def __init__(
-        self, number: int, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]],
-        slowest: float, max_gap: float,
-    ) -> None:  # fmt: skip
-        self.number, self._vehicle, self._algos, self._slowest = number, vehicle, algos, slowest
-        self._wheelset = physics.wheelset(vehicle, number)
+        self, of: Measuring, vehicle: Vehicle, algos: Mapping[str, tuple[Estimator, Any]]
+    ) -> None:
+        self.number, self._of, self._vehicle, self._algos = of.axle, of, vehicle, algos
+        self._wheelset = physics.wheelset(vehicle, of.axle)
         self._line = physics.force_line(vehicle)
         self._states: dict[str, Any] = {}
-        self._wheel, self._brake, self._run = (_Clock(max_gap) for _ in range(3))
+        self._wheel, self._brake, self._run = (_Clock(of.max_gap) for _ in range(3))
         self._force, self._pressure, self._train = math.nan, math.nan, math.nan
-        self._same, self._repeats, self._told = (0, math.nan), 0, False
+        self._used: int | None = None  # time of the newest sample that was used [ns]
+        self._first: int | None = None  # and of the first one
+        self._slides = False
+        p = of.thresholds
+        self._speed_leaps, self._pressure_leaps = (
+            wheel_leaps(p.outliers), pressure_leaps(p.outliers),
+        )  # fmt: skip
+        self._speed_stuck, self._pressure_stuck = (
+            StuckSpeed(p.stuck_speed), StuckPressure(p.stuck_pressure),
+        )  # fmt: skip
+        self._vacuum = p.outliers.vacuum
+        self._lasting = dict[str, bool]()  # faults that last, and whether they are reported
+        self._lost: int | None = None  # since when no pressure is known [ns]
         self.findings: list[Finding] = []  # whoever reads them may empty the list
 
-    def brake(self, t: int, value: float, is_pressure: bool, start: int) -> None:
+    def brake(self, t: int, value: float, start: int) -> None:
         """A pressure [Pa], or a clamping force [N]."""
-        if self._brake.last is not None and 0 < self._brake.last - t < _LATE * 1e9:
+        clock, is_pressure = self._brake, self._of.pressure is not None
+        if clock.last is not None and 0 < clock.last - t < _LATE * 1e9:
             self._report("time-out-of-order", t, start)
             return
-        self._brake.step(t)
+        if is_pressure and not self._is_sound(t, value, start):
+            return
+        if not clock.step(t) <= clock.limit:
+            self._pressure_stuck.restart()
+        if is_pressure:
+            self._pressure_stuck.add(t, value, clock.limit)
         self._pressure = value if is_pressure else math.nan
         self._force = float(physics.clamping(self._line, value)) if is_pressure else value
+
+    def _is_sound(self, t: int, value: float, start: int) -> bool:
+        """Whether a cylinder can have this pressure."""
+        if value < self._vacuum:
+            self._report("pressure-negative", t, start)
+            return False
+        if self._brake.last is None or not self._brake.fresh(t):
+            self._pressure_leaps.restart()
+        if self._pressure_leaps.leaps(t, value):
+            self._report("pressure-outlier", t, start)
+            return False
+        return True
 
     def train(self, t: int, value: float) -> None:
         """A train speed [m/s]."""
         self._run.step(t)
         self._train = value
+        self._speed_stuck.train(t, value)
 
     def wheel(self, t: int, y: float, start: int) -> Sample | None:
         """A wheel speed [rad/s]; None where its stamp is not later than the one before."""
+        if not self._in_order(t, start):
+            return None
+        y = abs(y)
+        v = self._train if self._run.fresh(t) else math.nan
+        if self._speed_leaps.leaps(t, y):
+            self._report("speed-outlier", t, start)
+            return Sample(
+                t, self.number, self._pressure, math.nan, y, v, math.nan, {}, "speed-outlier"
+            )
+        h = math.nan if self._used is None else (t - self._used) * 1e-9
+        if not h <= self._wheel.limit:
+            self._states.clear()
+        self._used = t
+        self._first = t if self._first is None else self._first
+        K, slip = self._force * self._share(y), self._slip(v, y)
+        status = self._fault(t, y, K, start)
+        if status in ("no-pressure", "pressure-stuck", "speed-stuck"):
+            self._states.clear()
+            known = math.nan if status == "no-pressure" else self._pressure
+            return Sample(t, self.number, known, math.nan, y, v, slip, {}, status)
+        if not self._states:
+            status = "start"
+        found = {name: self._stepped(name, h, K, y) for name in self._algos}
+        regime = self._regime(slip)
+        return Sample(t, self.number, self._pressure, K, y, v, slip, found, status, regime)
+
+    def _in_order(self, t: int, start: int) -> bool:
+        """Whether the stamp of a wheel speed can be used; begins anew after a gap."""
         before = self._wheel.last
         if before is not None and t <= before:
-            code = "time-duplicate" if t == before else "time-out-of-order"
             if t == before or before - t < _LATE * 1e9:
+                code = "time-duplicate" if t == before else "time-out-of-order"
                 self._report(code, t, start)
-                return None
+                return False
             self._report("time-backward", t, start, most_s=(before - t) * 1e-9)
-            self._wheel.last = None
+            self._wheel.last = self._used = self._first = None
         limit = self._wheel.limit
         h = self._wheel.step(t)
         if h > limit:
             self._report("gap", t, start, longest_s=h)
         if not h <= limit:
-            self._states.clear()
-        y = abs(y)
-        self._check_stuck(t, y, start)
-        K = self._force * self._share(y)
-        v = self._train if self._run.fresh(t) else math.nan
-        slip = self._slip(v, y)
-        if not (self._brake.fresh(t) and math.isfinite(K)):
-            self._states.clear()
-            return Sample(t, self.number, math.nan, math.nan, y, v, slip, {}, "no-pressure")
-        status: Status = "ok" if self._states else "start"
-        found = {name: self._stepped(name, h, K, y) for name in self._algos}
-        return Sample(t, self.number, self._pressure, K, y, v, slip, found, status)
+            self._used = None
+            self._speed_leaps.restart()
+            self._speed_stuck.restart()
+        return True
+
+    def _fault(self, t: int, y: float, K: float, start: int) -> Status:
+        """What is wrong with the sensors, "ok" for nothing; reports what is new."""
+        fresh = self._brake.fresh(t) and math.isfinite(K)
+        self._check_pressure(t, fresh, start)
+        pressure = self._pressure_stuck
+        force = K if fresh and not pressure.stuck else math.nan
+        of_speed = self._speed_stuck.stuck(t, y, force, self._wheel.limit)
+        faults: dict[Status, bool] = {
+            "speed-stuck": of_speed,
+            "pressure-stuck": fresh and pressure.stuck,
+            "pressure-saturated": fresh and pressure.saturated,
+        }
+        for code, is_there in faults.items():
+            if is_there and not self._lasting.get(code):
+                self._report(code, t, start)
+            self._lasting[code] = is_there
+        if not fresh:
+            return "no-pressure"
+        return next((code for code, is_there in faults.items() if is_there), "ok")
+
+    def _check_pressure(self, t: int, fresh: bool, start: int) -> None:
+        """Reports a missing pressure: at its end, or earlier where it lasts.
+
+        At the ends of a log it may last for some gaps, as in `records.resample`.
+        """
+        if fresh and self._lost is None:
+            return
+        if self._lost is None:
+            self._lost = t
+        began = self._brake.last is not None and self._lost != self._first
+        long = (t - self._lost) * 1e-9 > _ENDS * max(
+            self._brake.limit if began else 0.0, self._wheel.limit
+        )
+        if (long or (fresh and began)) and not self._lasting.get("no-pressure"):
+            quantity = "clamping force" if self._of.pressure is None else "pressure"
+            at = (self._lost - start) * 1e-9, (t - start) * 1e-9
+            names, channel = {"quantity": quantity}, f"axle {self.number}"
+            self.findings.append(
+                Finding("no-pressure", "warning", channel, spans=(at,), names=names)
+            )
+            self._lasting["no-pressure"] = True
+        if fresh:
+            self._lost, self._lasting["no-pressure"] = None, False
 
     def _stepped(self, name: str, h: float, K: float, y: float) -> Estimate:
         est, p = self._algos[name]
         state = estimator.advanced(est, p, self._wheelset, self._states.get(name), h, K, y)
         self._states[name] = state
-        regime = ""
-        if est.State._fields[: len(_REGIMES)] == _REGIMES:
-            regime = max(_REGIMES, key=lambda r: getattr(state, r).p)
-        return Estimate(state.F, getattr(state, "sigma", math.nan), regime)
+        if not est.has_sigma:
+            return Estimate(state.F, math.nan)
+        return Estimate(state.F, state.sigma, *self._tolerance(K, state.F, y))
+
+    def _tolerance(self, K: float, F: float, y: float) -> tuple[float, float]:
+        """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
+        w, vehicle = self._wheelset, self._vehicle
+        columns: Any = (K, w.a * (F - w.phi * K), y * w.radius)  # (1)
+        moved = moves(self._of, vehicle, *columns)
+        mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
+        variance = float(vehicle.covariance(moved, moved))
+        return math.sqrt(max(variance, 0.0)), float(vehicle.covariance(moved, mass))
+
+    def _regime(self, slip: float) -> str:
+        """By the slip, from where slides begin to where they end; without slip as `imm` says."""
+        if math.isfinite(slip):
+            self._slides = slip > (CAUGHT if self._slides else SLIDE)
+            return "sliding" if self._slides else "rolling"
+        self._slides = False
+        for name, state in self._states.items():
+            if self._algos[name][0].State._fields[: len(_REGIMES)] == _REGIMES:
+                return max(_REGIMES, key=lambda r: getattr(state, r).p)
+        return ""
 
     def _share(self, y: float) -> float:
         """φ(v) / φ at this wheel speed."""
         if not self._vehicle.friction_fade.value:
             return 1.0
-        rim = y * self._vehicle.radius(self.number).value
+        rim = y * self._wheelset.radius
         return float(physics.friction_share(rim, self._vehicle))  # type: ignore[arg-type]
 
     def _slip(self, v: float, y: float) -> float:
-        if not v >= self._slowest:
+        if not v >= self._of.slowest:
             return math.nan
-        return float(
-            physics.slip_over(v, y * self._vehicle.radius(self.number).value, self._slowest)
-        )
-
-    def _check_stuck(self, t: int, y: float, start: int) -> None:
-        """Reports a wheel that turns and repeats one value exactly, once each time."""
-        since, value = self._same
-        if y != value:
-            self._same, self._repeats, self._told = (t, y), 1, False
-            return
-        self._repeats += 1
-        long = (t - since) * 1e-9 > _STUCK and self._repeats > _FEWEST
-        if long and y > _TURNS and not self._told and self._force > physics.NO_FORCE:
-            self._told = True
-            self._report("speed-stuck", t, start)
+        return float(physics.slip_over(v, y * self._wheelset.radius, self._of.slowest))
 
     def _report(self, code: str, t: int, start: int = 0, **values: float) -> None:
         at = (t - start) * 1e-9

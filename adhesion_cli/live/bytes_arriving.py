@@ -11,6 +11,7 @@ from ..core.errors import UserError
 from .feed import TICK, Pump
 
 _BLOCK = 1 << 16
+_BLANK = b"\xef\xbb\xbf \t\r\n"
 STDIN = "standard input"
 
 
@@ -30,14 +31,16 @@ class Pieces:
         return self._pieces
 
     def peek(self) -> bytes:
-        """The first bytes that are no blank; waits for them.
+        """The first bytes that are no blank; waits for them. Another call gives the same ones.
 
         Raises:
             UserError: where the sender ends before.
         """
+        if begins := self.begins.lstrip(_BLANK):
+            return begins
         for piece in self._pieces:
             self.begins += piece or b""
-            if begins := self.begins.lstrip(b"\xef\xbb\xbf \t\r\n"):
+            if begins := self.begins.lstrip(_BLANK):
                 self._pieces = chain([self.begins], self._pieces)
                 return begins
         raise UserError(f"{self.name}: ended without a row", "check what sends the samples")

@@ -2,7 +2,7 @@
 
 import queue
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from heapq import merge
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -15,6 +15,7 @@ PAUSE = 1.0  # after the first samples: by then the fields are known [s]
 WAITING = 4096  # pieces of a sender that does not wait; more are dropped
 
 T = TypeVar("T")
+More = Callable[[Source], None]
 
 
 class Row(NamedTuple):
@@ -61,8 +62,13 @@ class Feed(Protocol):
         """
         ...
 
-    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
         """The rows from the first on, as they arrive; None where none came for `TICK`.
+
+        Args:
+            wanted: their fields; it may grow.
+            more: called with all fields before the first row that has a new one. It may add to
+                `wanted`.
 
         Raises:
             UserError: where the sender cannot be read on.

@@ -2,14 +2,14 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.errors import UserError
 from ..core.finding import Finding
 from ..formats.mcap.arriving import Arriving
 from ..formats.source import Field, ReadOptions, Source
-from .feed import PAUSE, TICK, Row, rows_of
+from .feed import PAUSE, TICK, More, Row, rows_of
 
 
 class GrowingMcap:
@@ -35,10 +35,10 @@ class GrowingMcap:
             raise UserError(f"{self.name}: ended without a message", "check what records it")
         return self._arriving.head()
 
-    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
         """See `Feed`."""
         while True:
-            columns = self._arriving.columns(wanted)
+            columns = self._arriving.columns(wanted, more)
             yield from rows_of(columns)
             if not columns:
                 if self._arriving.ended:

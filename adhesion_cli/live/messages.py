@@ -14,10 +14,11 @@ from ..core.finding import Finding
 from ..core.model import Column, Reject
 from ..formats.csv.header_words import GROUP, NS_PER_UNIT, is_named, time_name
 from ..formats.source import Field, ReadOptions
-from .feed import PAUSE, Pump, Row
+from .feed import PAUSE, More, Pump, Row
 
 MOST_BYTES = 1 << 20  # of one message
 _DEEPEST, _MOST_VALUES = 8, 1000
+_MOST_FIELDS = 5000  # of a sender
 _ENOUGH = 200  # messages that show the fields
 _SHOWN = 40  # characters of a message that is reported
 _FARTHEST = 9.2e18  # nanoseconds that 64 bits hold
@@ -72,32 +73,43 @@ class Messages:
         self.name = name
         self._arriving, self._options, self._dropped = arriving, options, dropped
         self._first: list[Values] = []
+        self._known: dict[Field, None] = {}  # every field that came
         self._bad, self._why, self._example = 0, "", ""
         self._stamped = True
 
     def head(self) -> Fields:
         """See `Feed`."""
-        begin, known = 0.0, dict[Field, None]()
+        begin = 0.0
         for message in self._arriving:
             if message is not None and (sample := self._sample(message)):
                 begin = begin or time.monotonic()
                 self._first.append(sample)
-                known |= dict.fromkeys(sample[1])
+                self._learn(sample[1])
             late = begin and time.monotonic() - begin > PAUSE
             if late or len(self._first) >= _ENOUGH:
                 break
-        if not known:
+        if not self._known:
             why = f" ({self._why}: {self._example})" if self._bad else ""
             hint = 'send objects such as {"t": 12.34, "axle 1 speed [km/h]": 80.2}'
             raise UserError(f"{self.name}: no message holds a number{why}", hint)
-        return Fields(Path(self.name), list(known))
+        return Fields(Path(self.name), list(self._known))
 
-    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+    def _learn(self, values: dict[Field, float]) -> bool:
+        """Remembers the fields of a message; a sender that invents ever more is not followed."""
+        if len(self._known) >= _MOST_FIELDS:
+            return False
+        self._known |= dict.fromkeys(values)
+        return True
+
+    def rows(self, wanted: list[Field], more: More) -> Iterator[Row | None]:
         """See `Feed`."""
         place = {f: i for i, f in enumerate(wanted)}
 
         def row(sample: Values) -> Row:
             t, values = sample
+            if not self._known.keys() >= values.keys() and self._learn(values):
+                more(Fields(Path(self.name), list(self._known)))
+                place.update((f, i) for i, f in enumerate(wanted))
             return Row(t, {place[f]: x for f, x in values.items() if f in place})
 
         yield from map(row, self._first)

@@ -28,17 +28,8 @@ def opened(source: str, options: ReadOptions) -> Feed:
     Raises:
         UserError: where there is none, or it cannot be opened.
     """
-    scheme, found, rest = source.partition("://")
-    if found:
-        if scheme == "mqtt":
-            from .mqtt import Mqtt
-
-            return Mqtt(rest, options)
-        if scheme != "udp":
-            raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
-        from .udp import Udp
-
-        return Udp(rest, options)
+    if "://" in source:
+        return _sent(source, options)
     if source.startswith("can:"):
         from .can import Can
 
@@ -46,6 +37,9 @@ def opened(source: str, options: ReadOptions) -> Feed:
     if source == "-":
         return _text(bytes_arriving.standard_input(), options, None)
     path = Path(source)
+    if path.is_dir():
+        hint = "name the file in it that grows"
+        raise UserError(f"{source}: is a folder, not a file", hint, code=2)
     pieces = bytes_arriving.growing(path)
     pieces.peek()
     format_ = kind(path) if path.is_file() else None
@@ -58,6 +52,20 @@ def opened(source: str, options: ReadOptions) -> Feed:
             code=2,
         )
     return _text(pieces, options, path)
+
+
+def _sent(source: str, options: ReadOptions) -> Feed:
+    """What comes over a network."""
+    scheme, _, rest = source.partition("://")
+    if scheme == "mqtt":
+        from .mqtt import Mqtt
+
+        return Mqtt(rest, options)
+    if scheme != "udp":
+        raise UserError(f"{source}: no source of this kind", f"name {SOURCES}", code=2)
+    from .udp import Udp
+
+    return Udp(rest, options)
 
 
 def _text(pieces: bytes_arriving.Pieces, options: ReadOptions, path: Path | None) -> Feed:

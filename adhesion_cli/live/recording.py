@@ -1,7 +1,7 @@
 """Samples as files that can be read while they grow, and after a kill; or in a viewer."""
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 from ..analysis.settings import Settings, tree
 from ..core.errors import UserError
 from ..core.estimator import Estimator
+from ..core.finding import Finding
 from ..core.text import printable
 from ..results.mcap import GrowingResult
 from ..results.rrd.live import LiveRecording
@@ -95,7 +96,7 @@ class Batches:
     def _send(self, samples: Sequence[Sample]) -> None:
         of: dict[int, list[Sample]] = {axle: [] for axle in self._axles}
         for s in samples:
-            of[s.axle].append(s)
+            of.setdefault(s.axle, []).append(s)  # an axle may begin later
         if new := {n: columns(some, self._algos) for n, some in of.items() if some}:
             self._target.add(new)
 
@@ -108,7 +109,8 @@ class Mcap:
         log: name of the sender.
         settings: in force.
         algos: estimators with their parameters.
-        axles: numbers of the axles.
+        axles: numbers of the axles that are known.
+        report: called with what is not written; in the thread of `add`.
 
     Raises:
         UserError: where the file cannot be written, here and later.
@@ -117,8 +119,9 @@ class Mcap:
     def __init__(
         self, path: Path, log: str, settings: Settings,
         algos: Mapping[str, tuple[Estimator, Any]], axles: Sequence[int],
+        report: Callable[[Sequence[Finding]], None],
     ) -> None:  # fmt: skip
-        self._path = path
+        self._path, self._report = path, report
         stated = tree(settings, [est for est, _ in algos.values()], axles)
         nothing = {axle: columns([], sorted(algos)) for axle in axles}
         try:
@@ -133,6 +136,9 @@ class Mcap:
             self._result.add(new)
         except OSError as error:
             raise self._failed(error) from error
+        if lost := self._result.lost:
+            self._result.lost = 0
+            self._report([Finding("not-recorded", "warning", count=lost)])
 
     def finish(self) -> None:
         """See `Target`."""
@@ -187,7 +193,7 @@ def columns(of: Sequence[Sample], algos: Sequence[str]) -> Samples:
     estimates = {}
     for algo in algos:
         said = [s.estimates.get(algo, _NOTHING) for s in of]
-        force, sigma = (np.array([x[i] for x in said], np.float64) for i in (0, 1))
-        estimates[algo] = force, sigma
+        force, sigma, own = (np.array([x[i] for x in said], np.float64) for i in (0, 1, 2))
+        estimates[algo] = force, sigma, own
     t = np.array([s.t for s in of], np.int64)
     return Samples(t, pressure, clamping, speed, train, slip, estimates)

@@ -1,13 +1,13 @@
 """A readable log, played as if it were measured now."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from ..core.finding import Finding
 from ..formats.open import open_source
 from ..formats.source import Field, ReadOptions, Source
-from .feed import TICK, Row, rows_of
+from .feed import TICK, More, Row, rows_of
 
 
 class Replay:
@@ -27,7 +27,7 @@ class Replay:
         """See `Feed`."""
         return self._source
 
-    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: More) -> Iterator[Row | None]:
         """See `Feed`."""
         every = rows_of(dict(enumerate(self._source.columns(wanted))))
         begin, first = time.monotonic(), None

@@ -1,5 +1,6 @@
 """The loop: rows of a sender through the axles to whoever wants the samples."""
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
@@ -8,9 +9,11 @@ from ..analysis.settings import Settings
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from .axle import Axle, Sample
+from ..diagnostics import diagnosis
+from ..formats.source import Source
+from .axle import Axle, Measuring, Sample
 from .feed import Feed, Row
-from .wheels import Wheels
+from .wheels import Places, Wheels
 
 _SPANS = 20  # of a finding that grows
 
@@ -35,16 +38,17 @@ class Tally:
     """Findings as they come, those of one kind together.
 
     Args:
-        tell: called with each finding of a new kind.
+        tell: called with the findings of new kinds, those that come together at once.
         name: of the sender.
         strict: whether damaged data end the run.
     """
 
     def __init__(
-        self, tell: Callable[[Finding], None], name: str = "", strict: bool = False
+        self, tell: Callable[[Sequence[Finding]], None], name: str = "", strict: bool = False
     ) -> None:
         self._tell, self._name, self._strict = tell, name, strict
         self._kinds: dict[tuple[str, ...], Finding] = {}
+        self._lock = threading.Lock()  # files are written in threads of their own
 
     def add(self, found: Sequence[Finding]) -> None:
         """Counts these.
@@ -52,6 +56,12 @@ class Tally:
         Raises:
             UserError: at damaged data, with `strict`.
         """
+        if found:
+            with self._lock:
+                self._add(found)
+
+    def _add(self, found: Sequence[Finding]) -> None:
+        new = []
         for f in found:
             key = (f.code, f.severity, f.channel, f.names.get("reason", ""))
             known = self._kinds.get(key)
@@ -59,13 +69,15 @@ class Tally:
                 self._kinds[key] = f
                 if self._strict and f.severity == "error":
                     raise UserError(f"{self._name}: {f.message}", "go on without --strict")
-                self._tell(f)
+                new.append(f)
                 continue
             spans = (*known.spans, *f.spans)[:_SPANS]
             values = {k: max(x, f.values.get(k, x)) for k, x in known.values.items()}
             self._kinds[key] = replace(
                 known, count=known.count + f.count, spans=spans, values=values
             )
+        if new:
+            self._tell(new)
 
     @property
     def findings(self) -> list[Finding]:
@@ -100,10 +112,16 @@ def follow(
         UserError: where the sender cannot be read on.
     """
     tally.add(wheels.findings)
-    of, start = settings.analysis, None
-    own = [Axle(p.axle, settings.vehicle, algos, of.slowest, of.max_gap) for p in wheels.axles]
-    for row in feed.rows(wheels.fields):
+    start, own = None, list[Axle]()
+
+    def more(source: Source) -> None:
+        tally.add(wheels.more(source))
+
+    for row in feed.rows(wheels.fields, more):
         tally.add(feed.findings())
+        tally.add(wheels.lacking())
+        for p in wheels.axles[len(own) :]:
+            own.append(Axle(_measuring(p, settings), settings.vehicle, algos))
         if row is not None:
             start = row.t if start is None else start
             if samples := taken(row, wheels, own, start):
@@ -118,6 +136,12 @@ def follow(
     tally.add(feed.findings())
 
 
+def _measuring(p: Places, settings: Settings) -> Measuring:
+    of, pressure = settings.analysis, True if p.is_pressure else None
+    thresholds = diagnosis.of_sensors(settings.checks)
+    return Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
+
+
 def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[Sample]:
     """What the axles make of one row: the brake and the train first, then the wheel."""
     si, samples = wheels.si(row), []
@@ -125,7 +149,7 @@ def taken(row: Row, wheels: Wheels, axles: Sequence[Axle], start: int) -> list[S
         if p.train in si:
             axle.train(*si[p.train])
         if p.brake in si:
-            axle.brake(*si[p.brake], p.is_pressure, start)
+            axle.brake(*si[p.brake], start)
         if p.speed in si and (sample := axle.wheel(*si[p.speed], start)):
             samples.append(sample)
     return samples

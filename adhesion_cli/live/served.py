@@ -19,7 +19,7 @@ class Served:
     Args:
         port: it listens there; 0: on a free one.
         vehicle: for the coefficient.
-        axles: numbers of the axles.
+        axles: numbers of the axles that are known.
         algos: names of the estimators.
 
     Raises:
@@ -43,22 +43,30 @@ class Served:
             text = f"--serve {port}: cannot listen: {error}"
             raise UserError(text, "name another port") from None
 
+        self._algos, self._channels = list(algos), dict[int, dict[str, Any]]()
+        for n in axles:
+            self._of(n)
+
+    def _of(self, axle: int) -> dict[str, Any]:
+        """The channels of an axle, which are made when it comes first."""
+        import foxglove
+
         def channel(topic: str, message: str) -> Any:
             schema = foxglove.Schema(
                 name=f"adhesion.{message}", encoding="protobuf", data=descriptors.schema(message)
             )
             return foxglove.Channel(
-                topic, schema=schema, message_encoding="protobuf", context=context
+                topic, schema=schema, message_encoding="protobuf", context=self._context
             )
 
-        self._channels = {
-            n: {
-                "input": channel(f"/axle/{n}/input", "AxleInput"),
-                "slip": channel(f"/axle/{n}/slip", "Slip"),
-                **{a: channel(f"/axle/{n}/estimate/{a}", "Estimate") for a in algos},
+        if axle not in self._channels:
+            topic = f"/axle/{axle}"
+            self._channels[axle] = {
+                "input": channel(f"{topic}/input", "AxleInput"),
+                "slip": channel(f"{topic}/slip", "Slip"),
+                **{a: channel(f"{topic}/estimate/{a}", "Estimate") for a in self._algos},
             }
-            for n in axles
-        }
+        return self._channels[axle]
 
     @property
     def url(self) -> str:
@@ -68,7 +76,7 @@ class Served:
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
         for s in samples:
-            to = self._channels[s.axle]
+            to = self._of(s.axle)
             self._send(
                 to["input"], "AxleInput", s.t, brake_cylinder_pressure=s.pressure,
                 clamping_force=s.clamping, wheel_speed=s.speed, train_speed=s.train,

@@ -4,9 +4,11 @@ import json
 import math
 import os
 import queue
+import shutil
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +18,8 @@ from ..core.text import drop_output
 from .axle import Estimate, Sample
 
 _EVERY = 0.2  # between two states of the line [s]
+_USUAL = 80  # columns of a terminal that does not say
+_SILENCE = 3.0  # after which it is said that no sample comes [s]
 _MOST = 4096  # rows of lines that wait for whoever reads them
 _PATIENCE = 1.0  # longest wait for that reader [s]
 
@@ -46,7 +50,7 @@ class JsonLines:
         """See `Sink`."""
         if self._gone:
             return
-        lines = [json.dumps(self._object(s, algo)) for s in samples for algo in self._algos]
+        lines = [self._line(s, algo) for s in samples for algo in self._algos]
         text = "\n".join([*lines, ""]).encode()
         if self._waiting is None:
             _print(text)
@@ -68,17 +72,19 @@ class JsonLines:
             self._gone = True
             drop_output()
 
-    def _object(self, s: Sample, algo: str) -> dict[str, Any]:
+    def _line(self, s: Sample, algo: str) -> str:
         e = s.estimates.get(algo, Estimate(math.nan, math.nan))
-        return {
-            "t": s.t * 1e-9,
+        said: dict[str, Any] = {
             "axle": s.axle,
             "force_n": _known(e.force),
             "coefficient": _known(float(coefficient(e.force, self._vehicle))),  # type: ignore[arg-type]
-            "u95_n": _known(Z95 * e.sigma),
+            "u95_n": _known(e.u95),
             "algo": algo,
             "status": s.status,
+            "slip": _known(s.slip),
+            "regime": s.regime or None,
         }
+        return f'{{"t": {_seconds(s.t)}, {json.dumps(said)[1:]}'
 
     def idle(self) -> None:
         """See `Sink`."""
@@ -96,8 +102,70 @@ class JsonLines:
             self._tell(f"--json: {self._dropped} lines were dropped: nobody read them")
 
 
+class Counts:
+    """How many samples came of each axle, and how many of them have a force."""
+
+    def __init__(self) -> None:
+        self._all, self._known = Counter[int](), Counter[int]()
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """See `Sink`."""
+        for s in samples:
+            self._all[s.axle] += 1
+            self._known[s.axle] += bool(s.estimates)
+
+    def idle(self) -> None:
+        """See `Sink`."""
+
+    def close(self) -> None:
+        """See `Sink`."""
+
+    def lines(self) -> list[str]:
+        """A line per axle."""
+        if not self._all:
+            return ["no sample came"]
+        return [
+            f"axle {n}: {count} sample{'s' * (count != 1)}"
+            + (f", {count - self._known[n]} of them without a force" * (count > self._known[n]))
+            for n, count in sorted(self._all.items())
+        ]
+
+
+class Waiting:
+    """Says once that no sample comes, and once that they come again.
+
+    Args:
+        name: of the sender.
+        say: called with the text.
+    """
+
+    def __init__(self, name: str, say: Callable[[str], None]) -> None:
+        self._name, self._say = name, say
+        self._came, self._waits = time.monotonic(), False
+        self._timer = threading.Timer(_SILENCE, self.idle)  # for the first sample
+        self._timer.daemon = True
+        self._timer.start()
+
+    def take(self, samples: Sequence[Sample]) -> None:
+        """See `Sink`."""
+        self._came = time.monotonic()
+        if self._waits:
+            self._waits = False
+            self._say(f"samples come from {self._name}")
+
+    def idle(self) -> None:
+        """See `Sink`."""
+        if not self._waits and time.monotonic() - self._came >= _SILENCE:
+            self._waits = True
+            self._say(f"waiting for samples from {self._name}")
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._timer.cancel()
+
+
 class StatusLine:
-    """The newest sample of each axle on one line of the terminal.
+    """The newest sample of each axle on one line of the terminal, as wide as that is.
 
     Args:
         algo: the estimator that is shown.
@@ -109,6 +177,7 @@ class StatusLine:
         self._newest: dict[int, Sample] = {}
         self._count, self._since = 0, time.monotonic()
         self._rate, self._came = 0.0, 0.0
+        self._drawn = False
 
     def take(self, samples: Sequence[Sample]) -> None:
         """See `Sink`."""
@@ -123,26 +192,74 @@ class StatusLine:
             return
         self._rate = self._count / len(self._newest) / (now - self._since)  # of an axle
         self._since, self._count = now, 0
-        parts = [self._axle(s) for _, s in sorted(self._newest.items())]
-        parts.append(f"{self._rate:.0f} Hz, {1e3 * (now - self._came):.0f} ms ago")
-        self._write(" | ".join(parts))
+        end = f"{self._rate:.0f} Hz, {1e3 * (now - self._came):.0f} ms ago"
+        self._write(self._fitted(end, _columns() - 1))
 
-    def _axle(self, s: Sample) -> str:
+    def _fitted(self, end: str, width: int) -> str:
+        """All axles; in a short form where they need that; else the worst ones, as many as fit."""
+        every = [s for _, s in sorted(self._newest.items())]
+        line = " | ".join([*(self._axle(s) for s in every), end])
+        if len(line) <= width:
+            return line
+        short = [(s, self._axle(s, short=True)) for s in every]
+        line = " | ".join(text for _, text in short)
+        if len(line) <= width:
+            return line
+        worst, count = sorted(short, key=lambda one: _badness(one[0]), reverse=True), len(short)
+        while count and len(line) > width:
+            count -= 1
+            left = [f"{len(short) - count} more"]
+            line = " | ".join([*(text for _, text in worst[:count]), *left])
+        return line[: max(width, 0)]
+
+    def _axle(self, s: Sample, short: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
-            return f"{s.axle}: no pressure"
-        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, Z95 * e.sigma)]  # type: ignore[arg-type]
+            return f"{s.axle}: {s.status.replace('-', ' ')}"
+        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, self._half(e))]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
-        slip = f" {100.0 * s.slip:.1f} %" if math.isfinite(s.slip) else ""
-        return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {e.regime}".rstrip()
+        slip = f" {100.0 * s.slip:.{not short:d}f} %" if math.isfinite(s.slip) else ""
+        if short:
+            return f"{s.axle}: {mu[0]:.3f}{slip}"
+        return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {s.regime}".rstrip()
+
+    def _half(self, e: Estimate) -> float:
+        """Half-width of the 95 % band of μ times the weight, with the mass's tolerance [N]."""
+        share = self._vehicle.axle_mass.tolerance / self._vehicle.axle_mass.value
+        added = (share * e.force) ** 2 - 2.0 * e.mass * e.force
+        return math.sqrt(max(e.u95**2 + Z95**2 * added, 0.0))
 
     def _write(self, text: str) -> None:
+        self._drawn = bool(text)
         sys.stderr.write(f"\r\x1b[2K{text}")
         sys.stderr.flush()
 
+    def clear(self) -> None:
+        """Makes room for other text; the line comes again below it."""
+        if self._drawn:
+            self._write("")
+
     def close(self) -> None:
         """See `Sink`."""
-        if self._newest:
-            self._write("")
+        self.clear()
+
+
+def _columns() -> int:
+    """Width of the terminal now: it may be changed at any time."""
+    try:
+        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL
+    except (OSError, ValueError):
+        return shutil.get_terminal_size((_USUAL, 24)).columns
+
+
+def _badness(s: Sample) -> tuple[bool, float]:
+    """What an engineer looks at first: a sensor without a value, then the largest slip."""
+    return not s.estimates, s.slip if math.isfinite(s.slip) else 0.0
+
+
+def _seconds(t: int) -> str:
+    """A time stamp [ns] in seconds, exactly: a float has no nanoseconds of a date."""
+    whole, rest = divmod(abs(t), 1_000_000_000)
+    return f"{'-' * (t < 0)}{whole}.{f'{rest:09d}'.rstrip('0') or '0'}"
 
 
 def _known(x: float) -> float | None:

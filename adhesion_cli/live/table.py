@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from ..formats.csv.arriving import Arriving
 from ..formats.csv.reader import CsvSource, open_csv
 from ..formats.source import Field, ReadOptions, Source
 from .bytes_arriving import Pieces
-from .feed import PAUSE, Row
+from .feed import PAUSE, More, Row
 
 _ENOUGH = 20  # lines that show how a table is written
 _FEWEST = 4  # lines that must do where no more come for `PAUSE`
@@ -64,7 +64,7 @@ class Table:
         source.table = replace(source.table, path=source.path)
         return source
 
-    def rows(self, wanted: Sequence[Field]) -> Iterator[Row | None]:
+    def rows(self, wanted: list[Field], _: More) -> Iterator[Row | None]:
         """See `Feed`."""
         assert self._source, "head comes first"
         self._rows = Arriving(self._source, wanted)

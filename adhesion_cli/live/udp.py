@@ -24,8 +24,11 @@ class Udp(Messages):
     def __init__(self, place: str, options: ReadOptions) -> None:
         host, _, port = place.rpartition(":")
         name = f"udp://{place}"
-        if not port.isdigit() or not 0 < int(port) < 1 << 16:
+        if not port.isdigit():
             raise UserError(f"{name}: no port", "name one, as udp://127.0.0.1:5005", code=2)
+        if not 0 < int(port) < 1 << 16:
+            hint = "ports are 1 to 65535, as in udp://127.0.0.1:5005"
+            raise UserError(f"{name}: there is no port {port}", hint, code=2)
         try:
             (family, _, _, _, address), *_ = socket.getaddrinfo(
                 host.strip("[]") or "127.0.0.1", int(port), type=socket.SOCK_DGRAM

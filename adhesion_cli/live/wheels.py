@@ -1,6 +1,7 @@
 """Which values of a row are which axle's, in SI."""
 
 import math
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,10 +9,12 @@ from ..channels import to_si
 from ..channels.log import needed
 from ..channels.meaning import Mapping, Meant
 from ..core import units
+from ..core.errors import UserError
+from ..core.finding import Finding
 from ..core.model import Vehicle
 from ..formats.source import Field, Source
 from ..records.choose import Key, axle_numbers, brake_of, find, incomplete
-from .feed import Row
+from .feed import PAUSE, Row
 
 _COUNTERS = tuple(2.0**bits for bits in (8, 10, 12, 16, 24, 32))  # where counters start anew
 _MOST = 0.25  # of such a range in one interval: more is a reset
@@ -25,6 +28,7 @@ class Places(NamedTuple):
     brake: int
     is_pressure: bool
     train: int | None
+    of_rim: bool  # the wheel speed is ωR, and was divided by the vehicle's R
 
 
 class Wheels:
@@ -37,8 +41,8 @@ class Wheels:
         axles: only these, all if empty.
 
     Attributes:
-        fields: those that are needed, in the order of the places.
-        axles: the axles with a wheel speed and a brake.
+        fields: those that are needed, in the order of the places; `more` appends to it.
+        axles: the axles with a wheel speed and a brake, in the order in which they came.
         findings: what was noticed.
 
     Raises:
@@ -48,46 +52,93 @@ class Wheels:
     def __init__(
         self, source: Source, mappings: Sequence[Mapping], vehicle: Vehicle, axles: Sequence[int]
     ) -> None:
-        chosen, self.findings = needed(source, mappings)
-        self.findings += [f for f in source.findings if f not in self.findings]
-        by_key: dict[Key, Meant] = {}
+        self._mappings, self._vehicle, self._asked = mappings, vehicle, tuple(axles)
+        self._places: dict[Key, int] = {}
+        self._scales: list[_Scale | _Total] = []
+        self._by_key: dict[Key, Meant] = {}
+        self._lacking: tuple[list[Finding], float] = [], math.inf  # of axles that may get it yet
+        self.fields: list[Field] = []
+        self.axles: list[Places] = []
+        self.findings = self._meant(source)
+        self.findings += self._found(self._numbers(source))
+
+    def more(self, source: Source) -> list[Finding]:
+        """Takes in what began to send after the first second; what was known stays as it is.
+
+        Args:
+            source: every field up to now.
+
+        Returns:
+            Which axles are new, and what cannot be used.
+        """
+        before = {p.axle for p in self.axles}
+        try:
+            findings = self._meant(source)
+            lacking = self._found(self._numbers(source))
+        except UserError as error:
+            names = {"reason": error.text, "hint": error.hint}
+            return [Finding("late-channels-left-out", "warning", names=names)]
+        self._lacking = lacking, time.monotonic() + PAUSE if lacking else math.inf
+        new = [p.axle for p in self.axles if p.axle not in before]
+        findings += [Finding("axle-began-late", "info", values={"axle": n}) for n in new]
+        return [f for f in findings if f not in self.findings]
+
+    def lacking(self) -> list[Finding]:
+        """Axles that began late, and still lack a channel some time after."""
+        lacking, until = self._lacking
+        if not lacking or time.monotonic() < until:
+            return []
+        self._lacking = [], math.inf
+        new = [f for f in lacking if f not in self.findings]
+        self.findings += new
+        return new
+
+    def _meant(self, source: Source) -> list[Finding]:
+        """Learns what the fields mean."""
+        chosen, findings = needed(source, self._mappings)
         for m in chosen:
             is_rate = m.meaning == "train_speed" and units.is_acceleration(m.unit)
             if m.meaning and not is_rate:
-                by_key.setdefault((m.meaning, m.axle), m)
-        titles = [m.title for m in chosen]
-        numbers = axle_numbers(str(source.path), by_key, axles, titles)
-        self._places: dict[Key, int] = {}
-        self._scales: list[_Scale | _Total] = []
-        self.fields: list[Field] = []
-        self.axles: list[Places] = []
-        known: list[tuple[int, Key, Key, Key | None]] = []
-        for axle in axles or numbers:
-            speed, brake = find(by_key, "wheel_speed", axle), brake_of(by_key, axle)
+                self._by_key.setdefault((m.meaning, m.axle), m)
+        return findings + [f for f in source.findings if f not in findings]
+
+    def _numbers(self, source: Source) -> Sequence[int]:
+        titles = [m.title for m in self._by_key.values()]
+        numbers = axle_numbers(str(source.path), self._by_key, self._asked, titles)
+        return self._asked or numbers
+
+    def _found(self, numbers: Sequence[int]) -> list[Finding]:
+        """Gives places to the axles that have speed and brake; says what the others lack."""
+        lacking, known = [], list[tuple[int, Key, Key, Key | None]]()
+        for axle in numbers:
+            speed, brake = find(self._by_key, "wheel_speed", axle), brake_of(self._by_key, axle)
             if speed and brake:
-                known.append((axle, speed, brake, find(by_key, "train_speed", axle)))
+                known.append((axle, speed, brake, find(self._by_key, "train_speed", axle)))
             elif key := speed or brake:
-                self.findings.append(incomplete(axle, by_key[key].title, speed is not None))
+                lacking.append(incomplete(axle, self._by_key[key].title, speed is not None))
         # Of one time, the brake and the train come before the wheel: so do their places.
         for _, _, brake, train in known:
             for key in (brake, train):
                 if key:
-                    self._place(key, by_key, vehicle)
+                    self._place(key)
+        before = {p.axle: i for i, p in enumerate(self.axles)}
         for axle, speed, brake, train in known:
-            place = self._place(speed, by_key, vehicle)
-            at = (
-                self._places[brake],
-                brake[0] == "pressure",
-                self._places.get(train) if train else None,
-            )
-            self.axles.append(Places(axle, place, *at))
+            if axle not in before:
+                m = self._by_key[speed]
+                of_rim = units.stated(m.unit, speed[0], m.title).dimension == "speed"
+                own = self._place(speed), self._place(brake), brake[0] == "pressure"
+                self.axles.append(Places(axle, *own, None, of_rim))
+            if train:
+                i = before.get(axle, len(self.axles) - 1)
+                self.axles[i] = self.axles[i]._replace(train=self._place(train))
+        return lacking
 
-    def _place(self, key: Key, by_key: dict[Key, Meant], vehicle: Vehicle) -> int:
+    def _place(self, key: Key) -> int:
         """The place of what has this meaning; it gets one if it has none."""
         if key not in self._places:
-            m = by_key[key]
+            m = self._by_key[key]
             unit = units.stated(m.unit, key[0], m.title)
-            factor = to_si.scale(m, unit, vehicle)
+            factor = to_si.scale(m, unit, self._vehicle)
             total = to_si.is_total(unit)
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)
             self._places[key] = len(self.fields)

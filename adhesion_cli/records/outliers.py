@@ -57,6 +57,21 @@ class Limits(NamedTuple):
     longest: float  # a longer excursion may be real [s]
     rests: float  # zero for this long may be rest [s]
 
+    def widened(self, by: float) -> "Limits":
+        """With larger changes that need no reason, as by noise."""
+        return self._replace(least=self.least + by, start=self.start + by)
+
+
+def wheel_limits(p: Params) -> Limits:
+    """What a wheel can do [rad/s]."""
+    return Limits(p.wheel_gains, p.wheel_loses, p.wheel_steps, p.wheel_least, np.inf, p.rests)
+
+
+def brake_limits(p: Params, share: float = 1.0) -> Limits:
+    """What a cylinder can do [Pa], or another brake quantity with a share of its values."""
+    steps = share * p.pressure_steps
+    return Limits(share * p.fills, share * p.dumps, steps, steps, p.pressure_lasts, p.rests)
+
 
 def of_wheel(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a wheel speed [rad/s]: outliers, or a channel of which no part can be trusted."""
@@ -73,7 +88,7 @@ def of_train(p: Params, speed: Channel) -> list[Fault]:
 
 def of_brake(p: Params, brake: Channel) -> list[Fault]:
     """Faults of a pressure [Pa] or of K [N]: outliers, and values far below zero."""
-    below = brake.data.value < p.vacuum * max(_scale(brake), 1.0)
+    below = brake.data.value < p.vacuum * max(scale_of(brake), 1.0)
     outliers = brake_outliers(p, brake) & ~below
     return [
         Fault("pressure-negative", below),
@@ -87,7 +102,7 @@ def _fault(some: str, every: str, outliers: Bools) -> Fault:
 
 def wheel_outliers(p: Params, speed: Channel) -> Bools:
     """Outliers of a wheel speed [rad/s], shape (n,); single zeros at low rates, too."""
-    limits = Limits(p.wheel_gains, p.wheel_loses, p.wheel_steps, p.wheel_least, np.inf, p.rests)
+    limits = wheel_limits(p)
     dropped = _single(speed, p.wheel_single) & (speed.data.value == 0.0)
     found: Bools = _excursions(speed, limits) | dropped
     return found
@@ -98,17 +113,13 @@ def brake_outliers(p: Params, brake: Channel) -> Bools:
 
     None where more steps stay than return: the signal is no cylinder's, or a slow repeated one.
     """
-    share = _scale(brake)
-    rates = Limits(
-        share * p.fills, share * p.dumps, share * p.pressure_steps, share * p.pressure_steps,
-        p.pressure_lasts, p.rests,
-    )  # fmt: skip
+    rates = brake_limits(p, scale_of(brake))
     single = _single(brake, p.pressure_single * np.max(brake.data.value, initial=0.0))
     found: Bools = _excursions(brake, rates) | single
     return found
 
 
-def _scale(brake: Channel) -> float:
+def scale_of(brake: Channel) -> float:
     """By how much a brake's values are larger than those of the cylinder of the limits.
 
     1 for a pressure, unless its unit is one in which no cylinder has it: the unit is wrong then,
@@ -150,8 +161,7 @@ def _excursions(c: Channel, limits: Limits) -> Bools:
     found = np.zeros(len(c.data.t), dtype=np.bool_)
     if np.abs(np.diff(c.data.value)).max(initial=0.0) <= limits.least:
         return found
-    more = _noise_among_outliers(c, limits.least)
-    limits = limits._replace(least=limits.least + more, start=limits.start + more)
+    limits = limits.widened(noise_among_outliers(c, limits.least))
     for piece in time_axis.pieces(c.starts, len(found)):
         found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
     return found
@@ -264,7 +274,7 @@ def _rest(seconds: Floats, x: Floats, step: float, rests: float) -> Bools:
     return zero
 
 
-def _noise_among_outliers(c: Channel, least: float) -> float:
+def noise_among_outliers(c: Channel, least: float) -> float:
     """More than two samples differ by from white noise and rounding, whatever outliers there are.
 
     By the median second difference of the samples within it, beginning with `least`: noise brings

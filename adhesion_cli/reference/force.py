@@ -7,7 +7,7 @@ then be anything up to φK.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -128,8 +128,27 @@ def _tolerance(run: AxleRecord, vehicle: Vehicle, parts: Parts) -> tuple[Floats,
     return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + vehicle.covariance(moved, mass)
 
 
+class Measured(Protocol):
+    """What says how an axle is measured: its record, or live its channels."""
+
+    @property
+    def axle(self) -> int:
+        """Its number."""
+        ...
+
+    @property
+    def of_rim(self) -> bool:
+        """Whether the wheel speed was logged as ωR."""
+        ...
+
+    @property
+    def pressure(self) -> object:
+        """None where K itself was logged."""
+        ...
+
+
 def moves(
-    record: AxleRecord, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+    record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
 ) -> dict[str, Floats]:
     """By how much each parameter's tolerance moves F = φK + I ω̇/R, first order [N]; (n,) each.
 

@@ -93,6 +93,9 @@ def folder(out: Path) -> Iterator[None]:
         UserError: where it cannot be made.
     """
     refuse_url(out)
+    if out.exists() and not out.is_dir():
+        hint = "name a folder with --out, a new one or one that exists"
+        raise UserError(f"{_shown(out)}: is a file, not a folder", hint)
     made = [p for p in (out, *out.parents) if not p.exists()]
     try:
         if made:

@@ -192,37 +192,71 @@ class GrowingResult:
         settings: every parameter in force.
         vehicle: for the coefficient.
         nothing: `Samples` of no row for each axle, with the estimators that will come.
+
+    Attributes:
+        lost: how many samples were left out, because MCAP has no time for them.
     """
 
     def __init__(
         self, file: BinaryIO, log: str, settings: dict[str, Any], vehicle: Vehicle,
         nothing: Mapping[int, Samples],
     ) -> None:  # fmt: skip
-        self._file, self._vehicle, self._nothing = file, vehicle, nothing
-        provenance = {
+        self._file, self._vehicle, self._nothing = file, vehicle, dict(nothing)
+        self._provenance = {
             "version": __version__, "input": printable(log), "input_sha256": "",
             "input_format": "live", "sources": "",
         }  # fmt: skip
-        metadata = {names.SETTINGS: names.flat(settings), names.PROVENANCE: provenance}
-        self._out = _begun(file, self._streams({}), metadata)
+        self._shift: int | None = None  # as of `_shift`; the first samples decide
+        self.lost = 0
+        streams = self._streams({})
+        self._schemas, self._defined = _schemas(streams), len(streams)
+        self._out = _begun(file, streams, {names.SETTINGS: names.flat(settings)})
         file.flush()
 
     def add(self, new: Mapping[int, Samples]) -> None:
-        """Writes the new samples of some axles as one chunk.
+        """Writes the new samples of some axles as one chunk; axles may be new, too.
 
         Raises:
             OSError: the file cannot be written.
         """
-        streams = self._streams(new)
+        if not any(len(x.t) for x in new.values()):
+            return
+        if self._shift is None:
+            self._begin(_whole_seconds(min(int(x.t.min()) for x in new.values() if len(x.t))))
+        assert self._shift is not None
+        kept = {}
+        for axle, x in new.items():
+            inside = x.t >= -self._shift
+            self.lost += len(x.t) - int(inside.sum())
+            kept[axle] = x if inside.all() else x.rows(inside)
+        self._define(kept)
+        streams = self._streams(kept)
         parts = [slice(0, len(s.t)) for s in streams]
         if any(p.stop for p in parts):
-            self._out.chunk(_packed(streams, parts, 0))
-            self._file.flush()
+            self._out.chunk(_packed(streams, parts, self._shift))
+        self._file.flush()
 
     def finish(self) -> None:
         """Writes the end of the file."""
+        if self._shift is None:
+            self._begin(0)
         self._out.finish()
         self._file.flush()
+
+    def _begin(self, shift: int) -> None:
+        """Says what is added to each stamp [ns], before the first one."""
+        self._shift = shift
+        added = {"time_shift_ns": str(shift)} if shift else {}
+        self._out.metadata(names.PROVENANCE, {**self._provenance, **added})
+
+    def _define(self, new: Mapping[int, Samples]) -> None:
+        """Adds the topics of axles that are new."""
+        if not new.keys() - self._nothing.keys():
+            return
+        self._nothing |= {n: x.rows(slice(0)) for n, x in new.items() if n not in self._nothing}
+        streams = self._streams({})
+        self._out.define([], _channels(streams, self._schemas)[self._defined :])
+        self._defined = len(streams)
 
     def _streams(self, new: Mapping[int, Samples]) -> list[_Stream]:
         """Every topic, in the same order each time."""
@@ -231,7 +265,7 @@ class GrowingResult:
             x, topic = new.get(axle, nothing), f"/axle/{axle}"
             inputs = x.pressure, x.clamping, x.wheel_speed, x.train_speed
             streams.append(_stream(f"{topic}/input", "AxleInput", x.t, *inputs))
-            for algo, (force, sigma) in x.estimates.items():
+            for algo, (force, sigma, _) in x.estimates.items():
                 mu = physics.coefficient(force, self._vehicle)
                 columns = force, mu, None, sigma
                 streams.append(_stream(f"{topic}/estimate/{algo}", "Estimate", x.t, *columns))
@@ -457,6 +491,11 @@ def _shift(streams: Sequence[_Stream], logs: Sequence[Log]) -> int:
             "check the time channel and its unit; state them, as "
             + toml.option('channels.time = {channel = "NAME", unit = "s"}'),
         )
+    return _whole_seconds(first)
+
+
+def _whole_seconds(first: int) -> int:
+    """Least whole seconds that make a stamp one that MCAP can hold [ns]."""
     return max(0, -(first // _SECOND) * _SECOND)
 
 
@@ -482,20 +521,28 @@ def _begun(
     file: BinaryIO, streams: Sequence[_Stream], metadata: dict[str, dict[str, str]]
 ) -> mcap_container.Container:
     """A file with all but its messages; channels count from 1, in the order of the streams."""
-    messages = sorted({s.message for s in streams})
+    messages = _schemas(streams)
     schemas = [
         Schema(i, descriptors.schema(m), "protobuf", f"adhesion.{m}")
         for i, m in enumerate(messages, 1)
     ]
-    channels = [
-        Channel(i, s.topic, "protobuf", s.units, messages.index(s.message) + 1)
-        for i, s in enumerate(streams, 1)
-    ]
     out = mcap_container.Container(file, "", f"adhesion-cli {__version__}")
     for name, entries in metadata.items():
         out.metadata(name, entries)
-    out.define(schemas, channels)
+    out.define(schemas, _channels(streams, messages))
     return out
+
+
+def _schemas(streams: Sequence[_Stream]) -> list[str]:
+    """The messages, in the order of their schema ids from 1."""
+    return sorted({s.message for s in streams})
+
+
+def _channels(streams: Sequence[_Stream], messages: Sequence[str]) -> list[Channel]:
+    return [
+        Channel(i, s.topic, "protobuf", s.units, messages.index(s.message) + 1)
+        for i, s in enumerate(streams, 1)
+    ]
 
 
 def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..core.model import Floats, Times
+from ..core.model import Bools, Floats, Times
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,4 +16,13 @@ class Samples:
     wheel_speed: Floats  # [rad/s]
     train_speed: Floats  # [m/s]
     slip: Floats  # [-]
-    estimates: Mapping[str, tuple[Floats, Floats]]  # force and its sigma by estimator [N]
+    # By estimator: force, its sigma by noise, and that by the vehicle's tolerances [N].
+    estimates: Mapping[str, tuple[Floats, Floats, Floats]]
+
+    def rows(self, rows: slice | Bools) -> "Samples":
+        """Some of them."""
+        return Samples(
+            self.t[rows], self.pressure[rows], self.clamping[rows], self.wheel_speed[rows],
+            self.train_speed[rows], self.slip[rows],
+            {algo: (F[rows], s[rows], u[rows]) for algo, (F, s, u) in self.estimates.items()},
+        )  # fmt: skip

@@ -98,6 +98,49 @@ def test_a_log_that_grows_gives_what_a_whole_one_gives(
         assert forces(opened(str(log), SETTINGS.read)) == forces(Replay(LOW, SETTINGS.read, 0.0))
 
 
+def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
+    """Axle 4 begins to send after 5 s: so do its channels in the file."""
+    log, whole = tmp_path / "growing.mcap", forces(Replay(LOW, SETTINGS.read, 0.0))[0]
+    begin = whole[1][0][0] + 5_000_000_000
+    first = io.BytesIO()
+    writer = Writer(first, chunk_size=20_000, compression=CompressionType.LZ4)
+    writer.start(profile="", library="a logger")
+    ids: dict[int, int] = {}
+    with LOW.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if schema is None or ("4" in channel.topic and message.log_time < begin):
+                continue
+            if channel.id not in ids:
+                of = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, of, channel.metadata
+                )
+            writer.add_message(
+                ids[channel.id], message.log_time, message.data, message.publish_time
+            )
+    writer.finish()
+    data = first.getvalue()
+    log.write_bytes(data[: len(data) // 16])
+    feed = opened(str(log), SETTINGS.read)
+
+    def append() -> None:
+        time.sleep(2.5)
+        with log.open("ab") as file:
+            file.write(data[len(data) // 16 :])
+
+    thread = threading.Thread(target=append)
+    thread.start()
+    found, codes = forces(feed)
+    thread.join()
+    assert codes == []
+    assert {n: of for n, of in found.items() if n != 4} == {
+        n: of for n, of in whole.items() if n != 4
+    }
+    late = [t for t, _ in whole[4] if t >= begin]
+    assert 0 < len(late) < len(whole[4])
+    assert [t for t, _ in found[4]] == late
+
+
 def test_a_damaged_chunk_is_told_and_the_next_ones_are_read(tmp_path: Path) -> None:
     data = damaged()
     whole, _ = forces(Replay(LOW, SETTINGS.read, 0.0))

@@ -9,11 +9,13 @@ import pyarrow as pa
 from ...core.errors import UserError
 from ...core.finding import Finding
 from ..source import Field
-from .block_parser import Parser
+from .block_parser import Parser, Part
 from .lines import MAX_LINE, Block, Lines
 from .losses import Losses
 from .reader import CsvSource
 from .rows import Groups, classify_untimed
+
+_NEW_FILE = "let the logger begin a new file where its columns change; start `live` on that file"
 
 Row = tuple[int, dict[int, float]]  # time [ns]; values by place in what was wanted
 
@@ -73,10 +75,16 @@ class Arriving:
             self._line += len(kept)
             yield from self._parsed(block)
 
+    def _classify_untimed(self, part: Part) -> None:
+        try:
+            classify_untimed(self._table, part)
+        except UserError as error:  # nobody can split a log that still grows
+            raise UserError(error.text, _NEW_FILE) from None
+
     def _parsed(self, block: Block) -> Iterator[Row]:
         part = self._parser.parse(block)
         if not part.timed.all():
-            classify_untimed(self._table, part)
+            self._classify_untimed(part)
         keep = part.timed.copy()
         codes = Groups(self._keys, self._series).codes(part, keep)
         used = part.times[keep]

@@ -1,7 +1,8 @@
 """Whole records of an MCAP to which another program appends, as small logs of their own."""
 
+import copy
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,6 +46,7 @@ class Arriving:
         self._limit = options.max_record
         self.lost = list[Finding]()
         self._id: tuple[int, int] | None = None
+        self._fields: dict[tuple[str, str, str], Field] = {}
         self._restart()
         with LogFile(path, self._limit):
             pass
@@ -59,10 +61,18 @@ class Arriving:
         with tempfile.TemporaryDirectory() as folder:
             source = self._source(folder, self._raw)
         source.path = self._path
+        self._fields = _by_name(source.fields)
         return source
 
-    def columns(self, wanted: Sequence[Field]) -> dict[int, Column]:
-        """What has arrived of these fields since the last call, by their places."""
+    def columns(
+        self, wanted: Sequence[Field], more: Callable[[McapSource], None]
+    ) -> dict[int, Column]:
+        """What has arrived of these fields since the last call, by their places.
+
+        Args:
+            wanted: the fields.
+            more: called with every field where new ones came; it may add to `wanted`.
+        """
         if not self.arrived():
             return {}
         raw, start = self._raw, self._from
@@ -70,7 +80,12 @@ class Arriving:
         with tempfile.TemporaryDirectory() as folder:
             try:
                 source = self._source(folder, raw)
-                known = {(f.channel, f.group, f.path): f for f in source.fields}
+                known = _by_name(source.fields)
+                if known.keys() - self._fields.keys():
+                    self._fields |= known
+                    every = copy.copy(source)
+                    every.path, every.fields = self._path, list(self._fields.values())
+                    more(every)
                 asked = {
                     place: known[key]
                     for place, f in enumerate(wanted)
@@ -162,6 +177,10 @@ class Arriving:
             self.lost.append(Finding("source-restarted", "info", count=1))
             self._restart()
         self._id = file.id
+
+
+def _by_name(fields: Iterable[Field]) -> dict[tuple[str, str, str], Field]:
+    return {(f.channel, f.group, f.path): f for f in fields}
 
 
 def _placed(finding: Finding, start: int) -> Finding:

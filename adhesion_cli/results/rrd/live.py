@@ -8,7 +8,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core import physics
+from ...core.errors import UserError
 from ...core.model import Z95, Floats, Times, Vehicle
+from ...core.text import printable
 from .. import palette
 from ..samples import Samples
 from . import overview, parts
@@ -17,13 +19,27 @@ from .piped import Piped
 _PATIENCE = 10.0  # for a disk, at the end [s]
 
 
+def check_viewer(url: str) -> None:
+    """Refuses what is no address of a viewer; whether one is there shows later.
+
+    Raises:
+        UserError: as said.
+    """
+    try:
+        rr.GrpcSink(url)
+    except RuntimeError as error:  # the binding's word for what it cannot read
+        text = f"--connect {printable(url)}: is no address of a Rerun viewer"
+        hint = "name host and port of the viewer, as rerun+http://127.0.0.1:9876/proxy"
+        raise UserError(text, hint, code=2) from error
+
+
 class LiveRecording:
     """A recording of samples that arrive.
 
     Args:
         name: shown for it.
         vehicle: for rim speed and coefficient.
-        axles: numbers of the axles.
+        axles: numbers of the axles that are known; others may come.
         algos: estimators; the first is shown for all axles.
         to: a file, or the address of a viewer.
     """
@@ -38,7 +54,7 @@ class LiveRecording:
         rr.set_strict_mode(True)
         self._rec = rr.RecordingStream("adhesion")
         self._file = Piped(to.open("wb", buffering=0)) if isinstance(to, Path) else None
-        layout = parts.Layout([self._layout()], "time", live=True)
+        layout = self._layout()
         if self._file:
             with self._file:
                 self._rec.set_sinks(rr.FileSink(self._file.place), default_blueprint=layout)
@@ -54,6 +70,9 @@ class LiveRecording:
         """
         if self._file:
             self._file.check()
+        if came := [axle for axle in new if axle not in self._axles]:
+            self._axles += came
+            self._rec.send_blueprint(self._layout())
         for axle, x in new.items():
             if self._start is None:
                 self._start = int(x.t[0])
@@ -89,7 +108,7 @@ class LiveRecording:
         """Entity and plot of each chart."""
         name = f"axle {axle}"
         colour = palette.rgba(palette.nth(self._axles.index(axle)))
-        force, sigma = x.estimates[self._algos[0]]
+        force, sigma, tolerance = x.estimates[self._algos[0]]
         rim = x.wheel_speed * self._vehicle.radius(axle).value
 
         def line(of: str, values: Floats, colour: int = colour) -> parts.Plot:
@@ -109,7 +128,7 @@ class LiveRecording:
         if np.isfinite(sigma).any():
             band = parts.Plot(
                 "", (f"{self._algos[0]}, 95 % band",), (palette.rgba(palette.GREY),),
-                force[:, None] / 1e3, Z95 * sigma[:, None] / 1e3,
+                force[:, None] / 1e3, Z95 * np.hypot(sigma, tolerance)[:, None] / 1e3,
             )  # fmt: skip
             found.append((f"{own}/force/band", band))
         # One entity for all estimators: each has a price, whatever it holds.
@@ -125,7 +144,7 @@ class LiveRecording:
         since = (t - (self._start or 0)).astype("timedelta64[ns]")
         return [rr.TimeColumn("time", duration=since)]
 
-    def _layout(self) -> rrb.Container:
+    def _layout(self) -> parts.Layout:
         """All axles first, then a tab for each."""
         titles = overview.titles(self._algos[0]).items()
         charts = [parts.chart(f"all/{path}", f"All axles: {name}") for path, name in titles]
@@ -136,7 +155,7 @@ class LiveRecording:
                 parts.chart(f"axle/{n}/clamping", f"Axle {n}: clamping force [kN]"),
             ]
             tabs.append(_tab(f"Axle {n}", forces, f"lines/axle/{n}", [3, 1]))
-        return rrb.Tabs(*tabs)
+        return parts.Layout([rrb.Tabs(*tabs)], "time", live=True)
 
 
 def _tab(name: str, charts: Sequence[rrb.View], lines: str, heights: list[int]) -> rrb.Container:
