@@ -369,16 +369,44 @@ def _source(axle: Axle, most: int, zero: float = 0.0) -> tuple[ColumnDataSource,
     ]  # what follows from another column, or from noise around it, is left out
     braked = [(o["start_s"] - _MARGIN, o["end_s"] + _MARGIN) for o in axle.applications]
     kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
-    at = decimate.with_gaps(axle.t, kept)
+    at, flat = _edged(
+        decimate.with_gaps(axle.t, kept), np.isfinite(axle.lower) & np.isfinite(axle.upper)
+    )
     data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, at)}
     for name, column in columns.items():
         if name not in empty:
             data[name] = _short(np.where(at < 0, np.nan, column[at]))
+    if flat.any():
+        data["upper"][flat] = data["lower"][flat]
     for name in {"rim", "train"} & set(empty):
         data[name] = np.full(len(at), np.nan, np.float32)
     left_out = _inside(axle.t, braked).sum() - _inside(axle.t[kept], braked).sum()
     steps = np.diff(axle.t[kept])[_inside(axle.t[kept[1:]], braked)]
     return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if left_out else 0.0
+
+
+def _edged(at: decimate.Rows, known: NDArray[np.bool_]) -> tuple[decimate.Rows, NDArray[np.bool_]]:
+    """The rows, with one more on each side of a stretch where the band is not known.
+
+    Bokeh draws an area past points that are not known. It shows nothing there if the band has no
+    height at both sides.
+
+    Args:
+        at: rows, −1 where a line is broken.
+        known: whether a row has a band.
+
+    Returns:
+        rows with those at the sides twice, and whether a row is such a second one.
+    """
+    has = (at >= 0) & known[at]
+    inner = np.flatnonzero(has)
+    ends = inner[:-1][np.diff(inner) > 1]
+    begins = inner[1:][np.diff(inner) > 1]
+    places = np.concatenate([ends + 1, begins])
+    order = np.argsort(places, kind="stable")
+    values = at[np.concatenate([ends, begins])][order]
+    flat = np.insert(np.zeros(len(at), np.bool_), places[order], True)
+    return np.insert(at, places[order], values), flat
 
 
 def _seconds(t: Floats, at: decimate.Rows) -> Any:
