@@ -72,7 +72,7 @@ class Figures:
         made = {a.number: _source(a, most) for a in run.axles}
         sources = {number: source for number, (source, _) in made.items()}
         overview = self._overview(run, sources, time)
-        axles = {a.number: self._axle(a, sources[a.number], time) for a in run.axles}
+        axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
         return Drawn(overview, axles, max((step for _, step in made.values()), default=0.0))
 
     def of_runs(self, runs: Sequence[Run]) -> dict[int, list[str]]:
@@ -169,7 +169,7 @@ class Figures:
     def _overview(
         self, run: Run, sources: Mapping[int, ColumnDataSource], time: Range1d
     ) -> list[str]:
-        speed = self._figure("Speed of train and wheels [km/h]", 240, time)
+        speed = self._figure("Speed [km/h]", 240, time)
         adhesion = self._figure("Adhesion coefficient [-]", 190, time)
         items: dict[str, list[Any]] = {}
         slides = merged([span for axle in run.axles for span in _slides(axle)], _SHADES)
@@ -185,20 +185,20 @@ class Figures:
         of_train = [a for a in run.axles if a.known("train")][:1]
         for axle in of_train:
             line = _line(speed, sources[axle.number], "train", palette.BLACK, 2.0)
-            items["train"] = [line]
+            items[run.train] = [line]
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
 
-    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d) -> list[str]:
+    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d, train: str) -> list[str]:
         N, slides = axle.number, _slides(axle)
         speed = self._figure("Speed [km/h]", 180, time)
         items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
         if axle.known("train"):
-            items["train"] = [_line(speed, source, "train", palette.BLACK)]
+            items[train] = [_line(speed, source, "train", palette.BLACK)]
         speed.y_range = _range([_column(source, "rim"), _column(source, "train")], whole=True)
-        _finish(speed, items, slides, source, "km/h", {"train": "train", "wheel": "rim"})
+        _finish(speed, items, slides, source, "km/h", {train: "train", "wheel": "rim"})
 
         by_pressure = axle.known("pressure")
         name, unit = ("Pressure", "bar") if by_pressure else ("Clamping", "kN")
@@ -319,9 +319,11 @@ def _finish(
     _shade(fig, slides, _WEAK)
     _legend(fig, items)
     tips = [("time", "@t{0.00} s")]
-    tips += [(name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()]
-    known = [(a, b) for a, b in tips if a != "train" or np.isfinite(_column(source, "train")).any()]
-    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=known, mode="vline"))
+    tips += [
+        (name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()
+        if column != "train" or np.isfinite(_column(source, column)).any()
+    ]  # fmt: skip
+    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
 
 
 def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> None:

@@ -17,10 +17,10 @@ from bokeh.models import VArea
 from adhesion_cli.analysis.json_documents import document, dumps, entry
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.results import mcap
-from adhesion_cli.results.report import decimate, page, words
+from adhesion_cli.results.report import decimate, page, sections, words
 from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import Run, read
 
@@ -183,6 +183,43 @@ def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
     links = {a.get("href") for tag, a in Elements(text).elements if tag == "a"}
     assert "#finding-gap" in links  # on the first screen, as it is a warning
     assert "#finding-no-application" not in links
+
+
+def test_the_first_screen_says_where_a_warning_is(run: Run) -> None:
+    def said(*findings: dict[str, Any]) -> str:
+        return "".join(sections.care(replace(run, findings=findings)))
+
+    (gap,) = [f for f in run.findings if f["code"] == "gap"]
+    one = said({**gap, "channel": "speed 2", "spans": [[60.0, 67.5]]})
+    assert "speed 2" in one
+    assert "60.00–67.50 s" in one
+    many = said(*({**gap, "channel": f"a long name of channel {i}"} for i in range(40)))
+    assert "a long name of channel 0" in many
+    assert len(many) < 400
+
+
+def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> None:
+    axles = tuple(replace(a, document={**a.document, "applications": []}) for a in run.axles)
+    none = words.headline(replace(run, axles=axles))
+    finding = Finding("pressure-below-spring", "warning", "p").code
+    told = {**run.findings[0], "code": finding, "severity": "warning"}
+    why = words.headline(replace(run, axles=axles, findings=[told]))
+    assert none[0] == why[0] == "unknown"
+    assert why[1] != none[1]
+    assert catalogue()[finding].title in why[1]
+
+
+def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: Run) -> None:
+    made = {**run.findings[0], "code": "reference-speed", "severity": "info"}
+    labels = []
+    for of in (run, replace(run, findings=[made])):
+        drawn = Figures()
+        shown = drawn.of_run(of)
+        every = drawn.at([*shown.overview, *shown.axles[1]])
+        items = [i for fig in every for legend in fig.legend for i in legend.items]
+        labels.append({i.label.value for i in items})
+    assert "train" in labels[0]
+    assert "train" not in labels[1]
 
 
 def test_the_picture_keeps_every_extreme_and_every_sample_of_a_slide() -> None:
