@@ -28,6 +28,9 @@ from .axle_findings import of_axle
 from .settings import Settings
 
 _NARROWER = 2.0 / 3.0  # of the stated band: from there on `calibrate` is worth its run
+_CALIBRATED = "wheel-calibrated"
+_FEW = 3  # defaults that the line of a finding names
+_ROOM = 50  # letters that it has for them with their values
 
 
 def chosen(algos: Sequence[str]) -> list[Estimator]:
@@ -119,7 +122,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
 
     every_axle = threads.each(judged, records)
     done = [result for result, _ in every_axle]
-    findings += [f for _, more in every_axle for f in more]
+    findings += _with_diameters([f for _, more in every_axle for f in more], done, vehicle)
     findings += _calibration(made.scene, done[0], vehicle)
     defaults = assumed(settings, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
@@ -163,17 +166,44 @@ def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
 def assumed(settings: Settings, by_pressure: bool) -> list[Finding]:
     """The vehicle values that are defaults; those of the brake only if K is by pressure."""
     wheel = ("axle_mass", "wheel_radius", "wheelset_inertia", "friction")
-    vehicle, papers, named = settings.vehicle, Vehicle(), []
+    vehicle, papers, named, asked = settings.vehicle, Vehicle(), dict[str, str](), 0
     for name, q in quantities(Vehicle).items():
+        if name.startswith("friction_") or not (by_pressure or name in wheel):
+            continue
+        asked += 1
         mine, theirs = (np.atleast_2d(getattr(v, name))[:, 0].tolist() for v in (vehicle, papers))
-        is_default = not name.startswith("friction_") and (by_pressure or name in wheel)
-        is_default &= name not in settings.stated
-        if is_default and mine == theirs:
-            named.append(f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -"))
+        if name not in settings.stated and mine == theirs:
+            named[name] = f"{name} {theirs[0]:g} {q.unit}".removesuffix(" -")
     if not named:
         return []
-    shown = {"parameters": ", ".join(named)}
-    return [Finding("vehicle-default", "warning", count=len(named), names=shown)]
+    shown = {
+        "parameters": ", ".join(named.values()), "which": _few(named),
+        "are": "is a default" if len(named) == 1 else "are defaults",
+    }  # fmt: skip
+    values = {"defaults": len(named), "of": asked}
+    return [Finding("vehicle-default", "warning", count=len(named), values=values, names=shown)]
+
+
+def _few(named: Mapping[str, str]) -> str:
+    """Which parameters are defaults, if a line has room for them."""
+    if len(named) > _FEW:
+        return " (the paper's vehicle)"
+    whole = ", ".join(named.values())
+    return f": {whole if len(whole) <= _ROOM else ', '.join(named)}"
+
+
+def _with_diameters(
+    findings: Sequence[Finding], axles: Sequence[AxleResult], vehicle: Vehicle
+) -> list[Finding]:
+    """The findings; those of calibrated wheels with the diameters of all axles, as one setting."""
+    found = {f.channel: f"{f.values['diameter_m']:.4f}" for f in findings if f.code == _CALIBRATED}
+    last = max(a.record.axle for a in axles)
+    stated = [f"{2.0 * vehicle.radius(k).value:.6g}" for k in range(1, last + 1)]
+    every = [found.get(f"axle {k}", one) for k, one in enumerate(stated, 1)]
+    setting = f"[{','.join(every)}]" if last > 1 else every[0]
+    return [
+        replace(f, names={"diameters": setting}) if f.code == _CALIBRATED else f for f in findings
+    ]
 
 
 def _calibration(scene: Scene | None, axle: AxleResult, vehicle: Vehicle) -> list[Finding]:

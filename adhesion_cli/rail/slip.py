@@ -97,7 +97,7 @@ def calibrated(record: AxleRecord, vehicle: Vehicle) -> tuple[Parameter, list[Fi
         return stated, []
     if abs(ratio - 1.0) <= 2.0 * sigma:
         return Parameter(radius, min(radius * sigma, stated.tolerance)), []
-    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma}
+    values = {"share": ratio - 1.0, "share_u95": Z95 * sigma, "diameter_m": 2.0 * radius * ratio}
     rolling = Parameter(radius * ratio, radius * sigma)
     return rolling, [Finding("wheel-calibrated", "info", channel=name, values=values)]
 

@@ -12,6 +12,7 @@ import simulated
 from adhesion_cli.analysis import json_documents, settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core.errors import UserError
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Result, Vehicle, quantities
 from adhesion_cli.results import mcap
 
@@ -207,3 +208,22 @@ def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
         ),
         "vehicle.wheel_radius=[0.43]",
     )
+
+
+def test_of_the_vehicle_few_defaults_are_named_in_the_line_and_all_are_counted() -> None:
+    every = {k: getattr(Vehicle(), k).value for k in quantities(Vehicle) if k != "wheel_radius"}
+    stated = [f"vehicle.{k}={v}" for k, v in every.items() if not k.startswith("friction_")]
+
+    def told(left_out: int) -> Finding:
+        load = functools.partial(settings.load, None, stated[left_out:])
+        result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
+        (found,) = [f for f in result.findings if f.code == "vehicle-default"]
+        assert found.values == {"defaults": left_out + 1, "of": len(stated) + 1}
+        assert found.count == left_out + 1
+        assert len(found.message) <= 100
+        return found
+
+    assert "wheel_radius 0.42 m" in told(0).message
+    assert all(name in told(2).message for name in ("wheel_radius", *list(every)[:2]))
+    assert "wheel_radius" not in told(3).message
+    assert "wheel_radius 0.42 m" in (told(3).hint or "")

@@ -16,7 +16,7 @@ from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, Severity
-from adhesion_cli.core.model import Result
+from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import diagnosis, registry
@@ -35,8 +35,8 @@ AXLES = {"axle-pressure-differs", "axle-pressure-share"}
 APART = {"wheel-faster", "wheel-slower-unbraked", "wheel-speed-drift"}
 DIAMETER = {"wheel-diameter", "wheel-diameter-in-logger"}
 FORCE = {
-    *UNITS, *AXLES, "vehicle-suspect", "brake-unknown", "deceleration-unexplained",
-    "coefficient-too-high", "speed-signal-loss", "force-negative",
+    *UNITS, *AXLES, "vehicle-suspect", "brake-unknown", "pressure-below-spring",
+    "deceleration-unexplained", "coefficient-too-high", "speed-signal-loss", "force-negative",
 }  # fmt: skip
 CODES = {
     *FORCE, *APART, *DIAMETER, "pressure-delay", "delay-or-vehicle",
@@ -539,6 +539,19 @@ def test_a_brake_the_log_does_not_know_is_told(tmp_path: Path) -> None:
 
     log = simulated.changed(clean("service-brake", 1, "as it is"), "pressure", off)
     assert codes(log, tmp_path) == {"brake-unknown"}
+
+
+@pytest.mark.parametrize("times", [1.05, 2.0])
+def test_a_spring_that_takes_the_pressure_is_told_with_both(times: float, tmp_path: Path) -> None:
+    log = clean("service-brake", 1, "as it is")
+    (bar,) = (float(log[i].value.max()) for i in simulated.which(log, "pressure"))
+    line, paper = force_line(Vehicle()), Vehicle().spring_force.value
+    force = paper * times * 1e5 * bar * line.per_pascal / line.at_zero
+    told = found(log, tmp_path, settings.load(None, [f"vehicle.spring_force={force:g}"]))
+    (one,) = [f for f in told if f.code == "pressure-below-spring"]
+    assert {f.code for f in told}.isdisjoint({"brake-unknown", "pressure-unit-suspect"})
+    assert 0.5 * bar < one.values["pressure_bar"] <= bar
+    assert one.values["spring_bar"] == pytest.approx(times * bar, rel=1e-3)
 
 
 def test_a_brake_that_pushes_is_told_with_the_sensor(tmp_path: Path) -> None:

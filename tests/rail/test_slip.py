@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,6 +17,7 @@ from simulated import changed, late, recordings, simulation, write
 from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.cli.slip import table
+from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord, AxleResult, Parameter, Reference, Result, Vehicle
 from adhesion_cli.core.physics import G
 from adhesion_cli.formats.open import open_source
@@ -278,6 +280,27 @@ def test_wheel_diameters_come_from_coasting() -> None:
         assert abs(radius.value - true) < 3.0 * radius.tolerance + 1e-3
     calibrated = [f.channel for f in result.findings if f.code == "wheel-calibrated"]
     assert calibrated == ["axle 3", "axle 4"]
+
+
+def test_diameters_of_calibrated_wheels_are_stated_as_the_hint_says(tmp_path: Path) -> None:
+    def turning(r: Recording) -> Recording:
+        return replace(r, unit="rad/s", value=r.value / 3.6 / 0.42, decimals=4)
+
+    log = write(tmp_path / "x.csv", changed(recordings("four-axles"), "wheel_speed", turning))
+
+    def found(*stated: str) -> list[Finding]:
+        load = partial(settings.load, None, stated, folder=False)
+        every = analyze.analyze(log, load, ["leso"]).findings
+        return [f for f in every if f.code == "wheel-calibrated"]
+
+    told = found()
+    assert [f.channel for f in told] == ["axle 3", "axle 4"]
+    (hint,) = {f.hint or "" for f in told}
+    (setting,) = re.findall(r"--set (vehicle\.wheel_diameter=[^`]+)`", hint)
+    every = json.loads(setting.partition("=")[2])
+    assert every[:2] == [0.84, 0.84]
+    assert every[2:] == [pytest.approx(f.values["diameter_m"], abs=1e-4) for f in told]
+    assert not found(setting)
 
 
 def test_a_wheel_is_no_other_than_stated_by_few_readings_of_the_train() -> None:

@@ -1,4 +1,4 @@
-"""A train that brakes while no cylinder has the pressure for it."""
+"""A train that brakes while no cylinder has the pressure for it, or the spring takes it."""
 
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple
@@ -7,6 +7,7 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity
+from ...core.physics import cylinder_pressure, force_line
 from ...core.units import others
 from ...dynamics.train_grid import LEAST, Scene, largest, lasting
 from ..registry import About
@@ -26,10 +27,13 @@ class Params(NamedTuple):
     alike: Annotated[
         float, Quantity("-", "correlation of pressure and deceleration: a wrong unit", 0.0, 1.0)
     ] = 0.9
+    present: Annotated[
+        float, Quantity("Pa", "zero and noise of a sensor are less: it is a pressure", 0.0)
+    ] = 2e4
 
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
-    """Where the wheels slow without pressure."""
+    """Where the wheels slow without clamping force."""
     g, brake = s.grid, s.axles[0].brake
     top = float(np.nanmax(g.pressure, initial=0.0))
     alone = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
@@ -38,10 +42,15 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     if not long.any():
         return
     values = {"deceleration_mps2": float(np.median(g.braking[long]))}
+    there = float(np.median(np.nan_to_num(largest(g.pressure)[long])))
     likely = others(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
     code = "brake-unknown"
     if likely and _correlation(np.mean(g.pressure, axis=0), g.braking) > p.alike:
         code, values = "pressure-unit-suspect", {**values, "peak_bar": top / 1e5}
+    elif there > p.present and s.vehicle.spring_force.value:
+        spring = float(cylinder_pressure(force_line(s.vehicle), 0.0))
+        code = "pressure-below-spring"
+        values |= {"pressure_bar": there / 1e5, "spring_bar": spring / 1e5}
     yield s.found(code, "warning", brake, long, 0, values, {"units": named(likely)})
 
 

@@ -56,7 +56,7 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     for axle, places in figures.of_runs(runs).items():
         inside = element("h2", f"Axle {axle}") + "".join(sections.places(places))
         yield element("div", inside, "whole")
-    yield paragraph("Grey: speed of the train.", "note")
+    yield paragraph("Grey: speed of the train, measured or estimated.", "note")
     yield paragraph(sections.TOO_OLD, "too-old")
     for i, run in enumerate(runs, 1):
         yield element("h2", text(f"Run {i}: {run.name}"))

@@ -72,7 +72,7 @@ class Figures:
         made = {a.number: _source(a, most) for a in run.axles}
         sources = {number: source for number, (source, _) in made.items()}
         overview = self._overview(run, sources, time)
-        axles = {a.number: self._axle(a, sources[a.number], time) for a in run.axles}
+        axles = {a.number: self._axle(a, sources[a.number], time, run.train) for a in run.axles}
         return Drawn(overview, axles, max((step for _, step in made.values()), default=0.0))
 
     def of_runs(self, runs: Sequence[Run]) -> dict[int, list[str]]:
@@ -169,7 +169,7 @@ class Figures:
     def _overview(
         self, run: Run, sources: Mapping[int, ColumnDataSource], time: Range1d
     ) -> list[str]:
-        speed = self._figure("Speed of train and wheels [km/h]", 240, time)
+        speed = self._figure("Speed [km/h]", 240, time)
         adhesion = self._figure("Adhesion coefficient [-]", 190, time)
         items: dict[str, list[Any]] = {}
         slides = merged([span for axle in run.axles for span in _slides(axle)], _SHADES)
@@ -185,20 +185,20 @@ class Figures:
         of_train = [a for a in run.axles if a.known("train")][:1]
         for axle in of_train:
             line = _line(speed, sources[axle.number], "train", palette.BLACK, 2.0)
-            items["train"] = [line]
+            items[run.train] = [line]
         speed.y_range = _range([_column(s, "rim") for s in sources.values()], whole=True)
         adhesion.y_range = _range([_braked(a, a.force) / a.weight for a in run.axles])
         _legend(speed, items)
         return [self._place(speed, "overview-speed"), self._place(adhesion, "overview-adhesion")]
 
-    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d) -> list[str]:
+    def _axle(self, axle: Axle, source: ColumnDataSource, time: Range1d, train: str) -> list[str]:
         N, slides = axle.number, _slides(axle)
         speed = self._figure("Speed [km/h]", 180, time)
         items = {"wheel": [_line(speed, source, "rim", palette.BLUE)]}
         if axle.known("train"):
-            items["train"] = [_line(speed, source, "train", palette.BLACK)]
+            items[train] = [_line(speed, source, "train", palette.BLACK)]
         speed.y_range = _range([_column(source, "rim"), _column(source, "train")], whole=True)
-        _finish(speed, items, slides, source, "km/h", {"train": "train", "wheel": "rim"})
+        _finish(speed, items, slides, source, "km/h", {train: "train", "wheel": "rim"})
 
         by_pressure = axle.known("pressure")
         name, unit = ("Pressure", "bar") if by_pressure else ("Clamping", "kN")
@@ -319,9 +319,11 @@ def _finish(
     _shade(fig, slides, _WEAK)
     _legend(fig, items)
     tips = [("time", "@t{0.00} s")]
-    tips += [(name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()]
-    known = [(a, b) for a, b in tips if a != "train" or np.isfinite(_column(source, "train")).any()]
-    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=known, mode="vline"))
+    tips += [
+        (name, f"@{column}{{0.00}} {unit}") for name, column in shown.items()
+        if column != "train" or np.isfinite(_column(source, column)).any()
+    ]  # fmt: skip
+    fig.add_tools(HoverTool(renderers=lines[-1:], tooltips=tips, mode="vline"))
 
 
 def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> None:
@@ -369,16 +371,44 @@ def _source(axle: Axle, most: int, zero: float = 0.0) -> tuple[ColumnDataSource,
     ]  # what follows from another column, or from noise around it, is left out
     braked = [(o["start_s"] - _MARGIN, o["end_s"] + _MARGIN) for o in axle.applications]
     kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
-    at = decimate.with_gaps(axle.t, kept)
+    at, flat = _edged(
+        decimate.with_gaps(axle.t, kept), np.isfinite(axle.lower) & np.isfinite(axle.upper)
+    )
     data: dict[str, NDArray[np.float32]] = {"t": _seconds(axle.t - zero, at)}
     for name, column in columns.items():
         if name not in empty:
             data[name] = _short(np.where(at < 0, np.nan, column[at]))
+    if flat.any():
+        data["upper"][flat] = data["lower"][flat]
     for name in {"rim", "train"} & set(empty):
         data[name] = np.full(len(at), np.nan, np.float32)
     left_out = _inside(axle.t, braked).sum() - _inside(axle.t[kept], braked).sum()
     steps = np.diff(axle.t[kept])[_inside(axle.t[kept[1:]], braked)]
     return ColumnDataSource(data), float(np.quantile(steps, 0.9)) if left_out else 0.0
+
+
+def _edged(at: decimate.Rows, known: NDArray[np.bool_]) -> tuple[decimate.Rows, NDArray[np.bool_]]:
+    """The rows, with one more on each side of a stretch where the band is not known.
+
+    Bokeh draws an area past points that are not known. It shows nothing there if the band has no
+    height at both sides.
+
+    Args:
+        at: rows, −1 where a line is broken.
+        known: whether a row has a band.
+
+    Returns:
+        rows with those at the sides twice, and whether a row is such a second one.
+    """
+    has = (at >= 0) & known[at]
+    inner = np.flatnonzero(has)
+    ends = inner[:-1][np.diff(inner) > 1]
+    begins = inner[1:][np.diff(inner) > 1]
+    places = np.concatenate([ends + 1, begins])
+    order = np.argsort(places, kind="stable")
+    values = at[np.concatenate([ends, begins])][order]
+    flat = np.insert(np.zeros(len(at), np.bool_), places[order], True)
+    return np.insert(at, places[order], values), flat
 
 
 def _seconds(t: Floats, at: decimate.Rows) -> Any:

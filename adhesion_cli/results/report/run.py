@@ -79,6 +79,12 @@ class Run:
         return Path(str(self.log["path"])).name
 
     @property
+    def train(self) -> str:
+        """What the train's speed is called: measured, or estimated from the axles."""
+        made = any(f["code"] == "reference-speed" for f in self.findings)
+        return "reference speed (estimated)" if made else "train"
+
+    @property
     def brake_s(self) -> float:
         """Start of the first brake application [s]; 0 without one."""
         return min((o["start_s"] for a in self.axles for o in a.applications), default=0.0)

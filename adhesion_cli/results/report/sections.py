@@ -18,6 +18,7 @@ OF_SLIDES = (
     "share of the available adhesion that the wheel used while it slid; a dash where the slides "
     "are too short to show it."
 )
+_NAMED = 60  # letters for the channels of a finding in its line
 _AT_LEAST = "≥: the true value is at least this, as the train speed was estimated or is delayed."
 TOO_OLD = "This browser is too old to draw the figures. The tables are whole."
 
@@ -79,8 +80,17 @@ def care(run: Run, title: str = "") -> Iterator[str]:
 
 
 def _in_short(of: words.Told) -> str:
-    messages = list(dict.fromkeys(message for _, _, message in of.lines))
-    return messages[0] if len(messages) == 1 else f"{of.title}."
+    """What and where, in one line."""
+    channels, times, messages = (list(dict.fromkeys(x)) for x in zip(*of.lines, strict=True))
+    channels = [c for c in channels if c]
+    where = words.listed(channels) if channels else ""
+    if len(where) > _NAMED:
+        where = f"{channels[0].partition(', ')[0]} and others"
+    spans = [t for t in times if t.endswith((" s", "more"))]
+    first = f"{spans[0]}{' and others' * (len(spans) > 1)}" if spans else ""
+    said = messages[0] if len(messages) == 1 else f"{of.title}."
+    place = ", ".join(part for part in (where, first) if part)
+    return f"{place}: {said}" if place else said
 
 
 def places(names: Sequence[str]) -> Iterator[str]:

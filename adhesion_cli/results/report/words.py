@@ -12,6 +12,7 @@ from .run import Axle, Run
 Mark = Literal["good", "slid", "locked", "unknown"]
 Cells = Mapping[str, str]
 NONE = "–"
+_NO_FORCE = ("pressure-below-spring", "pressure-unit-suspect", "brake-unknown")
 _LOCKED = 0.995  # slip of a wheel that stands while the train moves
 
 
@@ -74,7 +75,8 @@ def headline(run: Run) -> tuple[Mark, str]:
     marks = {a.number: verdict(a).mark for a in run.axles}
     count = max((len(a.applications) for a in run.axles), default=0)
     if not count:
-        return "unknown", "The log shows no brake application."
+        why = [of.title for of in told(run.findings) if of.code in _NO_FORCE]
+        return "unknown", ". ".join(["The log shows no brake application", *why]) + "."
     braked = "the brake application" if count == 1 else f"{count} brake applications"
     by_mark: dict[Mark, list[int]] = {}
     for axle, mark in marks.items():

@@ -12,14 +12,16 @@ from typing import Any
 import made_results
 import numpy as np
 import pytest
+from bokeh.models import VArea
 
 from adhesion_cli.analysis.json_documents import document, dumps, entry
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.errors import UserError
-from adhesion_cli.core.finding import Finding
+from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.results import mcap
-from adhesion_cli.results.report import decimate, page, words
+from adhesion_cli.results.report import decimate, page, sections, words
+from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import Run, read
 
 EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
@@ -197,6 +199,43 @@ def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
     assert "#finding-no-application" not in links
 
 
+def test_the_first_screen_says_where_a_warning_is(run: Run) -> None:
+    def said(*findings: dict[str, Any]) -> str:
+        return "".join(sections.care(replace(run, findings=findings)))
+
+    (gap,) = [f for f in run.findings if f["code"] == "gap"]
+    one = said({**gap, "channel": "speed 2", "spans": [[60.0, 67.5]]})
+    assert "speed 2" in one
+    assert "60.00–67.50 s" in one
+    many = said(*({**gap, "channel": f"a long name of channel {i}"} for i in range(40)))
+    assert "a long name of channel 0" in many
+    assert len(many) < 400
+
+
+def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> None:
+    axles = tuple(replace(a, document={**a.document, "applications": []}) for a in run.axles)
+    none = words.headline(replace(run, axles=axles))
+    finding = Finding("pressure-below-spring", "warning", "p").code
+    told = {**run.findings[0], "code": finding, "severity": "warning"}
+    why = words.headline(replace(run, axles=axles, findings=[told]))
+    assert none[0] == why[0] == "unknown"
+    assert why[1] != none[1]
+    assert catalogue()[finding].title in why[1]
+
+
+def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: Run) -> None:
+    made = {**run.findings[0], "code": "reference-speed", "severity": "info"}
+    labels = []
+    for of in (run, replace(run, findings=[made])):
+        drawn = Figures()
+        shown = drawn.of_run(of)
+        every = drawn.at([*shown.overview, *shown.axles[1]])
+        items = [i for fig in every for legend in fig.legend for i in legend.items]
+        labels.append({i.label.value for i in items})
+    assert "train" in labels[0]
+    assert "train" not in labels[1]
+
+
 def test_the_picture_keeps_every_extreme_and_every_sample_of_a_slide() -> None:
     rng = np.random.default_rng(1)
     n, most = 200_000, 4000
@@ -228,6 +267,35 @@ def test_a_line_is_broken_at_a_gap_and_where_time_was_set_back() -> None:
     t = np.concatenate([np.arange(100) * 0.01, 5.0 + np.arange(100) * 0.01, np.arange(50) * 0.01])
     kept = decimate.with_gaps(t, np.arange(len(t)))
     assert np.flatnonzero(kept < 0).tolist() == [100, 201]
+
+
+def test_the_band_has_no_height_where_nothing_is_known(run: Run) -> None:
+    (axle, *_) = run.axles
+    force, lower, upper = (np.full(3000, x) for x in (5e3, 4e3, 6e3))
+    unknown = (slice(700, 1200), slice(1300, 1301), slice(2000, 2900))
+    for column in (force, lower, upper):
+        for span in unknown:
+            column[span] = np.nan
+    gap = axle.t + np.where(np.arange(3000) >= 1600, 20.0, 0.0)
+    of = replace(axle, t=gap, force=force, lower=lower, upper=upper)
+    drawn = Figures()
+    places = drawn.of_run(replace(run, axles=(of,))).axles[axle.number]
+    (area,) = [
+        r for fig in drawn.at(places) for r in fig.renderers if isinstance(r.glyph, VArea)
+    ]  # fmt: skip
+    t, low, high = (np.asarray(area.data_source.data[k], float) for k in ("t", "lower", "upper"))
+    known = np.isfinite(low)  # Bokeh's area goes past the others
+    assert (known == np.isfinite(high)).all()
+
+    def height(at: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.interp(at, t[known], (high - low)[known])
+        return found
+
+    for span in unknown:
+        assert height(gap[span]).max() < 1e-6
+    assert height(np.linspace(gap[1599] + 0.1, gap[1600] - 0.1, 9)).max() < 1e-6
+    inside = np.setdiff1d(np.arange(3000), np.concatenate([np.r_[s] for s in unknown]))
+    assert np.median(height(gap[inside])) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("kind", ["log", "comparison", "older", "damaged"])
