@@ -5,20 +5,26 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..core.errors import UserError
 from . import work
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 # A worker computes with one thread: the other processors have workers of their own.
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 class Processes:
-    """So many processes, each in a pool of its own: a dead one is known with its log.
+    """So many processes, each with a pipe of its own: a dead one is known with its log.
+
+    A pipe ends with its process, so nothing waits for one that was killed. The pools of Python do,
+    and at the end of a run they may also write to a pipe that is closed already.
 
     Attributes:
         capacity: logs that are in work at once.
@@ -31,10 +37,11 @@ class Processes:
 
     def __init__(self, count: int) -> None:
         self.capacity = count
-        self._idle: SimpleQueue[ProcessPoolExecutor | None] = SimpleQueue()
+        self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
         for _ in range(count):
             self._idle.put(None)  # started when there is work for it
-        self._warm = False
+        self._started: list[_Worker] = []
+        self._waiting = ThreadPoolExecutor(count)  # each for the answer of a process
 
     def each(self, do: Callable[[Any], Any], of: Sequence[Any]) -> Iterator[Any]:
         """`do` of each, in order; it mostly reads, so threads are enough."""
@@ -44,35 +51,81 @@ class Processes:
 
     def submit(self, do: Callable[..., Any], *arguments: Any) -> "Future[Any]":
         """Calls a function in an idle process."""
-        pool = self._idle.get() or self._started()
-        with _uninterrupted():
-            future = pool.submit(do, *arguments)
-        future.add_done_callback(lambda done: self._idle.put(None if self._dead(done) else pool))
+        worker = self._idle.get() or self._new()
+        future = self._waiting.submit(worker.call, do, *arguments)
+        future.add_done_callback(lambda done: self._idle.put(None if self._dead(done) else worker))
         return future
 
     def close(self) -> None:
         """Ends the processes, whatever they do: what they write is whole, or has no name."""
-        for child in multiprocessing.active_children():
-            child.kill()
+        for worker in self._started:
+            worker.process.kill()
+        self._waiting.shutdown(cancel_futures=True)
+        for worker in self._started:
+            worker.process.join()
+            worker.pipe.close()
+        self._started.clear()
 
     def _dead(self, done: "Future[Any]") -> bool:
         return done.cancelled() or isinstance(done.exception(), self.died)
 
-    def _started(self) -> ProcessPoolExecutor:
-        """A pool of one process; the first compiles what the others then find compiled."""
+    def _new(self) -> "_Worker":
+        """A new process; the first compiles what the others then find compiled."""
         for name in _THREADS:
             os.environ.setdefault(name, "1")
-        pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin)
-        if not self._warm:
-            with _uninterrupted():
-                ready = pool.submit(work.warm)
+        first = not self._started
+        with _uninterrupted():
+            self._started.append(worker := _Worker())
+        if first:
             try:
-                ready.result()
+                worker.call(work.warm)
             except BrokenExecutor as error:
                 text = "a process died before it had a log"
                 raise UserError(text, "free memory, or lower --workers") from error
-            self._warm = True
-        return pool
+        return worker
+
+
+class _Worker:
+    """A process that calls functions, one at a time."""
+
+    def __init__(self) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, its_end = spawn.Pipe()
+        self.process = spawn.Process(target=_serve, args=(its_end,), daemon=True)
+        try:
+            self.process.start()
+        finally:
+            its_end.close()  # the process alone has it: the pipe ends with the process
+
+    def call(self, do: Callable[..., Any], *arguments: Any) -> Any:
+        """What the function returns or raises there.
+
+        Raises:
+            BrokenExecutor: the process died.
+        """
+        try:
+            self.pipe.send((do, arguments))
+            done, answer = self.pipe.recv()
+        except (EOFError, OSError) as error:
+            raise BrokenExecutor("the process died") from error
+        if not done:
+            raise answer
+        return answer
+
+
+def _serve(pipe: "Connection") -> None:
+    """Calls what comes through a pipe, and sends what it returns or raises."""
+    _begin()
+    while True:
+        try:
+            do, arguments = pipe.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = True, do(*arguments)
+        except Exception as error:  # the run says what becomes of the log
+            answer = False, error
+        pipe.send(answer)
 
 
 def _begin() -> None:

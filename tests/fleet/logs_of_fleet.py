@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -28,3 +29,9 @@ def killed(item: work.Item, job: work.Job) -> Any:
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return work.analysed(item, job)
+
+
+def stuck(started: str) -> None:
+    """Work that never ends; the file says that it has begun."""
+    Path(started).touch()
+    time.sleep(3600.0)

@@ -248,20 +248,24 @@ def test_overview_keeps_the_extremes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     t, full = column(path, "/axle/1/force/estimates", "scalars")
     few_t, few = column(path, "/overview/axle/1/force/estimates", "scalars")
     assert len(full) == 2002
-    assert 90 <= len(few) <= 100
+    assert 90 <= len(few) <= 106  # the two breaks of the gap add to it
     np.testing.assert_array_equal(np.nanmin(few, axis=0), np.nanmin(full, axis=0))
     np.testing.assert_array_equal(np.nanmax(few, axis=0), np.nanmax(full, axis=0))
     assert np.isnan(few).any()  # the gap shows
-    step = -(-2 * len(t) // 100)
-    for k in range(0, len(few), 2):
-        span = slice(k // 2 * step, k // 2 * step + step)
-        assert few_t[k] == t[span][0]
-        if np.isfinite(full[span]).any():
-            drawn = np.sort(few[k : k + 2], axis=0)  # they come in the order of the line
-            np.testing.assert_array_equal(drawn[0], np.nanmin(full[span], axis=0))
-            np.testing.assert_array_equal(drawn[1], np.nanmax(full[span], axis=0))
-            rises = full[span][-1] >= full[span][0]
-            np.testing.assert_array_equal(few[k] == drawn[0], rises | (drawn[0] == drawn[1]))
+    (lane,) = rows.of_axle(result(1, 2000).axles[0])
+    first = rows.spans(lane.row, -(-2 * len(t) // 100))
+    k = 0
+    for begin, end in zip(first, [*first[1:], len(t)], strict=True):
+        count = min(2, end - begin)
+        assert few_t[k] == t[begin]
+        if np.isfinite(full[begin:end]).any():
+            drawn = np.sort(few[k : k + count], axis=0)  # they come in the order of the line
+            np.testing.assert_array_equal(drawn[0], np.nanmin(full[begin:end], axis=0))
+            np.testing.assert_array_equal(drawn[-1], np.nanmax(full[begin:end], axis=0))
+            rises = full[end - 1] >= full[begin]
+            np.testing.assert_array_equal(few[k] == drawn[0], rises | (drawn[0] == drawn[-1]))
+        k += count
+    assert k == len(few)
     _, band = column(path, "/overview/axle/1/force/band", "values")
     assert len(band) == len(few)
 

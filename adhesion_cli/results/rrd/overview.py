@@ -90,12 +90,14 @@ def _send(
     rec: rr.RecordingStream, path: str, times: parts.Clock, axle: AxleResult, lines: Sequence[_Line]
 ) -> None:
     """Sends lines of an axle, each below the entity of its chart."""
-    t, index, inside = rows.of_axle(axle)
-    first = np.arange(0, len(t), -(-2 * len(t) // rows.OVERVIEW))
-    for chart, key, name, colour, values in lines:
-        known = (index >= 0) & (inside | (chart == "speed"))
-        plot = parts.lines(key, [(name, colour, np.where(known, values[index], np.nan))])
-        parts.send_plot(rec, f"{path}/{chart}/{key}", times, *rows.envelope(t, plot, first))
+    for lane in rows.of_axle(axle):
+        _, t, index, inside = lane
+        first = rows.spans(index, -(-2 * len(t) // rows.OVERVIEW))
+        for chart, key, name, colour, values in lines:
+            known = (index >= 0) & (inside | (chart == "speed"))
+            plot = parts.lines(key, [(name, colour, np.where(known, values[index], np.nan))])
+            entity = lane.below(f"{path}/{chart}/{key}")
+            parts.send_plot(rec, entity, times, *rows.envelope(t, plot, first))
 
 
 def _values(result: Result, axle: AxleResult) -> dict[str, Floats]:

@@ -80,8 +80,10 @@ class _Page:
         self.spans = [self._spans(a) for a in result.axles]
         self.slides = {a.record.axle: slip.slides(a) for a in result.axles}
         drawn = list(zip(self.spans, result.axles, strict=True))
-        self.large = sum(len(s) * (2 * len(a.estimates) + 9) for s, a in drawn) > OVERVIEW_FROM
-        self.thinned = any(len(s) < len(a.record) for s, a in drawn)
+        points = [sum(map(len, s)) for s, _ in drawn]
+        shown = sum(n * (2 * len(a.estimates) + 9) for n, (_, a) in zip(points, drawn, strict=True))
+        self.large = shown > OVERVIEW_FROM
+        self.thinned = any(n < len(a.record) for n, (_, a) in zip(points, drawn, strict=True))
         self.lists: dict[str, list[log_events.Told]] = {}  # by the list's entity
         for x in log_events.of_result(result):
             kind = "findings" if x.code in catalogue() else "events"
@@ -96,28 +98,10 @@ class _Page:
         """Send everything."""
         for n, axle in enumerate(self.result.axles):
             path = f"axle/{axle.record.axle}"
-            t, index, inside = rows.of_axle(axle)
-            drawn = self.spans[n]
-            span = -(-2 * len(t) // rows.OVERVIEW)
-            step = max(_ROWS // span, 1) * span
             lines: list[tuple[str, int]] = []
-            for at in range(0, len(t), step):
-                part = slice(at, at + step)
-                first = drawn[(drawn > at) & (drawn < at + step)] - at
-                first = np.insert(first, 0, 0)
-                for plot in self._plots(axle, index[part], inside[part]):
-                    whole = f"{self.root}/{path}/{plot.name}"
-                    thin = rows.envelope(t[part], plot, first)
-                    if len(drawn) < len(t):
-                        thin = rows.without_repeats(*thin)
-                    parts.send_plot(rec, whole, self.times, *thin, at == 0)
-                    if at == 0 and plot.name.startswith("force/"):
-                        lines += zip(plot.series, plot.colours, strict=True)
-                    if self.large:
-                        over = f"{self.root}/overview/{path}/{plot.name}"
-                        short = rows.envelope(t[part], plot, np.arange(0, len(t[part]), span))
-                        parts.send_plot(rec, over, self.times, *short, at == 0)
-                rec.flush()  # or the SDK queues the whole log
+            for lane, drawn in zip(rows.of_axle(axle), self.spans[n], strict=True):
+                found = self._send_lane(rec, path, axle, lane, drawn)
+                lines = lines or found
             parts.send_names(
                 rec, f"{self.root}/lines/{path}", self.times, self.zeros["time"], lines
             )
@@ -133,18 +117,51 @@ class _Page:
         about = _about(self.result, self.large, self.thinned)
         parts.send_text(rec, f"{self.root}/about", about)
 
-    def _spans(self, axle: AxleResult) -> NDArray[np.int64]:
-        """First row, of `_rows`, of each span of which one or two rows are drawn, (k,).
+    def _send_lane(
+        self, rec: rr.RecordingStream, path: str, axle: AxleResult, lane: rows.Lane,
+        drawn: NDArray[np.int64],
+    ) -> list[tuple[str, int]]:  # fmt: skip
+        """The charts of an axle, by parts of a long log; returns names and colours of forces.
+
+        Args:
+            rec: where to.
+            path: of the axle.
+            axle: that is shown.
+            lane: its rows.
+            drawn: first row of each span of them, see `_spans`.
+        """
+        _, t, index, inside = lane
+        span = -(-2 * len(t) // rows.OVERVIEW)
+        step = max(_ROWS // span, 1) * span
+        lines: list[tuple[str, int]] = []
+        for at in range(0, len(t), step):
+            part = slice(at, at + step)
+            first = drawn[(drawn > at) & (drawn < at + step)] - at
+            first = np.insert(first, 0, 0)
+            for plot in self._plots(axle, index[part], inside[part]):
+                whole = lane.below(f"{self.root}/{path}/{plot.name}")
+                thin = rows.envelope(t[part], plot, first)
+                if len(drawn) < len(t):
+                    thin = rows.without_repeats(*thin)
+                parts.send_plot(rec, whole, self.times, *thin, at == 0)
+                if at == 0 and plot.name.startswith("force/"):
+                    lines += zip(plot.series, plot.colours, strict=True)
+                if self.large:
+                    over = lane.below(f"{self.root}/overview/{path}/{plot.name}")
+                    short = rows.envelope(t[part], plot, rows.spans(index[part], span))
+                    parts.send_plot(rec, over, self.times, *short, at == 0)
+            rec.flush()  # or the SDK queues the whole log
+        return lines
+
+    def _spans(self, axle: AxleResult) -> list[NDArray[np.int64]]:
+        """First row of each span of which one or two rows are drawn, (k,), for each lane of rows.
 
         In and around brake applications and slides that is every row, and in short logs.
         """
-        t, index, _ = rows.of_axle(axle)
+        lanes = rows.of_axle(axle)
         if self.full or len(axle.record) <= thinning.LONG:
-            return np.arange(len(t))
-        exact = (index < 0) | thinning.near_brakes(axle, t)
-        new = np.diff(t // thinning.EVERY, prepend=t[0] // thinning.EVERY - 1) != 0
-        new |= exact | np.append(False, exact[:-1])
-        return np.flatnonzero(new)
+            return [np.arange(len(lane.t)) for lane in lanes]
+        return [_thinned(axle, lane) for lane in lanes]
 
     def times(self, t: Times) -> list[rr.TimeColumn]:
         """Time stamps on each timeline."""
@@ -174,7 +191,7 @@ class _Page:
     def _plots(
         self, axle: AxleResult, index: NDArray[np.int64], inside: Bools
     ) -> Iterator[parts.Plot]:
-        """What is drawn of some rows, see `_rows`."""
+        """What is drawn of some rows, see `rows.Lane`."""
         record, reference = axle.record, axle.reference
 
         def column(values: Floats, factor: float = 1.0) -> Floats:
@@ -235,7 +252,6 @@ class _Page:
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
         mu = physics.coefficient(axle.reference.force, vehicle)
-        t, index, inside = rows.of_axle(axle)
         send_curve(
             rec, f"{path}/slip", self.times, axle.record.t, slip, mu, self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
@@ -257,9 +273,10 @@ class _Page:
             ("region", region, parts.REGION_STATES),
             ("wheel", slides, parts.WHEELS),
         ):
-            shown = np.where(inside, codes[index], -1)
-            lane = f"{path}/state/{name}"
-            parts.send_states(rec, lane, self.times, t, shown, states)
+            for rows_ in rows.of_axle(axle):
+                shown = np.where(rows_.inside, codes[rows_.row], -1)
+                lane = rows_.below(f"{path}/state/{name}")
+                parts.send_states(rec, lane, self.times, rows_.t, shown, states)
 
     def _send_lists(self, rec: rr.RecordingStream) -> None:
         """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
@@ -356,6 +373,15 @@ class _Page:
             parts.list_view(f"{self.root}/{kind}", f"Axle {axle}: {kind}", contents)
             for kind in ("findings", "events")
         ]
+
+
+def _thinned(axle: AxleResult, lane: rows.Lane) -> NDArray[np.int64]:
+    """First row of each span: a row near a brake application, a break, or so long elsewhere."""
+    t = lane.t
+    exact = (lane.row < 0) | thinning.near_brakes(axle, t)
+    new = np.diff(t // thinning.EVERY, prepend=t[0] // thinning.EVERY - 1) != 0
+    new |= exact | np.append(False, exact[:-1])
+    return np.flatnonzero(new)
 
 
 def _inputs(path: str, axle: AxleResult) -> list[rrb.View]:

@@ -1,6 +1,7 @@
 """Which rows of a record are drawn, and what stands for those that are not."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +12,70 @@ from .parts import Plot
 OVERVIEW = 10_000  # rows of an overview: two for each column of the finest screens
 
 
-def of_axle(axle: AxleResult) -> tuple[Times, NDArray[np.int64], Bools]:
-    """Rows to draw: each sample, and one without values wherever a segment begins or ends.
+class Lane(NamedTuple):
+    """Rows to draw as one line, in the order of time.
 
-    Returns:
-        time [ns], index into the record's columns (−1 for a break), and whether the row lies in a
-        segment; shape (m,).
+    Attributes:
+        place: 0, or of a further line where the clock was set back over times that are drawn.
+        t: of the rows [ns], rising, (m,).
+        row: of the record, −1 for one without values: a break in each line, (m,).
+        inside: whether the row lies in a segment, (m,).
+    """
+
+    place: int
+    t: Times
+    row: NDArray[np.int64]
+    inside: Bools
+
+    def below(self, path: str) -> str:
+        """The entity of these rows; a chart shows what is below its own, too."""
+        return f"{path}/again/{self.place}" if self.place else path
+
+
+def of_axle(axle: AxleResult) -> list[Lane]:
+    """Rows to draw: each sample, and a break wherever a segment ends or the clock is set back.
+
+    The viewer sorts rows by time. What came after a clock was set back would be mixed with what
+    came before, so it has a lane of its own while their times overlap.
     """
     t = axle.record.t
     inside = np.zeros(len(t), bool)
     for s in axle.record.segments:
         inside[s] = True
-    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} - {0, len(t)}
-    edges = np.array(sorted(bounds), np.int64)
+    back = np.flatnonzero(np.diff(t) < 0) + 1
+    bounds = {b for s in axle.record.segments for b in (s.start, s.stop)} | {*back.tolist()}
+    edges = np.array(sorted(bounds - {0, len(t)}), np.int64)
     index = np.insert(np.arange(len(t)), edges, -1)
-    return np.insert(t, edges, t[edges - 1] + 1), index, np.insert(inside, edges, False)
+    times, inside = np.insert(t, edges, t[edges - 1] + 1), np.insert(inside, edges, False)
+    of = _places(times)
+    each = [np.flatnonzero(of == k) for k in range(int(of.max(initial=0)) + 1)]
+    return [Lane(k, times[at], index[at], inside[at]) for k, at in enumerate(each)]
+
+
+def _places(t: Times) -> NDArray[np.int64]:
+    """The lane of each row: of each stretch of rising times the first that has ended by then."""
+    starts = np.append(0, np.flatnonzero(np.diff(t) < 0) + 1)
+    stops = np.append(starts[1:], len(t))
+    places, ends = np.zeros(len(t), np.int64), [int(t[0]) - 1] if len(t) else []
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        if start == stop:
+            continue
+        k = next((k for k, end in enumerate(ends) if end < t[start]), len(ends))
+        ends[k : k + 1] = [int(t[stop - 1])]
+        places[start:stop] = k
+    return places
+
+
+def spans(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+    """First row of each span of so many rows; a break is a span of its own.
+
+    Args:
+        index: of a lane, (m,).
+        size: of a span.
+    """
+    breaks = np.flatnonzero(index < 0)
+    first = np.concatenate([np.arange(0, len(index), size), breaks, breaks + 1])
+    return np.unique(first[first < len(index)])
 
 
 def envelope(t: Times, plot: Plot, first: NDArray[np.int64]) -> tuple[Times, Plot]:

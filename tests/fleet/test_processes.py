@@ -1,0 +1,60 @@
+"""Processes that are busy, stuck or dead when a run ends."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import logs_of_fleet
+import pytest
+
+from adhesion_cli.fleet.processes import Processes
+
+
+def test_the_end_leaves_no_thread_and_no_process(tmp_path: Path) -> None:
+    before, children = set(threading.enumerate()), set(multiprocessing.active_children())
+    processes, mark = Processes(2), tmp_path / "begun"
+    try:
+        assert processes.submit(os.getpid).result() != os.getpid()
+        waits = processes.submit(logs_of_fleet.stuck, str(mark))
+        while not mark.exists():
+            time.sleep(0.01)
+        dies = processes.submit(os.abort)
+        assert isinstance(dies.exception(), BrokenExecutor)
+    finally:
+        begin = time.monotonic()
+        processes.close()
+    assert time.monotonic() - begin < 5.0
+    assert isinstance(waits.exception(0.0), BrokenExecutor)
+    assert set(threading.enumerate()) == before
+    assert set(multiprocessing.active_children()) == children
+
+
+def test_an_error_comes_back_and_the_process_works_on() -> None:
+    processes = Processes(1)
+    try:
+        first = processes.submit(os.getpid).result()
+        with pytest.raises(FileNotFoundError):
+            processes.submit(os.stat, "/no such file").result()
+        assert processes.submit(os.getpid).result() == first
+    finally:
+        processes.close()
+
+
+@pytest.mark.slow
+def test_a_run_with_failed_logs_ends_without_a_word(tmp_path: Path) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for i in range(4):
+        (logs / f"none-{i}.csv").write_text(f"no log {i}\n")
+    for _ in range(5):
+        made = subprocess.run(
+            [sys.executable, "-m", "adhesion_cli", "fleet", logs, "-o", tmp_path / "out",
+             "--workers", "2", "-q", "--json"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert (made.returncode, made.stderr) == (3, "")
