@@ -47,7 +47,7 @@ def ahead(do: Callable[[T], R], of: Iterable[T]) -> Iterator[R]:
         made: deque[Future[R]] = deque()
         for x in of:
             made.append(pool.submit(do, x))
-            if len(made) > most:
+            if len(made) == most:
                 yield made.popleft().result()
         while made:
             yield made.popleft().result()

@@ -43,6 +43,7 @@ from .samples import Samples
 from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
+_LEVEL = 5  # of zstd; the indexes, which are not compressed, are larger than what more would save
 _MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
 _OPCODE = int(Opcode.MESSAGE)
 _SECOND = 1_000_000_000
@@ -594,7 +595,7 @@ def _packed(streams: Sequence[_Stream], parts: list[slice], shift: int) -> mcap_
         begin += len(r.t)
         r.write(buffer, offsets)
         index[r.channel] = np.stack([r.t, offsets], axis=1)
-    return mcap_container.packed(buffer.tobytes(), index)
+    return mcap_container.packed(buffer.tobytes(), index, _LEVEL)
 
 
 class _Rows:

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 Offsets = NDArray[np.int64]
 
-_LEVEL = 5  # of zstd: the indexes, which are not compressed, are larger than what more would save
-
 
 class Packed(NamedTuple):
     """A chunk before it has a place in a file."""
@@ -50,16 +48,17 @@ class Packed(NamedTuple):
     messages: Mapping[int, Offsets]  # log times [ns] and offsets of each channel's messages; (n, 2)
 
 
-def packed(messages: bytes, index: Mapping[int, Offsets]) -> Packed:
+def packed(messages: bytes, index: Mapping[int, Offsets], level: int = 3) -> Packed:
     """Compresses messages; several threads may do so at once.
 
     Args:
         messages: whole records.
         index: log times [ns] and offsets of each channel's messages, by its id; shape (n, 2).
+        level: of zstd.
     """
     chunk = Chunk(
         compression="zstd",
-        data=zstandard.ZstdCompressor(level=_LEVEL).compress(messages),
+        data=zstandard.ZstdCompressor(level=level).compress(messages),
         message_start_time=int(min(entries[:, 0].min() for entries in index.values())),
         message_end_time=int(max(entries[:, 0].max() for entries in index.values())),
         uncompressed_crc=zlib.crc32(messages),
