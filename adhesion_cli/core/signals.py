@@ -12,6 +12,8 @@ from .stop import SLIDE
 
 _GONE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
+_HIGHEST = 2.5  # no sensor reads zero above it: 4 km/h [rad/s]
+_CUT_OFF = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
@@ -48,13 +50,28 @@ def standing(record: AxleRecord) -> Bools:
 
     (1) does not hold there: the brake's friction is unknown, from 0 to φK.
     """
-    still = np.abs(record.wheel_speed) <= max(_CRAWL, record.wheel_speed_step / 2.0)
+    still = np.abs(record.wheel_speed) <= max(
+        _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF * _lowest(record)
+    )
     found = np.zeros(len(record), dtype=bool)
     for s in record.segments:
         for first, past in true_runs(still[s]):
             first, past = s.start + first, s.start + past
             found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
     return found
+
+
+def _lowest(record: AxleRecord) -> float:
+    """The lowest speed of a sensor that reads zero below it [rad/s]; 0 of one that shows any speed.
+
+    The step from there to zero is no deceleration. A step of the sensor's rounding is none either.
+    """
+    speed = np.abs(record.wheel_speed)
+    turns = speed > 0.0
+    if turns.all() or not turns.any():
+        return 0.0
+    lowest = float(speed[turns].min())
+    return lowest if max(_CRAWL, 3.0 * record.wheel_speed_step) < lowest < _HIGHEST else 0.0
 
 
 def moving(record: AxleRecord) -> list[slice]:

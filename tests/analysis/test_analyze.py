@@ -167,6 +167,25 @@ def test_a_wheel_speed_that_ends_while_braked_is_reported(
         assert all(f.severity == "info" for f in found)
 
 
+def test_a_sensor_that_reads_zero_below_its_lowest_speed_spoils_no_score(tmp_path: Path) -> None:
+    """Tachometers do; the step to zero is no deceleration of 30 m/s²."""
+    lines = (SAMPLES / "service-brake.csv").read_text().splitlines()
+    header, *rows = [line.split(",") for line in lines]
+    noise = np.random.default_rng(1).normal(0.0, 0.1, len(rows))  # about the lowest speed
+    for row, n in zip(rows, noise, strict=True):
+        if float(row[2]) + n < 2.0:
+            row[2] = "0"
+    (tmp_path / "a.csv").write_text("\n".join(",".join(r) for r in (header, *rows)) + "\n")
+    one, other = (
+        analysed(log, algos=["imm", "td"]).axles[0]
+        for log in (SAMPLES / "service-brake.csv", tmp_path / "a.csv")
+    )
+    whole, cut = ({s.algo: s for s in a.scores} for a in (one, other))
+    for algo in ("imm", "td"):
+        assert cut[algo].rmse_n == pytest.approx(whole[algo].rmse_n, rel=0.5)
+    assert np.nanmax(other.reference.force) < 1.1 * np.nanmax(one.reference.force)
+
+
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(UserError, match="algorithm 'nesso'"):
         analysed(SAMPLES / "service-brake.csv", algos=["nesso"])
