@@ -97,13 +97,41 @@ class _Tables(ABC):
     def __repr__(self) -> str:
         title, of = self._shown()
         parts = [f"{caption}\n{records(rows)}" for caption, rows in of.items() if rows]
-        lines = [f"{f.severity}: {f.message} ({f.code}) {f.channel}" for f in self.findings]
-        return "\n\n".join(filter(None, [title, *parts, "\n".join(lines)]))
+        lines = [f"{log}{_line(f)}" for log, of in self._told() for f in of]
+        text = "\n\n".join(filter(None, [title, *parts, "\n".join(lines)]))
+        return "\n".join(line.rstrip() for line in text.splitlines())
 
     def _repr_html_(self) -> str:
         title, of = self._shown()
         parts = [shown.table(rows, caption) for caption, rows in of.items()]
-        return shown.page(title, *parts, shown.findings(self.findings))
+        told = (shown.findings(of, log) for log, of in self._told())
+        return shown.page(title, *parts, *told)
+
+    def _told(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        """The findings, each group with what stands in front of it."""
+        return [("", self.findings)]
+
+
+def _line(f: Finding) -> str:
+    return f"{f.severity}: {f.message} ({f.code}) {f.channel}"
+
+
+class _Axles(dict[int, Any]):
+    """Axles by number; one that is not there is an error with those that are."""
+
+    def __missing__(self, axle: int) -> Any:
+        raise AxleError(axle, list(self))
+
+
+class AxleError(UserError, KeyError):
+    """The error for an axle that was not analysed."""
+
+    def __init__(self, axle: object, known: Sequence[int] = ()) -> None:
+        numbers = ", ".join(map(str, known))
+        UserError.__init__(self, f"no axle {axle!r} was analysed", f"analysed: {numbers}", 2)
+
+    def __str__(self) -> str:  # KeyError shows a repr
+        return self.text
 
 
 _N = Annotated[Floats, Quantity("N", "")]
@@ -225,7 +253,7 @@ class Analysis(_Tables):
     def axles(self) -> Mapping[int, Axle]:
         """Every axle with its time series, by its number."""
         of = {a.record.axle: a for a in self.result.axles}
-        return {n: _axle(a, self.result, self._braked[n]) for n, a in of.items()}
+        return _Axles({n: _axle(a, self.result, self._braked[n]) for n, a in of.items()})
 
     @property
     def applications(self) -> tuple[BrakeApplication, ...]:
@@ -263,7 +291,8 @@ class Analysis(_Tables):
                 estimators and µ over slip. If empty: speed and adhesion coefficient of all axles.
 
         Returns:
-            The figures: ``layout`` for Bokeh, ``html()`` as a page.
+            The figures: a notebook shows them, ``write(FILE)`` makes a page of them, ``html()``
+            gives its text, and ``layout`` is for Bokeh.
 
         Raises:
             UserError: for an axle that was not analysed.
@@ -335,6 +364,11 @@ class Comparison(_Tables):
         """What was found about the data of all logs."""
         return tuple(f for one in self.analyses for f in one.findings)
 
+    def _told(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+        if len(self.analyses) == 1:
+            return [("", self.findings)]
+        return [(f"{one.log.path}: ", one.findings) for one in self.analyses]
+
     @property
     def document(self) -> dict[str, Any]:
         """What `adhesion compare --json` prints."""
@@ -382,7 +416,7 @@ class SlipAnalysis(_Tables):
     @property
     def axles(self) -> Mapping[int, Summary]:
         """By its number, what the log shows of the rail under each axle."""
-        return {s.axle: s for s in self._of.axles}
+        return _Axles({s.axle: s for s in self._of.axles})
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -25,10 +25,11 @@ def table(rows: Sequence[Mapping[str, str]], caption: str = "") -> str:
     return f"<table>{title}{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
-def findings(found: Sequence[Finding]) -> str:
-    """A line for each finding; "" without."""
+def findings(found: Sequence[Finding], log: str = "") -> str:
+    """A line for each finding, with what stands in front of it; "" without."""
     lines = (
-        f"<li>{f.severity}: {_text(f.message)} <code>{_text(f.code)}</code> {_text(f.channel)}</li>"
+        f"<li>{_text(log)}{f.severity}: {_text(f.message)} "
+        f"<code>{_text(f.code)}</code> {_text(f.channel)}</li>"
         for f in found
     )
     return f"<ul>{''.join(lines)}</ul>" if found else ""

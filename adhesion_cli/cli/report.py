@@ -11,7 +11,7 @@ from . import results
 from .options import Shared, option, shared
 
 if TYPE_CHECKING:
-    from ..results.report.campaign import Table
+    from ..results.report.campaign import Campaign
 
 _Results = Annotated[
     list[Path],
@@ -57,10 +57,8 @@ def command(
     tell = terminal.progress(shared.quiet)
     runs = []
     if folders:
-        lead, tables = _campaign(folders[0])
-        write: Callable[[Path], None] = partial(
-            page.write_tables, name=name, lead=lead, tables=tables
-        )
+        of = _campaign(folders[0], name)
+        write: Callable[[Path], None] = partial(page.write_tables, of=of)
     else:
         for path in paths:
             tell(f"reading {path.name}")
@@ -77,10 +75,9 @@ def command(
     return 0
 
 
-def _campaign(folder: Path) -> "tuple[str, list[Table]]":
-    """The sentence and the tables on the results of a fleet."""
+def _campaign(folder: Path, name: str) -> "Campaign":
+    """The page on the results of a fleet."""
     from ..fleet.summary import summarised
-    from ..fleet.summary_tables import head, lists, tables
+    from ..fleet.summary_tables import campaign
 
-    found = summarised(folder)
-    return head(found), [*tables(found), *lists(found)]
+    return campaign(name, summarised(folder))

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,13 @@ from .dataset import SETTINGS, TABLES
 
 BANDS = (0.0, 40.0, 80.0, 120.0, 160.0, 200.0)  # edges of the speed bands [km/h]
 _SHARES = (5.0, 50.0, 95.0)  # percentiles
+_SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
 _MOST = 10  # slides and logs that are listed
 _OF_APPLICATION = (
     "log", "sha256", "axle", "start_s", "from_mps", "to_mps", "coefficient_mean", "slides",
     "slide_s", "slide_distance_m", "max_slip", "slide_energy_j", "settings", "version",
 )  # fmt: skip
+_OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "version")
 _OF_LOG = ("log", "sha256", "status", "error", "hint", "start", "version", "settings")
 
 
@@ -43,7 +46,7 @@ def summarised(folder: Path) -> dict[str, Any]:
         keys = pa.array(sorted({_key(row) for row in good}), pa.string())
         applications = _of(_read(folder, "applications", _OF_APPLICATION), keys)
         findings = _of(
-            _read(folder, "findings", ("log", "sha256", "code", "severity", "settings", "version")),
+            _read(folder, "findings", _OF_FINDING),
             keys,
         )
     except (OSError, pa.ArrowException) as error:
@@ -58,6 +61,7 @@ def summarised(folder: Path) -> dict[str, Any]:
     return {
         "logs": {s: sum(r["status"] == s for r in logs) for s in ("ok", "damaged", "error")},
         "applications": len(applications),
+        "with_slides": int((_column(applications, "slides") > 0).sum()),
         "by_speed": _by_speed(applications, speed),
         "by_settings": [
             {"settings": one, "stated": _stated(folder, one), **of}
@@ -69,6 +73,9 @@ def summarised(folder: Path) -> dict[str, Any]:
         ],
         "worst_slides": _worst(applications),
         "findings": _codes(findings),
+        "in_doubt": _in_doubt(findings),
+        "to_check": _to_check(findings),
+        "evaluated": _evaluated(good),
         "failed": [{k: row[k] for k in ("log", "error", "hint")} for row in logs if row["error"]],
         "damaged": sorted({row["log"] for row in logs if row["status"] == "damaged"}),
     }  # fmt: skip
@@ -178,6 +185,34 @@ def _codes(table: Any) -> list[dict[str, Any]]:
         for (code, severity), logs in found.items()
     ]
     return sorted(rows, key=lambda row: (row["severity"], -int(row["logs"]), row["code"]))
+
+
+def _in_doubt(table: Any) -> int:
+    """How many logs have a warning on the data, and no error."""
+    of: dict[str, set[str]] = {"warning": set(), "error": set()}
+    columns: Iterable[Any] = (table[name].to_pylist() for name in ("code", "severity", "log"))
+    for code, severity, log in zip(*columns, strict=True):
+        if is_lossy(code, severity):
+            of[severity].add(log)
+    return len(of["warning"] - of["error"])
+
+
+def _to_check(table: Any) -> list[dict[str, str]]:
+    """Errors and suspect units, which make the numbers of a log doubtful: one row for each."""
+    rows = [
+        {k: str(row[k] or "") for k in ("log", "severity", "code", "message")}
+        for row in table.select(["log", "severity", "code", "message"]).to_pylist()
+        if row["severity"] == "error" or row["code"].endswith(_SUSPECT)
+    ]
+    of = {(row["log"], row["code"]): row for row in reversed(rows)}  # the first of a code
+    return [of[key] for key in sorted(of)]
+
+
+def _evaluated(logs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Versions of the program, and when their results were written: first and last day (UTC)."""
+    times = [Path(row["__filename"]).stat().st_mtime for row in logs]
+    days = [datetime.fromtimestamp(f(times), UTC).date().isoformat() for f in (min, max) if times]
+    return {"versions": sorted({str(row["version"]) for row in logs}), "days": days}
 
 
 def _stated(folder: Path, settings: str) -> str:

@@ -5,9 +5,21 @@ from datetime import datetime
 from math import isfinite, nan
 from typing import Any
 
-from ..results.report.campaign import Bar, Bars, Table
+from ..core.finding import catalogue
+from ..results.report.campaign import Bar, Bars, Campaign, Table
 from ..results.text_tables import number
 
+_OF_SPREAD = (
+    "number: brake applications, counted per axle. slid: those with a slide. 5 %, median, 95 %: "
+    "percentiles of the mean adhesion coefficient of each brake application. median slid: the "
+    "median of those with a slide."
+)
+_OF_SLIDES = (
+    "at: start of the brake application after the start of the log. km/h: speed there. slid and "
+    "[m]: time and distance of all its slides. kJ: energy of friction between wheel and rail."
+)
+_WORST = "Worst slides (distance times largest slip)"
+_FINDINGS = "Findings on the data"
 DAYS = 14  # that a summary shows
 _DAY = 86_400_000.0  # [ms]
 _BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end [km/h]
@@ -49,6 +61,7 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
             "Mean adhesion coefficient by mean speed of the application",
             speeds,
             figure=_by_speed(found["by_speed"]),
+            note=_OF_SPREAD,
         ),
         Table("By settings", vehicles, 2, _by_settings(found["by_settings"])),
         Table(
@@ -56,20 +69,77 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
             [{"day": r["day"], **_spread(r)} for r in days[-DAYS:]],
             figure=_by_day(days),
         ),
-        Table(
-            "Worst slides (distance times largest slip)", list(map(_slid, found["worst_slides"]))
-        ),
-        Table("Findings on the data", codes, 3),
+        Table(_WORST, list(map(_slid, found["worst_slides"])), note=_OF_SLIDES),
+        Table(_FINDINGS, codes, 3),
     )
     return [table for table in every if table.rows]
 
 
+def campaign(name: str, found: Mapping[str, Any]) -> Campaign:
+    """The page of a folder of results.
+
+    Args:
+        name: of the folder.
+        found: from `summary.summarised`.
+    """
+    shown = [_on_page(one, found) for one in tables(found)]
+    codes = dict.fromkeys([r["code"] for r in (*found["findings"], *found["to_check"])])
+    return Campaign(name, verdict(found), head(found), [*shown, *lists(found)], [*codes], {
+        "Evaluated by": ", ".join(f"adhesion {v}" for v in found["evaluated"]["versions"]),
+        "Results written (UTC)": " to ".join(dict.fromkeys(found["evaluated"]["days"])),
+        "Settings": "; ".join(f"{r['settings']}: {r['stated']}" for r in found["by_settings"]),
+    })  # fmt: skip
+
+
+def verdict(found: Mapping[str, Any]) -> str:
+    """How often a wheel slid, and how many logs cannot be trusted, in one line."""
+    logs, every = found["logs"], found["applications"]
+    slid = f"A wheel slid in {found['with_slides']} of {every} brake applications of an axle."
+    return (
+        f"{slid if every else 'No brake application.'} Of {sum(logs.values())} logs, "
+        f"{logs['error']} failed, {logs['damaged']} damaged, {found['in_doubt']} in doubt."
+    )
+
+
 def lists(found: Mapping[str, Any]) -> list[Table]:
-    """The logs that failed, with error and hint, and those that are damaged; those with rows."""
+    """Failed logs with error and hint, and those whose numbers are doubtful; those with rows."""
     failed = [{k: str(v) for k, v in row.items()} for row in found["failed"]]
-    damaged = [{"log": log} for log in found["damaged"]]
-    every = Table("Failed logs", failed, 3), Table("Damaged logs", damaged)
+    check = [
+        {"log": row["log"], "severity": row["severity"], "finding": _title(row["code"]),
+         "what": row["message"]}
+        for row in found["to_check"]
+    ]  # fmt: skip
+    marks = [("slid", "severity")] * len(check)
+    every = (
+        Table("Failed logs", failed, 3),
+        Table("Damaged logs and suspect units", check, 4, links=_links(found), marks=marks),
+    )
     return [table for table in every if table.rows]
+
+
+def _on_page(one: Table, found: Mapping[str, Any]) -> Table:
+    """A table as the page has it: with titles of findings, and marks of doubtful logs."""
+    if one.title == _FINDINGS:
+        rows = [{**row, "finding": _title(row["finding"])} for row in one.rows]
+        return one._replace(rows=rows, links=_links(found))
+    if one.title == _WORST:
+        doubt = {row["log"]: _title(row["code"]) for row in reversed(found["to_check"])}
+        rows = [{**row, "doubtful": doubt.get(row["log"], "")} for row in one.rows]
+        if any(row["doubtful"] for row in rows):
+            marks = [("slid", "doubtful")] * len(rows)
+            return one._replace(rows=rows, links=_links(found), marks=marks)
+    return one
+
+
+def _title(code: str) -> str:
+    known = catalogue().get(code)
+    return known.title if known else code
+
+
+def _links(found: Mapping[str, Any]) -> dict[str, str]:
+    """Places of the explanations, by title."""
+    every = (*found["findings"], *found["to_check"])
+    return {_title(row["code"]): f"#finding-{row['code']}" for row in every}
 
 
 def _spread(row: Mapping[str, Any]) -> dict[str, str]:

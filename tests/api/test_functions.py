@@ -268,3 +268,30 @@ def test_nothing_is_printed_and_nothing_is_written(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout + done.stderr == ""
     assert not list(tmp_path.iterdir())
+
+
+def test_an_axle_that_was_not_analysed_is_an_error_that_names_the_others(
+    run: adhesion.Analysis,
+) -> None:
+    with pytest.raises(adhesion.UserError) as told:
+        run.axles[9]
+    assert isinstance(told.value, KeyError)
+    assert "9" in str(told.value)
+    assert all(str(n) in told.value.hint for n in run.axles)
+    assert run.axles.get(9) is None
+    assert 9 not in run.axles
+
+
+def test_a_text_of_several_logs_has_the_log_of_each_finding() -> None:
+    both = adhesion.compare([BRAKE, SLID], algos="td")
+    lines = repr(both).splitlines()
+    for one in both.analyses:
+        for f in one.findings:
+            (line, *_) = [x for x in lines if one.log.path in x and f"({f.code})" in x]
+            assert line.startswith(one.log.path)
+        assert one.log.path in both._repr_html_()
+    assert all(line == line.rstrip() for line in lines)
+
+
+def test_a_text_has_no_blanks_at_the_ends_of_lines(run: adhesion.Analysis) -> None:
+    assert all(line == line.rstrip() for line in repr(run).splitlines())

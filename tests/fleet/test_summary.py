@@ -152,9 +152,26 @@ def test_groups_that_can_be_compared_have_a_figure(folder: Path, tmp_path: Path)
     assert datetime.fromtimestamp(first, UTC).isoformat() == "2026-03-01T00:00:00+00:00"
     page, again = tmp_path / "a.html", tmp_path / "b.html"
     for path in (page, again):
-        write_tables(path, "a", "", summary_tables.tables(summarised(folder)))
+        write_tables(path, summary_tables.campaign("a", summarised(folder)))
     assert page.read_bytes() == again.read_bytes()
     assert page.read_text("utf-8").count('class="figure"') == 3
+
+
+def test_the_page_says_how_many_slid_and_which_logs_are_doubtful(folder: Path) -> None:
+    found = summarised(folder)
+    assert (found["with_slides"], found["in_doubt"]) == (2, 1)
+    assert [(r["log"], r["code"]) for r in found["to_check"]] == [("c", "csv-gzip-damaged")]
+    of = summary_tables.campaign("x", found)
+    assert "2 of 4" in of.verdict
+    assert set(of.codes) == {"gap", "csv-gzip-damaged"}
+    assert "1.2" in of.about["Evaluated by"]
+    write_tables(folder / "x.html", of)
+    text = (folder / "x.html").read_text("utf-8")
+    for code in of.codes:
+        assert f'href="#finding-{code}"' in text
+        assert f'id="finding-{code}"' in text
+    worst = next(t for t in of.tables if "doubtful" in t.rows[0])
+    assert [(r["log"], bool(r["doubtful"])) for r in worst.rows] == [("c", True), ("b", False)]
 
 
 def test_one_group_has_no_figure(tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ _MAGIC = (
     (b"\x28\xb5\x2f\xfd", "zstd-compressed"),
     (b"version https://git-lfs", "a Git LFS pointer (git lfs pull fetches its file)"),
 )
+FORMATS = "CSV, MCAP, Parquet, MDF 4, TDMS, CAN (BLF, ASC, TRC)"
+READABLE = f"give a log in one of the formats: {FORMATS}"
 Line = tuple[int, str]  # number, from 1, and text
 
 
@@ -26,7 +28,7 @@ def refuse_other_formats(head: bytes, path: Path) -> None:
     """Refuses files of a known format that is not text."""
     for magic, what in _MAGIC:
         if head.startswith(magic):
-            raise UserError(f"{path}: is {what}, not CSV", "export the log as CSV or MCAP")
+            raise UserError(f"{path}: is {what}, not CSV", f"export the log as one of: {FORMATS}")
 
 
 def encoding_of(head: bytes, stated: str | None, path: Path) -> tuple[str, int, str]:
@@ -67,7 +69,7 @@ def _guessed(head: bytes, path: Path) -> tuple[str, str]:
             return codec, "every second byte is NUL"
     controls = len(head) - len(head.translate(None, _CONTROLS))
     if controls > max(4, len(head) // 200):
-        raise UserError(f"{path}: is a binary file, not CSV", "give a CSV or MCAP log")
+        raise UserError(f"{path}: is a binary file, not CSV", READABLE)
     if head.isascii():
         return "utf-8", "only ASCII in the head"
     if _decodes(head, "utf-8"):
@@ -116,7 +118,7 @@ def _refuse_other_texts(text: str, path: Path) -> None:
     if re.match(r"<(!--|!doctype|html|head|body|table|\?xml)", start):
         raise UserError(f"{path}: is HTML or XML, not CSV", "download the log itself, not the page")
     if re.match(r"[{\[]\s*[\[{\"]", start) and "}" in start:
-        raise UserError(f"{path}: is JSON, not CSV", "export the log as CSV or MCAP")
+        raise UserError(f"{path}: is JSON, not CSV", f"export the log as one of: {FORMATS}")
     if not text.strip("\n\t "):
         raise UserError(f"{path}: is empty", "give a log with a header and data rows")
     if not text.strip("\0\n\t "):

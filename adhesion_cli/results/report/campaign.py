@@ -1,6 +1,6 @@
 """What a page on many logs shows: tables, and bars above those that show a distribution."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 
@@ -52,9 +52,35 @@ class Table(NamedTuple):
         rows: with the same keys, which are the header.
         left: how many columns are texts, from the left.
         figure: what is drawn above the table.
+        note: what its columns mean.
+        links: places on the page, by the text of a cell.
+        marks: of each row its class and the column that has it.
     """
 
     title: str
     rows: list[dict[str, str]]
     left: int = 1
     figure: Bars | None = None
+    note: str = ""
+    links: Mapping[str, str] = {}
+    marks: Sequence[tuple[str, str]] = ()
+
+
+class Campaign(NamedTuple):
+    """A page on many logs.
+
+    Attributes:
+        name: its heading.
+        verdict: one line.
+        lead: the sentence below it.
+        tables: with their figures.
+        codes: of the findings that are explained.
+        about: how it was made, by the name of the fact.
+    """
+
+    name: str
+    verdict: str
+    lead: str
+    tables: Sequence[Table]
+    codes: Sequence[str] = ()
+    about: Mapping[str, str] = {}

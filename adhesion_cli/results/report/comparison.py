@@ -16,12 +16,14 @@ _OF_MARK = "≈: not distinguishable, the uncertainty (95 %) explains the differ
 _SHARED = (
     "The runs state the same vehicle. Errors of its parameters are then the same in both runs, and "
     "most of each cancels in a difference. This holds for one train whose brake friction has not "
-    "changed. In brackets: the uncertainty if nothing cancels, as for two trains."
+    "changed."
 )
 _APART = (
     "The runs state different vehicles. Only the parameters that they state alike cancel in a "
-    "difference. In brackets: the uncertainty if nothing cancels."
+    "difference."
 )
+_BRACKETS = "In brackets: the uncertainty if nothing cancels, as for two trains."
+_SETTINGS = 6  # that differ and are named
 _OF_UTILISATION = "Uncertainties of the utilisation are those of the fits of both rails."
 _UNPAIRED = (
     "Runs have different axles or numbers of brake applications. Those of equal number and place "
@@ -39,6 +41,7 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     found = differences.every(runs)
     yield element("h1", f"Comparison of {len(runs)} runs")
     yield element("p", text(_headline(runs, found)), "headline")
+    yield from _apart(runs)
     yield table([_run(i, run) for i, run in enumerate(runs, 1)], left=2)
     yield element("h2", "Differences from run 1")
     rows = _rows(found)
@@ -48,6 +51,7 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
         yield paragraph(more, "note")
     shared = all(differences.same_vehicle(runs[0], run) for run in runs[1:])
     said = [_OF_MARK, _SHARED if shared else _APART]
+    said += [_BRACKETS] * any("(" in cell for row in rows for cell in row.values())
     said += [_OF_UTILISATION] * any(d.quantity == "utilisation" for d in found)
     said += [_UNPAIRED] * differences.unpaired(runs)
     yield paragraph(" ".join(said), "note")
@@ -66,6 +70,27 @@ def body(runs: Sequence[Run], figures: "Figures") -> Iterator[str]:
     yield paragraph("`adhesion report RESULT` shows all of one run.", "note")
 
 
+def _apart(runs: Sequence[Run]) -> Iterator[str]:
+    """That a difference comes from the settings and not from the train, where it may."""
+    items = []
+    for i, run in enumerate(runs[1:], 2):
+        names = differences.settings_apart(runs[0], run)
+        more = f" and {len(names) - _SETTINGS} more" * (len(names) > _SETTINGS)
+        which = f": {', '.join(names[:_SETTINGS])}{more}" if names else ""
+        if differences.same_log(runs[0], run):
+            by = "Every difference is by the settings" if names else "The settings are equal, too"
+            items.append(f"Runs 1 and {i} are of the same log (equal SHA-256). {by}{which}.")
+        elif not differences.same_vehicle(runs[0], run):
+            items.append(
+                f"Runs 1 and {i} state different vehicles. Differences may be by the "
+                f"settings{which}."
+            )
+    if items:
+        head = element("b", "Compare with care:")
+        listed = "".join(element("li", text(one)) for one in items)
+        yield element("div", f"{head}<ul>{listed}</ul>", "care")
+
+
 def _headline(runs: Sequence[Run], found: Sequence[Difference]) -> str:
     """How many mean adhesion coefficients differ clearly, and which way."""
     of = [d for d in found if d.quantity == "coefficient"]
@@ -78,7 +103,9 @@ def _headline(runs: Sequence[Run], found: Sequence[Difference]) -> str:
     }
     parts = [f"{name} in {count}" for name, count in counts.items() if count]
     braked = words.plural(len(of), "compared brake application")
-    return f"Adhesion used, against run 1: {', '.join(parts)} of {braked}."
+    one = all(differences.same_log(runs[0], run) for run in runs[1:])
+    log = f"One log, {len(runs)} evaluations. " * one
+    return f"{log}Adhesion used, against run 1: {', '.join(parts)} of {braked}."
 
 
 def _run(place: int, run: Run) -> dict[str, str]:

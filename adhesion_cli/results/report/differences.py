@@ -62,6 +62,21 @@ def unpaired(runs: Sequence[Run]) -> bool:
     return any(one != counts[0] for one in counts)
 
 
+def settings_apart(one: Run, other: Run) -> list[str]:
+    """The settings that two runs do not have in common, and the version if that differs."""
+    keys = sorted(one.settings.keys() | other.settings.keys())
+    apart = [k for k in keys if one.settings.get(k) != other.settings.get(k)]
+    names = [".".join(k.split(".")[:2]) for k in apart]
+    if one.provenance.get("version") != other.provenance.get("version"):
+        names.append("version of the program")
+    return list(dict.fromkeys(names))
+
+
+def same_log(one: Run, other: Run) -> bool:
+    """Whether two runs are of one log."""
+    return bool(one.log["sha256"]) and one.log["sha256"] == other.log["sha256"]
+
+
 def same_vehicle(one: Run, other: Run) -> bool:
     """Whether two runs state the same vehicle."""
     stated = [

@@ -33,7 +33,7 @@ def paragraph(content: str, css: str = "") -> str:
 
 def table(
     rows: Sequence[Mapping[str, str]], left: int = 1, marks: Sequence[tuple[str, str]] = (),
-    css: str = "",
+    css: str = "", links: Mapping[str, str] = {},
 ) -> str:  # fmt: skip
     """A table of rows that have the same keys, which are its header; nothing without rows.
 
@@ -42,6 +42,7 @@ def table(
         left: how many columns are texts, from the left.
         marks: of each row its class and the column that has it.
         css: more classes of the box around it.
+        links: places on the page, by the text of a cell.
     """
     if not rows:
         return ""
@@ -54,7 +55,9 @@ def table(
             css_of = ["text"] * (i < left)
             css_of += ["mark", marks[k][0]] if marks and marks[k][1] == name else []
             css_of += ["free"] if i < left and len(cell) > 30 else []
-            cells.append(element("td", text(cell), " ".join(css_of)))
+            of = text(cell)
+            of = element("a", of, href=links[cell]) if cell in links else of
+            cells.append(element("td", of, " ".join(css_of)))
         body.append(element("tr", "".join(cells)))
     whole = "\n".join([f"<thead><tr>{head}</tr></thead>\n<tbody>", *body, "</tbody>"])
     return element("div", element("table", whole), f"table {css}".strip())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ... import __version__
 from ..verified import verified
 from . import comparison, sections, words
-from .campaign import Table
+from .campaign import Campaign
 from .markup import element, packed, paragraph, prose, table, text
 from .run import Axle, Run
 
@@ -64,14 +64,12 @@ def page(runs: Sequence[Run]) -> str:
     return _whole(", ".join(r.name for r in runs), body)
 
 
-def write_tables(path: Path, name: str, lead: str, tables: Sequence[Table]) -> None:
+def write_tables(path: Path, of: Campaign) -> None:
     """Writes a page of tables, as of a fleet.
 
     Args:
         path: file to write; its old content is lost.
-        name: the page's heading.
-        lead: the sentence below it.
-        tables: with their figures.
+        of: what it shows.
 
     Raises:
         OSError: the file cannot be written.
@@ -80,17 +78,37 @@ def write_tables(path: Path, name: str, lead: str, tables: Sequence[Table]) -> N
     from .plots import Figures  # Bokeh is slow to import
 
     figures = Figures()
-    body = [element("h1", text(name)), paragraph(lead), paragraph(sections.TOO_OLD, "too-old")]
-    for i, (title, rows, left, figure) in enumerate(tables):
-        shown = rows[: sections.MOST]
-        more = len(rows) - len(shown)
-        body += [element("h2", text(title))]
-        body += sections.places([figures.of_bars(figure, f"bars-{i}")] if figure else [])
-        body += [table(shown, left, css="long" * (len(shown) > sections.MANY))]
+    body = [element("h1", text(of.name)), element("p", text(of.verdict), "headline")]
+    body += [paragraph(of.lead), paragraph(sections.TOO_OLD, "too-old")]
+    for i, one in enumerate(of.tables):
+        shown = one.rows[: sections.MOST]
+        more = len(one.rows) - len(shown)
+        css = "long" * (len(shown) > sections.MANY)
+        body += [element("h2", text(one.title))]
+        body += sections.places([figures.of_bars(one.figure, f"bars-{i}")] if one.figure else [])
+        body += [table(shown, one.left, one.marks, css, one.links)]
         body += [paragraph(f"And {more} more.", "note")] * (more > 0)
+        body += [paragraph(one.note, "note")] * bool(one.note)
+    body += _explained(of.codes)
+    body += [element("h2", "How this was made", id="about")]
+    body += [table([{"Fact": k, "Value": v} for k, v in of.about.items()], left=2)]
     body += _packed(figures)
     with verified(path) as file:
-        file.write(_whole(name, body).encode("utf-8"))
+        file.write(_whole(of.name, body).encode("utf-8"))
+
+
+def _explained(codes: Sequence[str]) -> Iterator[str]:
+    """What the catalogue says of findings, each with its place."""
+    if codes:
+        yield element("h2", "Findings explained", id="findings")
+    for code in codes:
+        title, parts = words.explained(code)
+        inside = "".join(
+            element("dt", text(name)) + element("dd", prose(said)) for name, said in parts
+        )
+        inside = element("h3", text(title)) + element("dl", inside)
+        inside += paragraph(f"Code: {code}", "note")
+        yield element("div", inside, "finding", id=f"finding-{text(code)}")
 
 
 def _packed(figures: "Figures") -> list[str]:

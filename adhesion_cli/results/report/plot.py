@@ -39,13 +39,13 @@ class Plot:
         """A page with the figures that needs no network and no other file."""
         return str(file_html(self.layout, INLINE, title=self._title))
 
-    def write(self, place: Path) -> None:
+    def write(self, place: Path | str) -> None:
         """Writes `html` to a file; its old content is lost.
 
         Raises:
             OSError: the file cannot be written.
         """
-        with verified(place) as file:
+        with verified(Path(place)) as file:
             file.write(self.html().encode())
 
     def _repr_html_(self) -> str:

@@ -100,6 +100,9 @@ def read(path: Path, name: str = "") -> Run:
     Raises:
         UserError: for a raw log, a comparison, a damaged file or one of an older version.
     """
+    if path.suffix.lower() == ".rrd":
+        text = f"{path}: a recording for the Rerun viewer, not a result"
+        raise UserError(text, f"name the result: {shlex.quote(str(path.with_suffix('.mcap')))}")
     if path.is_file() and path.stat().st_size and kind(path) != "mcap":
         raise _no_result(path)
     source = open_source(path, ReadOptions(strict=True))

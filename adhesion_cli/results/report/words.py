@@ -264,6 +264,16 @@ def told(findings: Sequence[Mapping[str, Any]]) -> list[Told]:
     ]
 
 
+def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
+    """Title of a code, and what the catalogue says of it: headings and texts."""
+    words = catalogue().get(code)
+    if words is None:
+        return code, []
+    parts = [(name, str(getattr(words, key))) for key, name in _PARTS.items()]
+    parts.append(("What to do", f"`adhesion explain {code}` and the page of each log say it."))
+    return words.title, [p for p in parts if p[1]]
+
+
 def _told(
     severity: str, words: Words | None, code: str, of: Sequence[Mapping[str, Any]]
 ) -> Told:  # fmt: skip

@@ -1,5 +1,6 @@
 """Differences of runs: what they share cancels, and their uncertainty is that of drawn errors."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from test_report import EVIL, Elements, figures, written
 from adhesion_cli.analysis.settings import Settings, tree
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.results.report import comparison, differences, page
+from adhesion_cli.results.report.plots import Figures
 from adhesion_cli.results.report.run import Run, read
 
 RELATED = Vehicle(correlation=(("friction", "axle_mass", 0.8),))
@@ -75,6 +77,32 @@ def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: 
     for d in differences.every([pair[0], run]):
         if d.quantity == "force":
             assert d.u95 > 3.0 * same[d[:4]].u95
+
+
+def test_a_difference_by_the_settings_alone_is_said_first(pair: list[Run], tmp_path: Path) -> None:
+    other = replace(RELATED, friction=Parameter(0.31, 0.03), axle_mass=Parameter(9e3, 100.0))
+    same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
+    apart = replace(same, log={**same.log, "sha256": "other"})
+    first = replace(pair[0], log={**pair[0].log, "sha256": same.log["sha256"]})
+
+    def care(*runs: Run) -> list[str]:
+        every = list(comparison.body(runs, Figures()))
+        return [part for part in every[:4] if 'class="care"' in part]
+
+    for run in (same, apart):
+        (said,) = care(first, run)
+        assert "vehicle.friction" in said
+        assert "vehicle.axle_mass" in said
+        assert "vehicle.lever_ratio" not in said
+        assert ("SHA-256" in said) == (run is same)
+    assert not care(first, replace(pair[1], log={**pair[1].log, "sha256": "third"}))
+
+
+def test_brackets_are_explained_only_where_there_are_some(pair: list[Run]) -> None:
+    for runs in (pair, [pair[0], replace(pair[0], log={**pair[0].log, "sha256": "x"})]):
+        text = "".join(comparison.body(runs, Figures()))
+        shown = re.search(r"± [\d.]+ \(", text) is not None
+        assert ("brackets" in text) == shown
 
 
 def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from PIL import Image
 from test_report import analysed, written
 
 from adhesion_cli.results.report import page
-from adhesion_cli.results.report.campaign import Bar, Bars, Table
+from adhesion_cli.results.report.campaign import Bar, Bars, Campaign, Table
 from adhesion_cli.results.report.run import read
 
 pytestmark = [
@@ -88,7 +88,7 @@ def test_the_figures_of_a_fleet_are_drawn(tab: Tab, tmp_path: Path) -> None:
     figures = Bars("speed", bars), Bars("day", bars, dated=True), Bars("by", bars, named=True)
     tables = [Table(of.label, [{"a": "b"}], 1, of) for of in figures]
     path = tmp_path / "fleet.html"
-    page.write_tables(path, "fleet", "three figures", tables)
+    page.write_tables(path, Campaign("fleet", "three figures", "", tables))
     tab.open(path)
     assert len([colours for colours in tab.value(_CANVASES) if colours > 3]) >= 3
     assert tab.faults() == []

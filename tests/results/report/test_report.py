@@ -298,6 +298,12 @@ def test_the_band_has_no_height_where_nothing_is_known(run: Run) -> None:
     assert np.median(height(gap[inside])) == pytest.approx(2.0)
 
 
+def test_of_a_recording_the_result_is_named() -> None:
+    with pytest.raises(UserError) as refused:
+        read(Path("a stop.adhesion.rrd"))
+    assert "'a stop.adhesion.mcap'" in refused.value.hint
+
+
 @pytest.mark.parametrize("kind", ["log", "comparison", "older", "damaged"])
 def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path) -> None:
     made, path = analysed(axles=1, n=500), tmp_path / "x.mcap"
