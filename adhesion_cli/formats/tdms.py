@@ -72,7 +72,11 @@ class Reader:
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
-        rows = sum({(c.group_name, axis): len(c) for c, axis in self._channels}.values())
+        self._rows: dict[tuple[str, _Axis], int] = {}  # of the longest channel
+        for c, axis in self._channels:
+            key = c.group_name, axis
+            self._rows[key] = max(len(c), self._rows.get(key, 0))
+        rows, self._damaged = sum(self._rows.values()), bool(damage)
         if damage:
             values = {"kept_rows": rows}
             notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
@@ -164,16 +168,22 @@ class Reader:
         for k in wanted:
             channel, axis = self._channels[k]
             value = np.asarray(channel[:], np.float64)
+            known = len(value)
+            if self._damaged:  # what others of its time still have, this one has lost
+                rest = self._rows[channel.group_name, axis] - known
+                value = np.pad(value, (0, rest), constant_values=np.nan)
             t, ok = self._times(axis, len(value))
-            if len(value) > len(t) or not ok.all():
-                lost = len(value) - int(np.count_nonzero(ok[: len(value)]))
+            if known > len(t) or not ok.all():
+                lost = known - int(np.count_nonzero(ok[:known]))
                 notes.append(Note("time-unreadable", "warning", channel.name, lost))
             n = min(len(value), len(t))
             key = axis, n
             if key not in places:
                 places[key] = len(axes)
                 axes.append(t[:n][ok[:n]])
-            series.append(Samples(places[key], value[:n][ok[:n]]))
+            beyond = np.arange(n)[ok[:n]] >= known
+            masks = {"value-damaged": beyond} if known < n else {}
+            series.append(Samples(places[key], value[:n][ok[:n]], masks))
         return Columns(axes, series, notes)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:
