@@ -72,10 +72,7 @@ class Reader:
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
-        self._rows: dict[tuple[str, _Axis], int] = {}  # of the longest channel
-        for c, axis in self._channels:
-            key = c.group_name, axis
-            self._rows[key] = max(len(c), self._rows.get(key, 0))
+        self._rows = self._longest()
         rows, self._damaged = sum(self._rows.values()), bool(damage)
         if damage:
             values = {"kept_rows": rows}
@@ -142,6 +139,14 @@ class Reader:
         """Times of a group by its time channels [ns], and which of them hold; shape (n,)."""
         own = [self._file[axis.group][name][:rows] for name in axis.names]
         return time_columns.times([_array(values) for values in own], axis.clock)
+
+    def _longest(self) -> dict[tuple[str, _Axis], int]:
+        """Samples of the longest channel of each group and time."""
+        rows: dict[tuple[str, _Axis], int] = {}
+        for c, axis in self._channels:
+            key = c.group_name, axis
+            rows[key] = max(len(c), rows.get(key, 0))
+        return rows
 
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
