@@ -270,7 +270,9 @@ def _write(paths: Sequence[Path], shared: Shared, source: Path, of: _Outcome) ->
             carried = stop_settings(stop, case, of.settings, of.track, **of.origin)
             made_from |= carried
             mcap.write_stop(record, case.name, stop, case.vehicle, carried, metrics, sources)
-        verdict = "\n".join([of.text, terminal.findings(of.findings, terminal.NARROW)]).rstrip()
+        verdict = "\n".join(
+            [of.text, _MORE, terminal.findings(of.findings, terminal.NARROW)]
+        ).rstrip()
         made_from["antiskid"] = {
             k: v for k, v in made_from["antiskid"].items() if k != "controller"
         }
@@ -294,6 +296,11 @@ _MEANING = """\
 Seconds are summed over the axles.
 limited: the brake demands more force than the rail can transmit.
 slip error: mean difference of slip and the slip of the rail's peak, if limited."""
+
+_MORE = """\
+over dry: distance over that on dry rail without WSP, minus 1.
+utilisation: share of the force that the rail can transmit, if limited.
+air: consumption of all brake cylinders, in litres of normal air."""
 
 
 _Value = float | tuple[float, float, float] | None  # alone or with its interval

@@ -40,6 +40,7 @@ def command(
 
     folder = shared.out or Path()
     paths = [folder / name for name in files.names(algo)]
+    _check_folder(folder, algo, paths)
     check(shared, paths)
     settings = loader(shared)()
     tell = terminal.progress(shared.quiet)
@@ -60,3 +61,21 @@ def command(
     text += f" at most {made.single_error:.2g}{' N' if unit == 'N' else ''} there."
     terminal.message(text, shared.quiet)
     return 0
+
+
+def _check_folder(folder: Path, algo: str, paths: list[Path]) -> None:
+    """Refuses the folder of another export: its Makefile and README would be lost.
+
+    Raises:
+        UserError: names a folder to write to.
+    """
+    from ..core.errors import UserError
+    from ..core.text import printable
+
+    others = [x for x in folder.glob("adhesion_*.h") if x != paths[0]]
+    there = [path for path in paths if path.exists()]
+    if others and there and not paths[0].exists():
+        shown = printable(str(folder))
+        text = f"{printable(str(there[0]))}: belongs to the export {printable(others[0].name)}"
+        other = printable(str(folder.with_name(f"{folder.name}-{algo}"))) if folder.name else algo
+        raise UserError(text, f"each export needs a folder of its own, as -o {other}; not {shown}")

@@ -36,6 +36,9 @@ def names(algo: str) -> list[str]:
         UserError: for an unknown method.
     """
     if algo not in (known := methods()):
+        if algo in controller.registry():
+            text = f"{algo!r} has no parameters and no state: there is nothing to export"
+            raise UserError(text, f"known: {', '.join(known)}", code=2)
         raise unknown("algorithm", algo, list(known))
     return [f"adhesion_{algo}.h", f"adhesion_{algo}.c", f"test_{algo}.c", "Makefile", "README.md"]
 

@@ -72,7 +72,8 @@ class Reader:
         if timeless:
             names = {"groups": ", ".join(timeless[:6]), "reason": "they have no time, or another"}
             notes.append(Note("group-not-read", "info", "", len(timeless), {}, names))
-        rows = sum({(c.group_name, axis): len(c) for c, axis in self._channels}.values())
+        self._rows = self._longest()
+        rows, self._damaged = sum(self._rows.values()), bool(damage)
         if damage:
             values = {"kept_rows": rows}
             notes.append(Note("log-damaged", "error", "", 1, values, {"damage": damage}))
@@ -139,6 +140,14 @@ class Reader:
         own = [self._file[axis.group][name][:rows] for name in axis.names]
         return time_columns.times([_array(values) for values in own], axis.clock)
 
+    def _longest(self) -> dict[tuple[str, _Axis], int]:
+        """Samples of the longest channel of each group and time."""
+        rows: dict[tuple[str, _Axis], int] = {}
+        for c, axis in self._channels:
+            key = c.group_name, axis
+            rows[key] = max(len(c), rows.get(key, 0))
+        return rows
+
     def _reason(self, start: int) -> str:
         """Which time was taken, for people."""
         found = {axis for _, axis in self._channels}
@@ -164,16 +173,22 @@ class Reader:
         for k in wanted:
             channel, axis = self._channels[k]
             value = np.asarray(channel[:], np.float64)
+            known = len(value)
+            if self._damaged:  # what others of its time still have, this one has lost
+                rest = self._rows[channel.group_name, axis] - known
+                value = np.pad(value, (0, rest), constant_values=np.nan)
             t, ok = self._times(axis, len(value))
-            if len(value) > len(t) or not ok.all():
-                lost = len(value) - int(np.count_nonzero(ok[: len(value)]))
+            if known > len(t) or not ok.all():
+                lost = known - int(np.count_nonzero(ok[:known]))
                 notes.append(Note("time-unreadable", "warning", channel.name, lost))
             n = min(len(value), len(t))
             key = axis, n
             if key not in places:
                 places[key] = len(axes)
                 axes.append(t[:n][ok[:n]])
-            series.append(Samples(places[key], value[:n][ok[:n]]))
+            beyond = np.arange(n)[ok[:n]] >= known
+            masks = {"value-damaged": beyond} if known < n else {}
+            series.append(Samples(places[key], value[:n][ok[:n]], masks))
         return Columns(axes, series, notes)
 
     def _times(self, axis: _Axis, n: int) -> tuple[Times, Bools]:

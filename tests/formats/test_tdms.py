@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
+from adhesion_cli.analysis.inspection import inspected
+from adhesion_cli.analysis.settings import load
 from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.formats.open import open_source
@@ -139,3 +141,36 @@ def test_garbage_behind_whole_segments(tmp_path: Path) -> None:
     assert "log-damaged" in findings
     with pytest.raises(UserError, match="no segment begins"):
         columns(path, strict=True)
+
+
+@pytest.mark.parametrize("share", [0.7, 0.8, 0.95])
+@pytest.mark.parametrize("by_channel", [False, True])
+def test_a_cut_file_says_which_channels_end_early(
+    tmp_path: Path, share: float, by_channel: bool
+) -> None:
+    """LabVIEW writes one channel after the other: those behind the cut have fewer samples."""
+    rows = {"p": P, "v": V, "w": V}
+    time = ("g", "Time", np.arange(N) / 50, SECONDS)
+    own = {} if by_channel else WAVE
+    channels = [("g", name, values, (BAR if name == "p" else KMH) | own)
+                for name, values in rows.items()]  # fmt: skip
+    path = tmp_path / "a.tdms"
+    with TdmsWriter(path) as file:
+        for _ in range(2):
+            objects = [ChannelObject(*c) for c in [time] * by_channel + channels]
+            file.write_segment([RootObject({}), *objects])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * share)])
+    found, findings, source = columns(path)
+    assert "log-damaged" in findings
+    known = {name: int(np.count_nonzero(x.valid)) for name, x in found.items()}
+    assert known["p"] > known["w"] >= N
+    assert source.rows == max(map(len, (x.t for x in found.values())))
+    assert source.rows >= max(known.values())
+    assert found["w"].t is found["p"].t
+    lost = findings["value-damaged"]
+    assert lost.count == source.rows - known[lost.channel]
+    document = inspected(path, load(folder=False)).document
+    assert document["rows_read"] == source.rows
+    (channel,) = (c for c in document["channels"] if c["name"].endswith("w"))
+    assert channel["rows"] - channel["valid"] == source.rows - known["w"]

@@ -453,3 +453,21 @@ def test_viewer_shows_every_view(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [(v.name, r.summary) for v in state.views for r in v.reports] == []
     (shown,) = state.recordings
     assert {t.name for t in shown.timelines} == {"time", "clock"}
+
+
+def test_scores_have_no_column_without_values(small: Path, tmp_path: Path) -> None:
+    """What lies right of one would be out of view."""
+
+    def heads(path: Path) -> list[str]:
+        (text,) = static(path, "/axle/1/scores", "text")
+        return [cell.strip() for cell in text.splitlines()[0].strip("|").split("|")]
+
+    few = heads(small)
+    analysed = result(1, 50)
+    (axle,) = analysed.axles
+    known = tuple(replace(s, band_n=3.0, within=0.9, response_s=0.1) for s in axle.scores[:1])
+    some = replace(axle, scores=(*known, *axle.scores[1:]))
+    rrd.write_result(tmp_path / "a.rrd", replace(analysed, axles=(some,)))
+    every = heads(tmp_path / "a.rrd")
+    assert [x for x in every if x in few] == few
+    assert len(every) == len(few) + 3

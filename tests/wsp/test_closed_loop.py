@@ -748,6 +748,8 @@ def test_stops_are_written_side_by_side(recording: Path) -> None:
     (batch,) = batches(recording, "/lines")
     named = [text[0].removeprefix("\u25a0 ") for text in batch["TextLog:text"].to_pylist()]
     assert named == list(registry())
+    widths = [static(recording, f"/train/{law}", "widths")[0] for law in sorted(registry())]
+    assert all(np.diff(widths) <= -2.0)  # drawn by name: where lines coincide, each has an edge
     for stop in (stopped("short", c) for c in registry()):
         place = f"/{stop.controller}/axle/1"
         for name, columns in (
@@ -911,6 +913,9 @@ def test_antiskid_command(tmp_path: Path) -> None:
         ]  # fmt: skip
         ratio = verdict["stopping_distance_m"] / doc["dry_distance_m"] - 1.0
         assert verdict["extension"] == pytest.approx(ratio)
+    (text,) = static(tmp_path / "leaf-film.antiskid.rrd", "/verdict", "text")
+    for value in ("over dry", "utilisation", "air", "slip error", "limited"):
+        assert any(line.startswith(f"{value}: ") for line in text.splitlines())
     laws = [f"leaf-film.{law}.antiskid" for law in registry()]
     written = {"stop.svg", *(f"leaf-film.antiskid.{kind}" for kind in ("rrd", "sha256"))}
     written |= {f"{name}.mcap" for name in laws}

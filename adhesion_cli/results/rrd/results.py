@@ -321,7 +321,7 @@ class _Page:
             *_inputs(path, axle),
             parts.chart(f"{path}/force", f"Axle {N}: adhesion force [N]", force),
         ]
-        shares = [3.0, 3.0, 6.0]
+        shares = [3.0, 4.2, 5.0]  # 1 bar of 7 needs 24 px for its number, on a screen of 1080
         if estimates:
             braking = np.r_[axle.applications or (slice(0, len(axle.record)),)]
             braking = braking[:: max(1, len(braking) // parts.JUDGED)]
@@ -335,7 +335,7 @@ class _Page:
             rrb.Vertical(
                 rrb.TextDocumentView(origin=f"{exact}/scores", name=f"Axle {N}: scores"),
                 parts.names_view(f"{self.root}/lines/axle/{N}"),
-                *self._lists(N), row_shares=[2.6, 3.2, 2.1, 2.1],
+                *self._lists(N), row_shares=[2.9, 2.9, 2.1, 2.1],
             ),
             column_shares=[2, 1], name=title if axle.slip is None else "Force",
         )  # fmt: skip
@@ -346,10 +346,10 @@ class _Page:
 
     def _slip_tab(self, axle: AxleResult, path: str, exact: str) -> rrb.Container:
         N = axle.record.axle
-        rows, shares = _inputs(path, axle), [3.0, 3.0]
+        rows, shares = _inputs(path, axle), [2.7, 4.0]
         if axle.slope is not None:
             rows += parts.slope_charts(path, f"Axle {N}", axle.slope, self.bands)
-            shares += [2.5, 1.5]
+            shares += [2.3, 1.5]
         heights = [4.5, 4.5, 1.5, 1.5] if self.notes else [4.5, 1.0, 2.8, 2.8]
         states = f"Axle {N}: brake, region on the curve, wheel"
         rows.append(parts.states_view(f"{exact}/state", states))
@@ -447,16 +447,24 @@ def _about(result: Result, large: bool, thinned: bool) -> str:
 
 
 _SCORES = {  # field of a score and its digits, by the head of its column
-    "RMSE [N]": ("rmse_n", 1), "bias [N]": ("bias_n", 1), "max error [N]": ("max_error_n", 0),
+    "RMSE [N]": ("rmse_n", 1), "bias [N]": ("bias_n", 1), "max [N]": ("max_error_n", 0),
     "lag [s]": ("lag_s", 2), "gain": ("gain", 3), "response [s]": ("response_s", 2),
-    "relative": ("relative", 2), "own 95 % band [N]": ("band_n", 0), "holds": ("within", 2),
+    "relative": ("relative", 2), "band [N]": ("band_n", 0), "holds": ("within", 2),
 }  # fmt: skip
+_BAND = "band: half of the estimator's own 95 % band; holds: share of the samples inside."
 
 
 def _scores(scores: Sequence[Score]) -> str:
-    rows = [["estimator", "against", *_SCORES], ["---"] * (2 + len(_SCORES))]
+    """Scores as Markdown, the best first; a column without values would push others out of view."""
+    shown = {
+        head: (name, digits)
+        for head, (name, digits) in _SCORES.items()
+        if any(getattr(s, name) is not None for s in scores)
+    }
+    rows = [["estimator", "against", *shown], ["---"] * (2 + len(shown))]
     for s in sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n):
-        known = ((getattr(s, name), digits) for name, digits in _SCORES.values())
+        known = ((getattr(s, name), digits) for name, digits in shown.values())
         cells = ("–" if x is None else f"{x:.{digits}f}" for x, digits in known)
         rows.append([parts.plain(s.algo), s.against, *cells])
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    table = "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return f"{table}\n\n{_BAND}" if "band [N]" in shown else table

@@ -73,10 +73,12 @@ class _Stops:
         colours = {x.controller: palette.rgba(palette.of_method(x.controller)) for x in self.stops}
         start = int(self.stops[0].t[0])
         parts.send_names(rec, "lines", _since_start, start, [*colours.items()])
+        widths = _widths([*colours])
         for stop in self.stops:
             colour = colours[stop.controller]
             train = [(stop.controller, colour, stop.train_speed * 3.6)]
-            path, plot = f"train/{stop.controller}", parts.lines("", train)
+            path = f"train/{stop.controller}"
+            plot = parts.lines("", train, widths[stop.controller])
             parts.send_plot(rec, path, _since_start, stop.t, plot)
             for i in range(stop.pressure.shape[1]):
                 self._send_axle(rec, f"{stop.controller}/axle/{i + 1}", stop, i)
@@ -167,6 +169,12 @@ class _Stops:
             rrb.Horizontal(*wheel, name="Wheel, valves, slip"),
             rrb.Horizontal(*judged, name="Force, slip, slope"), name=f"Axle {axle}",
         )  # fmt: skip
+
+
+def _widths(names: Sequence[str]) -> dict[str, float]:
+    """Widths of lines that may coincide: the viewer draws by name, so the last is the thinnest."""
+    last = len(names) - 1
+    return {name: 1.5 + 2.0 * (last - i) for i, name in enumerate(sorted(names))}
 
 
 def _since_start(t: Times) -> list[rr.TimeColumn]:
