@@ -94,6 +94,7 @@ _SHARE = 0.75  # of the longer sampling interval: less may be the sampling's own
 _SLIGHT = 0.05  # of the highest K: a smaller offset hardly shows in the force
 _SPRING = 0.15  # 1 sigma of o where the force line is another one, of the highest K
 _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
+_SEVERAL = 3  # pieces whose common line is more than their gradients
 _FAINT = 0.1  # less than this shows little of a brake [m/s]
 _ANY = 25.0  # times as steep: no other vehicle's line
 
@@ -686,9 +687,11 @@ def _best(
 ) -> _Likeliest:  # fmt: skip
     """The best fit from the best of `starts` and from each fit with fewer unknowns.
 
-    A model is never less likely than one that it contains; one search may end where it is.
+    A model is never less likely than one that it contains; one search may end where it is. Of few
+    pieces the gradients explain as much as a line does, and a better fit shows nothing.
     """
-    every = [starts, *([fit.mean] for fit in inside)]
+    wider = inside if len(brake.d.size) >= _SEVERAL else ()
+    every = [starts, *([fit.mean] for fit in wider)]
     return min((_search([brake], telling, prior, x) for x in every), key=lambda fit: fit.cost)
 
 

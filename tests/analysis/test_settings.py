@@ -245,7 +245,7 @@ def test_every_setting_in_a_remedy_can_be_pasted() -> None:
     for code, words in catalogue().items():
         for quoted, bare in re.findall(r"--set (?:'([^']+)'|([^\s'`]+)`)", words.remedy):
             fields = {name: 7 for _, name, _, _ in Formatter().parse(words.remedy) if name}
-            line = (quoted or bare).format(**fields | {"key": "speed"})
+            line = (quoted or bare).format(**fields | {"key": "speed", "diameters": [0.9, 0.92]})
             settings.load(assignments=[line], folder=False)
             found.append(code)
             shown = entry(words)

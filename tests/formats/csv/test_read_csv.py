@@ -860,7 +860,7 @@ REFUSED = {
     "header only": (b"t [s],p 1 [bar],v 1 [km/h]\n", "1 line and no data rows", "data rows"),
     "header and units only": (b"t;p;v\ns;bar;km/h\n", "no data rows", "data rows"),
     "one row": (b"t [s],p\n0,1\n", "1 data row", "several rows"),
-    "binary": (bytes(range(1, 256)) * 40, "binary", "CSV or MCAP"),
+    "binary": (bytes(range(1, 256)) * 40, "binary", "one of the formats"),
     "NUL bytes": (b"t,p\n0,1\n" + b"1,\0\0\0\0\0\n" * 9, "NUL bytes in line 3", "text log"),
     "xlsx": (b"PK\x03\x04" + bytes(100), "Excel", "export"),
     "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel", "export"),
