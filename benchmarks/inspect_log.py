@@ -25,7 +25,7 @@ import pyarrow.csv
 from mcap.writer import Writer
 from read_mcap import CASES, CHANNELS, ENCODING, START, by_mcap
 from table import Row, show
-from write_results import PERIODS, RATE, write_log
+from write_results import METRO, RATE, TOWNS, write_log
 
 TURNS = 3
 
@@ -83,7 +83,7 @@ def rows(messages: int = 1_600_000, sample: int = 150_000) -> Iterator[Row]:
     """
     with tempfile.TemporaryDirectory() as folder:
         log, mcap = Path(folder) / "log.csv", Path(folder) / "log.mcap"
-        for period in PERIODS:
+        for period in (TOWNS[1], METRO[1]):
             stops = f"stop each {period:g} s"
             write_log(log, round(3600.0 / period), period)
             write(mcap, log, messages)
