@@ -188,7 +188,7 @@ class Axle:
         if not self._states:
             status = "start"
         found = {name: self._stepped(name, h, K, y) for name in self._algos}
-        regime = self._regime(slip)
+        regime = self._regime(slip, y * self._wheelset.radius if math.isnan(v) else v)
         return Sample(t, self.number, self._pressure, K, y, v, slip, found, status, regime)
 
     def _in_order(self, t: int, start: int) -> bool:
@@ -272,12 +272,17 @@ class Axle:
         variance = float(vehicle.covariance(moved, moved))
         return math.sqrt(max(variance, 0.0)), float(vehicle.covariance(moved, mass))
 
-    def _regime(self, slip: float) -> str:
-        """By the slip, from where slides begin to where they end; without slip as `imm` says."""
+    def _regime(self, slip: float, speed: float) -> str:
+        """By the slip, from where slides begin to where they end; without slip as `imm` says.
+
+        Nothing is said of a train that hardly moves, or of a wheel where its speed is not known.
+        """
         if math.isfinite(slip):
             self._slides = slip > (CAUGHT if self._slides else SLIDE)
             return "sliding" if self._slides else "rolling"
         self._slides = False
+        if not speed >= self._of.slowest:
+            return ""
         for name, state in self._states.items():
             if self._algos[name][0].State._fields[: len(_REGIMES)] == _REGIMES:
                 return max(_REGIMES, key=lambda r: getattr(state, r).p)
