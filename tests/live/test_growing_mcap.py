@@ -26,8 +26,11 @@ SETTINGS = load()
 Found = dict[int, list[tuple[int, float]]]
 
 
-def written(chunks: bool, most: int = 1 << 30) -> bytes:
-    """The bundled log's messages, as another logger would have written them."""
+def written(chunks: bool, most: int = 1 << 30, late: str = "", begin: int = 0) -> bytes:
+    """The bundled log's messages, as another logger would have written them.
+
+    Those of topics with `late` in their name begin at `begin` [ns].
+    """
     made = io.BytesIO()
     writer = Writer(made, chunk_size=20_000, use_chunking=chunks, compression=CompressionType.LZ4)
     writer.start(profile="", library="a logger")
@@ -37,6 +40,8 @@ def written(chunks: bool, most: int = 1 << 30) -> bytes:
             if n == most:
                 break
             assert schema
+            if late and late in channel.topic and message.log_time < begin:
+                continue
             if channel.id not in ids:
                 of = writer.register_schema(schema.name, schema.encoding, schema.data)
                 ids[channel.id] = writer.register_channel(
@@ -102,24 +107,7 @@ def test_a_channel_that_begins_later_is_taken_in(tmp_path: Path) -> None:
     """Axle 4 begins to send after 5 s: so do its channels in the file."""
     log, whole = tmp_path / "growing.mcap", forces(Replay(LOW, SETTINGS.read, 0.0))[0]
     begin = whole[1][0][0] + 5_000_000_000
-    first = io.BytesIO()
-    writer = Writer(first, chunk_size=20_000, compression=CompressionType.LZ4)
-    writer.start(profile="", library="a logger")
-    ids: dict[int, int] = {}
-    with LOW.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            if schema is None or ("4" in channel.topic and message.log_time < begin):
-                continue
-            if channel.id not in ids:
-                of = writer.register_schema(schema.name, schema.encoding, schema.data)
-                ids[channel.id] = writer.register_channel(
-                    channel.topic, channel.message_encoding, of, channel.metadata
-                )
-            writer.add_message(
-                ids[channel.id], message.log_time, message.data, message.publish_time
-            )
-    writer.finish()
-    data = first.getvalue()
+    data = written(True, late="4", begin=begin)
     log.write_bytes(data[: len(data) // 16])
     feed = opened(str(log), SETTINGS.read)
 
