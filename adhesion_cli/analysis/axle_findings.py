@@ -53,8 +53,10 @@ def of_axle(
                 code, severity, channel=name, count=count, spans=found, values=values.get(code, {})
             )
     if record.train_speed is not None:
-        lost = [slip.unknown(record, s, vehicle) for s in applications]
-        where, unknown_s = sum((x for x, _ in lost), begins & False), sum(x for _, x in lost)
+        where, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
+        for s in applications:
+            where[s], lasts = slip.unknown(record, s, vehicle)
+            unknown_s += lasts
         if unknown_s > UNSEEN:
             yield Finding(
                 "slip-unknown", "warning", channel=name, count=int(where.sum()),

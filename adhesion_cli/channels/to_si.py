@@ -63,6 +63,11 @@ def is_total(unit: units.Unit) -> bool:
     return unit.dimension in ("count", "angle")
 
 
+def is_rim(unit: units.Unit) -> bool:
+    """Whether a wheel speed in this unit is that of the rim, ωR."""
+    return unit.dimension == "speed"
+
+
 def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
     """What makes a value SI, before the unit's offset; of a cumulative counter, an angle [rad].
 
@@ -75,7 +80,7 @@ def scale(m: Meant, unit: units.Unit, vehicle: Vehicle) -> float:
         return 2.0 * math.pi / max(m.teeth, 1)
     if unit.dimension == "pulse rate":
         return unit.factor * (2.0 * math.pi / max(m.teeth, 1))
-    if m.meaning == "wheel_speed" and unit.dimension == "speed":
+    if m.meaning == "wheel_speed" and is_rim(unit):
         return unit.factor / vehicle.radius(m.axle or 1).value
     return unit.factor
 

@@ -14,7 +14,7 @@ from ..core.model import Z95, Vehicle
 from ..core.stop import SLIDE
 from ..rail.events import CAUGHT
 from ..records import screen
-from ..reference.force import moves
+from ..reference.force import by_tolerances
 from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
 
 _MANY = 100  # intervals whose median is the usual one
@@ -267,10 +267,8 @@ class Axle:
         """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
         w, vehicle = self._wheelset, self._vehicle
         columns: Any = (K, w.a * (F - w.phi * K), y * w.radius)  # (1)
-        moved = moves(self._of, vehicle, *columns)
-        mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
-        variance = float(vehicle.covariance(moved, moved))
-        return math.sqrt(max(variance, 0.0)), float(vehicle.covariance(moved, mass))
+        variance, mass = by_tolerances(self._of, vehicle, *columns)
+        return math.sqrt(max(float(variance), 0.0)), float(mass)
 
     def _regime(self, slip: float, speed: float) -> str:
         """By the slip, from where slides begin to where they end; without slip as `imm` says.

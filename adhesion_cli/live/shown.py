@@ -12,9 +12,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..core.model import Z95, Vehicle
+from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
+from ..reference.budget import of_coefficient
 from .axle import Estimate, Sample
 
 _EVERY = 0.2  # between two states of the line [s]
@@ -215,18 +216,13 @@ class StatusLine:
     def _axle(self, s: Sample, short: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, self._half(e))]  # type: ignore[arg-type]
+        half = of_coefficient(e.u95, e.force, self._vehicle, e.mass)
+        mu = [float(coefficient(x, self._vehicle)) for x in (e.force, half)]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
         slip = f" {100.0 * s.slip:.{not short:d}f} %" if math.isfinite(s.slip) else ""
         if short:
             return f"{s.axle}: {mu[0]:.3f}{slip}"
         return f"{s.axle}: µ {mu[0]:.3f}{band}{slip} {s.regime}".rstrip()
-
-    def _half(self, e: Estimate) -> float:
-        """Half-width of the 95 % band of μ times the weight, with the mass's tolerance [N]."""
-        share = self._vehicle.axle_mass.tolerance / self._vehicle.axle_mass.value
-        added = (share * e.force) ** 2 - 2.0 * e.mass * e.force
-        return math.sqrt(max(e.u95**2 + Z95**2 * added, 0.0))
 
     def _write(self, text: str) -> None:
         self._drawn = bool(text)

@@ -125,7 +125,7 @@ class Wheels:
         for axle, speed, brake, train in known:
             if axle not in before:
                 m = self._by_key[speed]
-                of_rim = units.stated(m.unit, speed[0], m.title).dimension == "speed"
+                of_rim = to_si.is_rim(units.stated(m.unit, speed[0], m.title))
                 own = self._place(speed), self._place(brake), brake[0] == "pressure"
                 self.axles.append(Places(axle, *own, None, of_rim))
             if train:

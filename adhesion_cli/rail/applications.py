@@ -105,7 +105,7 @@ def _application(
     own = tuple(x for x in slides if where.start <= x.where.start < where.stop)
     return Application(
         where, start, end, first, last, force,
-        force and _over(force, weight, _mass(axle, where, vehicle)), own,
+        force and _over(force, weight, vehicle, _mass(axle, where)), own,
         slip.utilisation(whole, own), own_budget, slip.unknown(record, where, vehicle)[1],
     )  # fmt: skip
 
@@ -145,19 +145,17 @@ def _mean(t: Times, x: Floats, known: Sequence[NDArray[np.int64]]) -> float:
     return area / sum(1e-9 * float(t[at[-1]] - t[at[0]]) for at in known)
 
 
-def _mass(axle: AxleResult, where: slice, vehicle: Vehicle) -> tuple[float, float]:
-    """Relative variance of the mass, and the force's mean covariance with ln m [N]."""
-    share, of = vehicle.axle_mass.tolerance / vehicle.axle_mass.value, axle.reference.mass
-    together = 0.0 if of is None else float(np.nanmean(of[where]))
-    return share**2, together
+def _mass(axle: AxleResult, where: slice) -> float:
+    """The force's mean covariance with ln m [N]."""
+    of = axle.reference.mass
+    return 0.0 if of is None else float(np.nanmean(of[where]))
 
 
-def _over(force: Measured, weight: float, mass: tuple[float, float]) -> Measured:
-    """A force over the weight of the axle, with the variance of the mass from `_mass`."""
+def _over(force: Measured, weight: float, vehicle: Vehicle, together: float) -> Measured:
+    """A force over the weight of the axle; `together` is from `_mass`."""
 
     def half(x: float, u95: float) -> float:
-        added = mass[0] * x**2 - 2.0 * mass[1] * x
-        return math.sqrt(max(u95**2 + Z95**2 * added, 0.0)) / weight
+        return budget.of_coefficient(u95, x, vehicle, together) / weight
 
     return Measured(
         force.mean / weight, half(force.mean, force.mean_u95),

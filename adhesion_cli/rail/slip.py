@@ -452,15 +452,14 @@ def unknown(record: AxleRecord, where: slice, vehicle: Vehicle) -> tuple[Bools, 
         vehicle: for the radius.
 
     Returns:
-        A mask of the record, shape (n,), and its time.
+        A mask of the brake application, shape (m,), and its time.
     """
-    turns = record.wheel_speed[where] * vehicle.radius(record.axle).value > physics.CRAWL
-    v = record.train_speed
-    mask = np.zeros(len(record), dtype=np.bool_)
-    mask[where] = turns if v is None else turns & ~np.isfinite(v[where])
+    mask: Bools = record.wheel_speed[where] * vehicle.radius(record.axle).value > physics.CRAWL
+    if record.train_speed is not None:
+        mask &= ~np.isfinite(record.train_speed[where])
     h = np.diff(record.t[where], append=record.t[where.stop - 1])
     typical = np.minimum(h, 2.0 * np.median(h))  # without the time of a gap
-    return mask, float(typical[mask[where]].sum()) * 1e-9
+    return mask, float(typical[mask].sum()) * 1e-9
 
 
 def utilisation(whole: Whole, found: Sequence[Slide]) -> fit.Interval | None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..channels import to_si
 from ..core import time_axis, units
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
@@ -82,8 +83,8 @@ def _axle(
         true_slip=_interpolated(speed, slip)[rows] if slip else None,
         clamping_force_step=brake.step * (force_line(vehicle).per_pascal if is_pressure else 1.0),
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
-        of_totals=unit is not None and unit.dimension in ("count", "angle"),
-        of_rim=unit is not None and unit.dimension == "speed",
+        of_totals=unit is not None and to_si.is_total(unit),
+        of_rim=unit is not None and to_si.is_rim(unit),
         saturated=at.held[kept] >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
     )  # fmt: skip
@@ -132,15 +133,18 @@ def _without_speed(speed: Channel, brake: Channel, vehicle: Vehicle, view: View)
     They are info where the wheel hardly turned at that end: no pulses come from a standing one.
     """
     t, y, at = speed.data.t, speed.data.value, brake.data.t
-    held = brake.data.value
-    K = clamping_force(held, vehicle) if brake.meaning == "pressure" else held
     slow = CRAWL / vehicle.radius(speed.axle or 1).value
     found: list[Finding] = []
     for outside, turned in (
         (at < t.min() - _EARLIER, y[np.argmin(t)] > slow),
         (at > t.max() + _EARLIER, y[np.argmax(t)] > slow),
     ):
-        lost = outside & (K > NO_FORCE)
+        if not outside.any():
+            continue
+        held = brake.data.value[outside]
+        K = clamping_force(held, vehicle) if brake.meaning == "pressure" else held
+        lost = outside.copy()
+        lost[outside] = K > NO_FORCE
         if lost.sum() * np.median(np.diff(at, append=at[-1])) >= _EARLIER:
             fault = Fault("no-wheel-speed", lost, severity="warning" if turned else "info")
             found += [replace(f, channel=speed.title) for f in view.report(fault, brake)]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
-from ..core.model import AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
+from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
 from ..core.physics import faded, wheelset
 from ..core.signals import coverage_factor
 from .force import moves
@@ -53,6 +53,20 @@ class Budget(NamedTuple):
     def k(self) -> float:
         """Coverage factor of 95 %."""
         return coverage_factor(self.freedom)
+
+
+def of_coefficient(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
+    """Expanded uncertainty of F/(m g), times the stated m g: the mass has a tolerance, too [N].
+
+    Args:
+        u95: expanded uncertainty of F [N].
+        force: F [N].
+        vehicle: with the mass.
+        together: covariance of F with ln m [N].
+    """
+    share = vehicle.axle_mass.tolerance / vehicle.axle_mass.value
+    added = share**2 * force**2 - 2.0 * together * force
+    return math.sqrt(max(u95**2 + Z95**2 * added, 0.0))
 
 
 def by_parameter(

@@ -7,7 +7,7 @@ then be anything up to φK.
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -122,10 +122,8 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
 def _tolerance(run: AxleRecord, vehicle: Vehicle, parts: Parts) -> tuple[Floats, Floats]:
     """1 sigma of the force from the vehicle's tolerances, and its covariance with ln m [N]."""
     speed = run.wheel_speed * vehicle.radius(run.axle).value
-    moved = moves(run, vehicle, parts.clamping_force, parts.acceleration, speed)
-    mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
-    variance = vehicle.covariance(moved, moved)
-    return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + vehicle.covariance(moved, mass)
+    variance, mass = by_tolerances(run, vehicle, parts.clamping_force, parts.acceleration, speed)
+    return np.sqrt(np.maximum(variance, 0.0)), np.zeros(len(run)) + mass
 
 
 class Measured(Protocol):
@@ -145,6 +143,18 @@ class Measured(Protocol):
     def pressure(self) -> object:
         """None where K itself was logged."""
         ...
+
+
+def by_tolerances(
+    record: Measured, vehicle: Vehicle, K: Floats, dw: Floats, speed: Floats
+) -> tuple[Any, Any]:
+    """Variance of the force [N²] by the vehicle's tolerances, and its covariance with ln m [N].
+
+    Arguments as of `moves`: arrays, or numbers for one sample.
+    """
+    moved = moves(record, vehicle, K, dw, speed)
+    mass = {"axle_mass": vehicle.axle_mass.tolerance / vehicle.axle_mass.value}
+    return vehicle.covariance(moved, moved), vehicle.covariance(moved, mass)
 
 
 def moves(

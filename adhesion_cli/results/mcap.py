@@ -475,7 +475,7 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
         told["train_speed"] = MADE
     elif (train := result.shared_train()) and result.inputs_hold(train):
         told["train_speed"] = AS_INPUT
-    if not full and any(thinning.kept(a) is not None for a in result.axles):
+    if not full and any(map(thinning.is_long, result.axles)):
         told["thinned"] = thinning.TOLD
     return told
 

@@ -17,6 +17,11 @@ TOLD = (
 )
 
 
+def is_long(axle: AxleResult) -> bool:
+    """Whether the results of an axle are thinned, unless all are asked for."""
+    return len(axle.record) > LONG
+
+
 def near_brakes(axle: AxleResult, t: Times) -> Bools:
     """Whether these times are in or around a brake application or a slide, (n,)."""
     near = np.zeros(len(t), bool)
@@ -29,7 +34,7 @@ def near_brakes(axle: AxleResult, t: Times) -> Bools:
 def kept(axle: AxleResult) -> NDArray[np.int64] | None:
     """Rows of an axle whose computed values are kept, rising, (k,); None where all are."""
     t = axle.record.t
-    if len(t) <= LONG:
+    if not is_long(axle):
         return None
     first = np.diff(t // EVERY, prepend=t[0] // EVERY - 1) != 0
     return np.flatnonzero(first | near_brakes(axle, t))

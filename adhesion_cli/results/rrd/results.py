@@ -159,7 +159,7 @@ class _Page:
         In and around brake applications and slides that is every row, and in short logs.
         """
         lanes = rows.of_axle(axle)
-        if self.full or len(axle.record) <= thinning.LONG:
+        if self.full or not thinning.is_long(axle):
             return [np.arange(len(lane.t)) for lane in lanes]
         return [_thinned(axle, lane) for lane in lanes]
 
@@ -251,7 +251,7 @@ class _Page:
     ) -> None:  # fmt: skip
         """The operating point on its curve; brake, region and wheel as states."""
         vehicle = self.result.vehicle
-        mu = physics.coefficient(axle.reference.force, vehicle)
+        mu, lanes = physics.coefficient(axle.reference.force, vehicle), rows.of_axle(axle)
         send_curve(
             rec, f"{path}/slip", self.times, axle.record.t, slip, mu, self.bands,
             fitted=Fitted(rail, vehicle) if rail else None,
@@ -273,10 +273,10 @@ class _Page:
             ("region", region, parts.REGION_STATES),
             ("wheel", slides, parts.WHEELS),
         ):
-            for rows_ in rows.of_axle(axle):
-                shown = np.where(rows_.inside, codes[rows_.row], -1)
-                lane = rows_.below(f"{path}/state/{name}")
-                parts.send_states(rec, lane, self.times, rows_.t, shown, states)
+            for lane in lanes:
+                shown = np.where(lane.inside, codes[lane.row], -1)
+                entity = lane.below(f"{path}/state/{name}")
+                parts.send_states(rec, entity, self.times, lane.t, shown, states)
 
     def _send_lists(self, rec: rr.RecordingStream) -> None:
         """Findings and events; each text wrapped: the viewer shows only the first line of a row."""
