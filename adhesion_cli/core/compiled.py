@@ -21,8 +21,8 @@ bit.
 
 Machine code is kept on disk, in the user's cache folder, or in a temporary one if that cannot be
 written. numba's own cache does not notice a change in another module. So each folder is named by a
-hash over all sources of this package and of the function's folder: any edit compiles again. Several
-processes may run at once.
+hash over the files of all functions that a loop reaches and the constants that these name: an edit
+compiles only the loops that it touches. Several processes may run at once.
 """
 
 import math
@@ -31,7 +31,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
@@ -52,8 +52,7 @@ def _silent(text: str) -> None:
 
 tell: Callable[[str], None] = _silent  # reports what takes seconds; a program sets it
 
-_OWN = Path(__file__).resolve().parents[1]
-_KEEP = 8  # cache folders that stay, those used last
+_KEEP = 64  # cache folders that stay, those used last: one per loop, of a few versions
 
 # Only compiled code calls these functions. Inlined, tuples of arrays need no reference counts.
 _INNER: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
@@ -260,8 +259,7 @@ def _compiled(
     from numba import njit
 
     _load()
-    code = [x for _, x in (*reached, *stand_ins)]
-    folder = _folder({Path(sys.modules[x.__module__].__file__ or "").resolve() for x in code})
+    folder = _folder(_key(x for _, x in (*reached, *stand_ins)))
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
         tell("compiling, for the first run with these methods ...")
     path = folder / f"{name}.py"
@@ -361,11 +359,32 @@ class _Lower:
         return self.done[f]
 
 
-def _folder(files: set[Path]) -> Path:
-    """The cache folder for code from `files`; makes it, and deletes those of older sources."""
-    others = {file.parent for file in files if not file.is_relative_to(_OWN)}
-    name = sha256(_own_sources() + b"".join(map(_sources, sorted(others)))).hexdigest()[:16]
-    folder = _root() / name
+def _key(roots: Iterable[Any]) -> str:
+    """A hash over what functions and types, and all that these name, are made of.
+
+    These are the files of functions and types, and the values of constants from any file.
+    """
+    files, constants = set[Path](), set[str]()
+    waiting, seen = list(roots), set[int]()
+    while waiting:
+        code = waiting.pop()
+        if id(code) in seen:
+            continue
+        seen.add(id(code))
+        files.add(Path(sys.modules[code.__module__].__file__ or "").resolve())
+        for name in code.__code__.co_names if isinstance(code, FunctionType) else ():
+            value = code.__globals__.get(name)
+            if isinstance(value, FunctionType | type) and value.__module__ != "builtins":
+                waiting.append(value)
+            elif isinstance(value, int | float | tuple):
+                constants.add(f"{name} {value!r}")
+    parts = [*map(_source, sorted(files)), *(text.encode() for text in sorted(constants))]
+    return sha256(b"\0".join(parts)).hexdigest()[:16]
+
+
+def _folder(key: str) -> Path:
+    """The cache folder of a key; makes it, and deletes those that were not used for long."""
+    folder = _root() / key
     try:
         folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder.mkdir(exist_ok=True)
@@ -383,16 +402,9 @@ def _root() -> Path:
     return Path(named or Path.home() / ".cache") / "adhesion-cli"
 
 
-def _sources(folder: Path, pattern: str = "*.py") -> bytes:
-    digest = sha256()
-    for path in sorted(folder.glob(pattern)):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.digest()
-
-
 @cache
-def _own_sources() -> bytes:
-    return _sources(_OWN, "**/*.py")
+def _source(path: Path) -> bytes:
+    return path.name.encode() + b"\0" + path.read_bytes() + b"\0"
 
 
 def _prune(root: Path) -> None:

@@ -212,7 +212,7 @@ def test_where_the_cache_is(tmp_path, monkeypatch, kind):
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     if kind == "no folder":
         home.write_text("a file")
-    folder = compiled._folder(set())
+    folder = compiled._folder("key")
     assert folder.is_relative_to(home if kind == "mine" else temporary)
     assert folder.is_dir()
 
@@ -221,14 +221,14 @@ def test_where_the_cache_is(tmp_path, monkeypatch, kind):
 def test_old_folders_go(tmp_path, monkeypatch):
     root = tmp_path / "adhesion-cli"
     root.mkdir(mode=0o700)
-    for i in range(12):
+    for i in range(compiled._KEEP + 4):
         folder = root / f"{i:016x}"
         folder.mkdir()
         os.utime(folder, (i, i))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    latest = compiled._folder(set())
+    latest = compiled._folder("key")
     left = {path.name for path in root.iterdir()}
-    assert left == {latest.name, *(f"{i:016x}" for i in range(5, 12))}
+    assert left == {latest.name, *(f"{i:016x}" for i in range(5, compiled._KEEP + 4))}
 
 
 def test_importing_compiles_nothing(copy):
