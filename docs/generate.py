@@ -168,7 +168,7 @@ _SECTIONS = {
 }  # fmt: skip
 _PARTS = {
     "message": "Message", "cause": "Cause", "effect": "Effect", "remedy": "Remedy",
-    "limits": "Cannot see", "thresholds": "Thresholds", "old": "Former codes",
+    "limits": "Cannot see", "thresholds": "Thresholds",
 }  # fmt: skip
 
 
@@ -179,7 +179,6 @@ def findings_page() -> str:
         parts.append(f"## {_SECTIONS[section]}\n")
         for words in of:
             shown: dict[str, Any] = entry(words)
-            shown["old"] = ", ".join(f"`{code}`" for code in words.old)
             checks = dict.fromkeys(t["name"].rpartition(".")[0] for t in shown["thresholds"])
             shown["thresholds"] = ", ".join(f"[`{c}`]({_anchor(c)})" for c in checks)
             parts.append(f"### `{words.code}`\n\n{words.title}.\n")

@@ -34,23 +34,22 @@ def command(
 ) -> int:
     """Explain a finding: cause, effect, remedy, limits.
 
-    The limits are what the check cannot see. Without CODE: every finding by section. A former code
-    shows the findings that replaced it.
+    The limits are what the check cannot see. Without CODE: every finding by section.
 
     Example: adhesion explain pressure-delay
     """
     from ..core.finding import catalogue
 
-    found = _named(code) if code else list(catalogue().values())
+    shown = [_entry_of(code)] if code else list(catalogue().values())
     if shared.json:
         import json
 
-        entries = [entry(words) for words in found]
+        entries = [entry(words) for words in shown]
         print(json.dumps({"schema": "adhesion.explain/1", "findings": entries}, indent=1))
     elif code:
-        print("\n\n".join(map(_text, found)))
+        print(_text(shown[0]))
     else:
-        print(_listed(found))
+        print(_listed(shown))
     return 0
 
 
@@ -58,10 +57,8 @@ def entry(words: "Words") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
     texts = ("title", "message", *_PARTS)
     shown = {name: _plain(getattr(words, name)) for name in texts}
-    return {
-        "code": words.code, "section": words.section, **shown,
-        "thresholds": _thresholds(words.code), "old": list(words.old),
-    }  # fmt: skip
+    thresholds = _thresholds(words.code)
+    return {"code": words.code, "section": words.section, **shown, "thresholds": thresholds}
 
 
 @cache
@@ -89,8 +86,8 @@ def _thresholds(code: str) -> list[dict[str, object]]:
     ]
 
 
-def _named(code: str) -> "list[Words]":
-    """The entry of a code, or every entry that had this code before.
+def _entry_of(code: str) -> "Words":
+    """The entry of a code.
 
     Raises:
         UserError: for an unknown code.
@@ -99,10 +96,9 @@ def _named(code: str) -> "list[Words]":
     from ..core.finding import catalogue
 
     known = catalogue()
-    found = [known[code]] if code in known else [w for w in known.values() if code in w.old]
-    if not found:
+    if code not in known:
         raise unknown("code", code, list(known), "`adhesion explain` lists the codes")
-    return found
+    return known[code]
 
 
 def _plain(text: str) -> str:

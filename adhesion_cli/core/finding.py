@@ -28,7 +28,6 @@ class Words:
     effect: str  # on the result
     remedy: str  # a template, too
     limits: str = ""  # what the check cannot see
-    old: tuple[str, ...] = ()  # codes it had before
     keeps_data: bool = False  # whether a warning of it is about settings, and no data is lost
 
 
@@ -36,10 +35,7 @@ class Words:
 def catalogue() -> dict[str, Words]:
     """Every code with its words, in the order of the file."""
     text = Path(__file__).with_name("findings.toml").read_text("utf-8")
-    return {
-        code: Words(code, **{**entry, "old": tuple(entry.get("old", ()))})
-        for code, entry in tomllib.loads(text).items()
-    }
+    return {code: Words(code, **entry) for code, entry in tomllib.loads(text).items()}
 
 
 class _NotStated:
