@@ -152,7 +152,7 @@ def compared(
         for name, e in estimator.registry().items()
         if name in (*FIVE, "imm")
     }  # fmt: skip
-    imm, sigma = F["imm"]
+    imm, sigma, _ = F["imm"]
     assert sigma is not None
     braked, applications = np.zeros(len(r), bool), metrics.applications(r)
     for s in applications:

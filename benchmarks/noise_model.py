@@ -107,7 +107,7 @@ def axles(seed: int, change: Change | None = None) -> Iterator[Judged]:
         w, faded = physics.wheelset(test.vehicle, r.axle), physics.faded(r, test.vehicle)
         starts = np.array([s.start for s in r.segments])
         columns = r.t, faded.clamping_force, r.wheel_speed, starts
-        squares = compiled.judged(IMM, IMM.Params(), w, *columns)[2]
+        squares = compiled.batch(IMM, IMM.Params(), w, *columns).nis
         assert squares is not None
         found = Judged(force.compute(faded, test.vehicle).nis, innovations.mean(squares), False)
         both = {"the reference": found.reference, "imm": found.imm}

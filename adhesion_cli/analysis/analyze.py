@@ -223,7 +223,7 @@ def _axle(
     ref = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
     found = {
-        e.name: compiled.judged(
+        e.name: compiled.batch(
             e, settings.params(e), w, record.t, faded.clamping_force, record.wheel_speed, starts
         )
         for e in estimators

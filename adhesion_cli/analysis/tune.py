@@ -24,7 +24,6 @@ from ..core import compiled, methods, physics, toml
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..core.lanes import LANES, squares
 from ..core.model import AxleResult, Bools, Floats, Result, Times, Wheelset, quantities
 from ..evaluation import metrics
 from .analyze import analyze, chosen
@@ -34,11 +33,9 @@ _DIGITS = 4  # of a parameter: more do not change the rmse
 _CLOSE = 1e-4  # of the rmse's logarithm, from the best to the last kept: the search ends
 _MOST = 12  # generations
 _KEPT = 0.375  # share of a generation that gives the next
-_EACH = 3  # parameters for which a generation has one more row of lanes
+_EACH = 3  # parameters for which a generation has `_ROW` more sets
+_ROW = 32
 _DECADE, _SHARE = 0.5, 0.2  # first standard deviation of a parameter: in decades, or of its range
-_MANY = (
-    500_000  # samples from which many sets at once save more time than their loop takes to compile
-)
 
 
 class Axle(NamedTuple):
@@ -138,21 +135,9 @@ def rmse(est: Estimator, p: Any, axles: Sequence[Axle]) -> float:
 
 
 def errors(est: Estimator, sets: Sequence[Any], axles: Sequence[Axle]) -> Floats:
-    """`rmse` of each parameter set [N], shape (sets,); of many samples all sets in one pass."""
-    together = est.split is not None and not est.split.alone
-    together = together and min(map(est.longest_step, sets)) == math.inf
-    if not together or sum(len(a.t) for a in axles) < _MANY:
-        with ThreadPoolExecutor() as threads:
-            return np.array(list(threads.map(lambda p: rmse(est, p, axles), sets)))
-
-    def mean(a: Axle) -> Floats:
-        columns = a.t, a.clamping_force, a.wheel_speed, a.starts, a.target, a.judged
-        return squares(est, sets, a.wheelset, *columns) / np.count_nonzero(a.judged)
-
-    first = mean(axles[0])  # compiles
+    """`rmse` of each parameter set [N], shape (sets,)."""
     with ThreadPoolExecutor() as threads:
-        found = np.mean([first, *threads.map(mean, axles[1:])], axis=0)
-    return np.where(np.isfinite(found), np.sqrt(found), math.inf)
+        return np.array(list(threads.map(lambda p: rmse(est, p, axles), sets)))
 
 
 def as_toml(found: Tuned) -> str:
@@ -237,7 +222,7 @@ def _search(est: Estimator, before: Any, errors: Callable[[Sequence[Any]], Float
     """The parameters with the least error."""
     space, random_numbers = _Space(est, before), np.random.default_rng(0)
     d = len(space.start)
-    many = LANES * math.ceil(d / _EACH)
+    many = _ROW * math.ceil(d / _EACH)
     kept = math.ceil(_KEPT * many)
     weights = np.log(kept + 0.5) - np.log(np.arange(kept) + 1.0)
     weights /= weights.sum()

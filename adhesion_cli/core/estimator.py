@@ -14,18 +14,6 @@ the state before it. It is NaN where the estimator does not use the sample.
 `longest_step(p) -> float` is optional. It is the longest interval [s] at which `step` is stable,
 for parameters that are not stable at every interval.
 
-A step may come in three functions as well. Loops over whole logs then compute each only as often
-as its arguments change (`compiled.batch`), and over many parameter sets at once (`lanes`):
-
-- `fixed(p) -> Fixed`, what the parameters decide;
-- `across(f, h) -> Across`, what the interval decides as well;
-- `part(f, q, w, s, K, y) -> State`, the rest of the step.
-
-If `Across` has `parts`, the interval has so many sub-steps, and `part` has one more argument: the
-number of the sub-step, from 0.0. Only the last one puts K and y into the state. `Fixed` and
-`Across` are NamedTuples of floats, or of such NamedTuples. `math.pow` has a positive base there.
-Lanes always do the work of each branch. `ALONE = True` says that a branch saves more than they do.
-
 Time and rate. At t_k both ends of the interval (t_{k-1}, t_k] are known. An estimator takes K and y
 as straight lines across it. That is exact for ramps, and half an interval from a step. The result
 depends on the signals, not on how often they were logged. `euler = 1` is the printed alternative:
@@ -41,8 +29,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple
 
 from . import methods, toml
 from .errors import UserError
@@ -72,30 +59,6 @@ class Sample(NamedTuple):
     y: Annotated[float, Quantity("rad/s", "wheel speed", -1e3, 1e3)]
 
 
-class Split(NamedTuple):
-    """The three functions of a step, and whether many sets at once are no faster."""
-
-    fixed: Callable[..., Any]
-    across: Callable[..., Any]
-    part: Callable[..., Any]
-    alone: bool
-
-    @property
-    def functions(self) -> dict[str, Callable[..., Any]]:
-        """By name."""
-        return {"fixed": self.fixed, "across": self.across, "part": self.part}
-
-    @property
-    def Across(self) -> Any:
-        """What `across` returns."""
-        return get_type_hints(self.across)["return"]
-
-    @property
-    def has_parts(self) -> bool:
-        """Whether an interval has sub-steps."""
-        return "parts" in self.Across._fields
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimator(Method):
     """One estimator, as found in its file."""
@@ -103,7 +66,6 @@ class Estimator(Method):
     claims: Mapping[str, Claim]
     longest_step: Callable[[Any], float]
     nis: Callable[..., float] | None
-    split: Split | None
 
     @property
     def has_sigma(self) -> bool:
@@ -124,7 +86,7 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
         name: Estimator(
             m.name, m.title, m.source, m.Params, m.State, m.init, m.step, m.path,
             module.ABOUT.claims, getattr(module, "longest_step", _any_step),
-            getattr(module, "nis", None), _split(module),
+            getattr(module, "nis", None),
         )
         for name, (m, module) in methods.scan(KIND, *extra_folders).items()
     }  # fmt: skip
@@ -179,13 +141,6 @@ def check_step(est: Estimator, p: Any, h: float) -> None:
             f"the longest stable one is {longest:.4g} s",
             f"state {toml.option(f'{est.name}.euler = 0')}, which is stable at every interval",
         )
-
-
-def _split(module: ModuleType) -> Split | None:
-    if all(hasattr(module, name) for name in ("fixed", "across", "part")):
-        alone = getattr(module, "ALONE", False)
-        return Split(module.fixed, module.across, module.part, alone)
-    return None
 
 
 def _any_step(p: Any) -> float:

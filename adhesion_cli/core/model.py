@@ -224,7 +224,6 @@ class Wheelset(NamedTuple):
     radius: float  # R [m]
     inertia: float  # I [kg m²]
     mass: float  # m [kg]
-    per_a: float  # 1 / a [kg m]
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ def on_radius(w: Wheelset, radius: float) -> Wheelset:
 def wheelset_of(R: float, phi: float, I: float, m: float) -> Wheelset:  # noqa: E741
     """The same from radius R [m], friction φ, inertia I [kg m²] and mass m [kg]. Source: (1)."""
     a = R / I
-    return Wheelset(a, phi, 1.0 / (1.0 + I / (m * R * R)), R, I, m, 1.0 / a)
+    return Wheelset(a, phi, 1.0 / (1.0 + I / (m * R * R)), R, I, m)
 
 
 def rolling_deceleration(w: Wheelset) -> float:

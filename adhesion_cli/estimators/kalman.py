@@ -48,42 +48,19 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     return State(y, p.P0, 0.0, K, 0.0)
 
 
-class Across(NamedTuple):
-    """What the parameters and the interval decide."""
-
-    h: float  # [s]
-    grown: float  # q h [rad²/s²]
-    noise: float  # R over the interval [rad²/s²]
-    b: float  # what the weights forget
-
-
-def fixed(p: Params) -> Params:
-    """The parameters."""
-    return p
-
-
-def across(p: Params, h: float) -> Across:
-    """An interval of `h` [s]."""
-    return Across(h, p.q * h, p.R * STEP / h, math.pow(p.b, h / STEP))
-
-
-def part(p: Params, q: Across, w: Wheelset, s: State, K: float, y: float) -> State:
-    """One sample on."""
-    held = s.K if p.euler > 0.0 else 0.5 * (s.K + K)
-    predicted = s.omega + q.h * w.a * (s.F - w.phi * held)  # (6)
-    P = s.P + q.grown  # not in print
-    G = P / (P + q.noise)
-    omega = predicted + G * (y - predicted)  # (7)
-    weight = q.b * s.weight + (1.0 - q.b)
-    d = (1.0 - q.b) / weight
-    eps1 = omega - s.omega + q.h * w.a * w.phi * held
-    F = (1.0 - d) * s.F + d * eps1 / (q.h * w.a)
-    return State(omega, (1.0 - G) * P, weight, K, F)
-
-
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    return part(p, across(p, h), w, s, K, y)
+    K_mean = s.K if p.euler > 0.0 else 0.5 * (s.K + K)
+    predicted = s.omega + h * w.a * (s.F - w.phi * K_mean)  # (6)
+    P = s.P + p.q * h  # not in print
+    gain = P / (P + p.R * STEP / h)
+    omega = predicted + gain * (y - predicted)  # (7)
+    b = math.pow(p.b, h / STEP)
+    weight = b * s.weight + (1.0 - b)
+    d = (1.0 - b) / weight
+    eps1 = omega - s.omega + h * w.a * w.phi * K_mean
+    F = (1.0 - d) * s.F + d * eps1 / (h * w.a)
+    return State(omega, (1.0 - gain) * P, weight, K, F)
 
 
 ABOUT = About(

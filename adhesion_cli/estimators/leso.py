@@ -15,9 +15,9 @@ from typing import Annotated, NamedTuple
 from ..core.estimator import About, Claim
 from ..core.model import Quantity, Wheelset
 from . import PAPER
-from ._observer import Fixed, State, across, init, longest_euler, modes, part
+from ._linear_observer import State, gains, init, longest_euler, observe
 
-__all__ = ["ABOUT", "Params", "State", "across", "fixed", "init", "longest_step", "part", "step"]
+__all__ = ["ABOUT", "Params", "State", "init", "longest_step", "step"]
 
 
 class Params(NamedTuple):
@@ -28,15 +28,9 @@ class Params(NamedTuple):
     euler: Annotated[float, Quantity("-", "1: forward Euler step, as printed", 0.0, 1.0)] = 0.0
 
 
-def fixed(p: Params) -> Fixed:
-    """The gains."""
-    return Fixed(modes(p.beta1, p.beta2), p.euler)
-
-
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    f = fixed(p)
-    return part(f, across(f, h), w, s, K, y)  # (9)
+    return observe(gains(p.beta1, p.beta2), p.euler, w, s, h, K, y)  # (9)
 
 
 def longest_step(p: Params) -> float:

@@ -43,59 +43,21 @@ def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     return State(0.0 if p.from_zero > 0.0 else y, 0.0, y, w.phi * K)
 
 
-class Fixed(NamedTuple):
-    """What the parameters decide."""
-
-    r: float  # [rad/s³]
-    h0: float  # [s]
-    middle: float  # where in a sub-step the rates are taken: 0.5, or 0 for forward Euler
-
-
-class Across(NamedTuple):
-    """And the interval."""
-
-    parts: float  # sub-steps
-    share: float  # of one
-    h: float  # length of one [s]
-    h0: float  # [s]
-
-
-def fixed(p: Params) -> Fixed:
-    """The midpoint rule, or forward Euler."""
-    return Fixed(p.r, p.h0, 0.0 if p.euler > 0.0 else 0.5)
-
-
-def across(f: Fixed, h: float) -> Across:
-    """An interval of `h` [s]."""
-    h0 = f.h0 if f.h0 > 0.0 else h
-    if f.middle == 0.0:
-        return Across(1.0, 1.0, h, h0)
-    n = float(math.ceil(min(4.0 * h / h0, SUBSTEPS)))
-    tau = h * (1.0 / n)
-    return Across(n, 1.0 / n, tau, max(h0, 4.0 * tau))
-
-
-def part(  # noqa: PLR0913 (as `step`, with the sub-step)
-    f: Fixed, q: Across, w: Wheelset, s: State, K: float, y: float, i: float
-) -> State:
-    """Sub-step `i` = 0, 1, … of an interval."""
-    dv = (y - s.y) * q.share
-    v, ahead = s.y + i * dv, f.middle * q.h
-    middle = s.x2 + ahead * fhan(s.x1 - v, s.x2, f.r, q.h0)
-    rate = fhan(s.x1 + ahead * s.x2 - v - f.middle * dv, middle, f.r, q.h0)  # (4)
-    x2 = s.x2 + q.h * rate
-    last = i + 1.0 >= q.parts
-    F = w.phi * K + x2 * w.per_a  # (5)
-    return State(s.x1 + q.h * middle, x2, y if last else s.y, F)
-
-
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    f = fixed(p)
-    q = across(f, h)
-    for i in range(int(q.parts)):
-        s = part(f, q, w, s, K, y, float(i))
-    return s
+    n, h0 = 1.0, p.h0 if p.h0 > 0.0 else h
+    if p.euler == 0.0:
+        n = float(math.ceil(min(4.0 * h / h0, SUBSTEPS)))
+        h0 = max(h0, 4.0 * h / n)
+    tau, dy = h / n, (y - s.y) / n
+    half = 0.0 if p.euler > 0.0 else 0.5  # the rates are those of the middle of a sub-step
+    x1, x2 = s.x1, s.x2
+    for i in range(int(n)):
+        v = s.y + float(i) * dy
+        x2_middle = x2 + half * tau * fhan(x1 - v, x2, p.r, h0)
+        rate = fhan(x1 + half * tau * x2 - v - half * dy, x2_middle, p.r, h0)  # (4)
+        x1, x2 = x1 + tau * x2_middle, x2 + tau * rate  # (4)
+    return State(x1, x2, y, w.phi * K + x2 / w.a)  # (5)
 
 
 def longest_step(p: Params) -> float:

@@ -11,9 +11,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..core import compiled
 from ..core.model import Z95, AxleRecord, Floats, Reference, Score
 from ..core.signals import moving, true_runs, white_noise
 
@@ -112,12 +110,6 @@ class Comparison:
         return np.concatenate(self.estimate) - np.concatenate(self.target)
 
     @cached_property
-    def together(self) -> tuple[Floats, Floats, NDArray[np.int64]]:
-        """Times and target of all applications, (n,), and where each ends."""
-        ends = np.cumsum([len(t) for t in self.t])
-        return np.concatenate(self.t), np.concatenate(self.target), ends
-
-    @cached_property
     def fit(self) -> tuple[float, float] | None:
         """Lag τ [s] and gain g of estimate(t) ≈ g target(t − τ) + c, least squares over all three.
 
@@ -148,44 +140,15 @@ def _unexplained(c: Comparison, lag: float, every: int) -> tuple[float, float]:
 
     What goes against the target explains nothing.
     """
-    x = np.empty(sum(-(-len(t) // every) for t in c.t))
-    compiled.function(_delayed)(*c.together, every, lag, x)
-    y = np.concatenate([e[::every] for e in c.estimate])
+    delayed = [
+        np.interp(t[::every] - lag, t, target) for t, target in zip(c.t, c.target, strict=True)
+    ]
+    x, y = np.concatenate(delayed), np.concatenate([e[::every] for e in c.estimate])
     x, y = x - np.mean(x), y - np.mean(y)
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
     if xx == 0.0 or yy == 0.0 or xy <= 0.0:
         return 1.0, 0.0
     return 1.0 - xy * xy / (xx * yy), xy / xx
-
-
-def _delayed(
-    t: Floats, y: Floats, ends: NDArray[np.int64], every: int, lag: float, found: Floats
-) -> None:
-    """Fills y(t − lag) at every so many samples of each application, as `numpy.interp` has it.
-
-    Args:
-        t: [s], rising within each application (n,).
-        y: (n,).
-        ends: of the applications, as indices (k,).
-        every: how many.
-        lag: [s].
-        found: of the samples that count.
-    """
-    first, count = 0, 0
-    for end in ends:
-        last, j = end - 1, first
-        for i in range(first, end, every):
-            at = t[i] - lag
-            while j < last and t[j + 1] <= at:
-                j += 1
-            if at <= t[first]:
-                found[count] = y[first]
-            elif j == last or t[j] == at:
-                found[count] = y[j]
-            else:
-                found[count] = (y[j + 1] - y[j]) / (t[j + 1] - t[j]) * (at - t[j]) + y[j]
-            count += 1
-        first = end
 
 
 def _golden(f: Callable[[float], float], low: float, high: float) -> float:

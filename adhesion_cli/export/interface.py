@@ -1,13 +1,11 @@
 """Header and source of an export: the functions that a control unit calls, with their checks.
 
-What a state holds is what the compiled loops keep between samples: parameters, what they decide
-(`fixed`), what the interval decides as well (`across`), and the method's own state. `across` is
-computed anew only if the interval changes.
+A state holds the parameters, the wheelset and the method's own state.
 """
 
 from collections.abc import Sequence
 from types import FunctionType
-from typing import Any, NamedTuple, cast, get_type_hints
+from typing import Any, NamedTuple, cast
 
 from ..core.controller import Observed
 from ..core.estimator import KIND, Estimator, Sample
@@ -78,7 +76,6 @@ class Interface:
         self.c = Translation(self.name, number)
         self.real = self.c.types.real
         self.estimator = method if isinstance(method, Estimator) else None
-        self.split = self.estimator.split if self.estimator else None
         self.inputs = quantities(Sample if self.estimator else Observed)
         self.params = self.c.types.named(method.Params, "params", public=True)
         taken = Wheelset if self.estimator else Observed
@@ -87,9 +84,6 @@ class Interface:
         )
         self.now = self.c.types.named(method.State, "now", public=True)
         self.interval = quantities(Sample)["h"]
-        self.sub_step, self.most_parts = Cost(), 0
-        self.fixed: Kind | None = None
-        self.across: Kind | None = None
         self.limited = False  # whether a longer interval can be unstable
 
     def code(self) -> Code:
@@ -106,18 +100,16 @@ class Interface:
         if self.estimator:
             four = [(c_name(x), self.real) for x in ("R", "phi", "I", "m")]
             made, of_wheelset = self._call(wheelset_of, four)
-        begins, prepared = self._prepared()
-        begins += limit
         read = frozenset(x for s, x in self.c.read if s == f"{self.name}_observed")
         checks = Cost({"compare": 2 * len(self.inputs) + 2})
         parts = [
             self._defaults(made), self._wheelset(made) if self.estimator else "",
-            self._ranges(read), self._init(start, begins, bool(self.estimator)),
+            self._ranges(read), self._init(start, limit, bool(self.estimator)),
             self._step_text(step),
         ]  # fmt: skip
         of_given = len(STATED) + len(self.given.fields) if self.estimator else 0
         ranges = Cost({"compare": 2 * len(self.params.fields) + of_given})
-        costs = {"init": first + prepared + judged + of_wheelset + checks + ranges}
+        costs = {"init": first + judged + of_wheelset + checks + ranges}
         costs["step"] = cost + checks + Cost({"compare": 1 + self.limited})
         body = "\n".join(x for x in parts if x)
         statuses = tuple(x for x in _STATUS if self._returned(x[0]))
@@ -141,53 +133,13 @@ class Interface:
     def _step(self) -> tuple[list[str], Cost]:
         """The lines that bring `next` one sample on."""
         p: tuple[str, Kind] = ("state->p", self.params)
-        loops = self.split is not None and self.split.has_parts
         s: tuple[str, Kind] = ("state->now", self.now)
         h: tuple[str, Kind] = ("h", self.real)
         w: tuple[str, Kind] = ("state->w", self.given)
         sample: list[tuple[str, Kind]] = [("K", self.real), ("y", self.real)]
-        if not self.split:
-            arguments = [p, w, s, h, *sample] if self.estimator else [p, s, h, ("*o", self.given)]
-            call, cost = self._call(self.method.step, arguments)
-            return [f"{self.name}_now next = {call};"], cost
-        hints = get_type_hints(self.split.fixed)
-        self.fixed = self.c.types.named(hints["return"], public=True)
-        self.across = self.c.types.named(self.split.Across, public=True)
-        f: tuple[str, Kind] = ("state->f", self.fixed)
-        q: tuple[str, Kind] = ("state->q", self.across)
-        of_interval, spent = self._call(self.split.across, [f, h])
-        lines = ["if (h != state->h) {", f"    state->q = {of_interval};", "    state->h = h;", "}"]
-        if not loops:
-            call, cost = self._call(self.split.part, [f, q, w, s, *sample])
-            lines.append(f"{self.name}_now next = {call};")
-            return lines, spent + cost + Cost({"compare": 1})
-        # The first sub-step, which is mostly the only one, needs no state of its own.
-        number = (self.number.literal(0.0), self.real)
-        call, cost = self._call(self.split.part, [f, q, w, s, *sample, number])
-        number = (f"({self.real.c})i", self.real)
-        again, _ = self._call(self.split.part, [f, q, w, ("next", self.now), *sample, number])
-        most = self.most_parts = int(self.split.part.__globals__["SUBSTEPS"])
-        self.sub_step = cost + Cost({"compare": 1})
-        count = self.c.helper("count")
-        lines += [f"int32_t parts = {count}(state->q.parts, {most});"]
-        lines += [f"{self.name}_now next = {call};"]
-        lines += ["for (int32_t i = 1; i < parts; i++) {", f"    next = {again};", "}"]
-        return lines, spent + Cost({k: n * most for k, n in self.sub_step.items()})
-
-    def _prepared(self) -> tuple[list[str], Cost]:
-        """What `init` computes ahead of the first step."""
-        if not self.split:
-            return [], Cost()
-        fixed, one = self._call(self.split.fixed, [("*p", self.params)])
-        first = self.number.literal(1e-3)
-        across, other = self._call(
-            self.split.across, [("state->f", self.fixed), (first, self.real)]  # type: ignore[list-item]
-        )  # fmt: skip
-        return [
-            f"state->f = {fixed};",
-            f"state->q = {across};",
-            f"state->h = {first};",
-        ], one + other
+        arguments = [p, w, s, h, *sample] if self.estimator else [p, s, h, ("*o", self.given)]
+        call, cost = self._call(self.method.step, arguments)
+        return [f"{self.name}_now next = {call};"], cost
 
     # --- text -------------------------------------------------------------------------------------
 
@@ -245,12 +197,6 @@ class Interface:
         ]  # fmt: skip
         if self.estimator:
             held.append(("w", self.given, "as given to init"))
-        if self.split:
-            held += [
-                ("f", self.fixed, "what the parameters decide"),
-                ("q", self.across, "what the interval h decides"),
-                ("h", self.real, "the last interval [s]"),
-            ]
         if self.limited:
             held.append(("longest", self.real, "the longest stable interval [s]"))
         held.append(("now", self.now, f"the answer: {', '.join(self.answers())}"))

@@ -9,7 +9,6 @@ from ..core.model import Vehicle, quantities
 from ..core.physics import LEAST_SHARE, force_line
 from .c_types import Number, flat, range_of
 from .check_program import limits
-from .expressions import Cost
 from .interface import STATED, Code, Interface
 from .single_precision import ULPS
 from .vectors import LIBRARIES, LOG, Vectors
@@ -187,21 +186,17 @@ def _clamping(vehicle: Vehicle) -> str:
 
 
 def _operations(facts: Facts) -> str:
-    of, columns = facts.of, {f"`_{x}`": cost for x, cost in facts.code.costs.items()}
+    columns = {f"`_{x}`": cost for x, cost in facts.code.costs.items()}
     text = "## Operations\n\nAt most, over every branch, parameter and interval:\n\n"
-    note = ""
-    if of.split and of.split.has_parts:
-        h = facts.vectors.longest
-        n = math.ceil(of.split.across(of.split.fixed(of.p), h).parts)
-        fewer = Cost({k: x * (of.most_parts - n) for k, x in of.sub_step.items()})
-        columns[f"`_step`, {n} sub-steps"] = columns["`_step`"] - fewer
-        note = (
-            f"\n`_step` divides an interval into sub-steps, at most {of.most_parts}. With the "
-            f"parameters above, an interval of {h:g} s has {n}.\n"
-        )
     names = sorted({name for cost in columns.values() for name in cost})
     rows = [(name, *(str(cost[name]) for cost in columns.values())) for name in names]
-    return text + _table(("operation", *columns), rows) + note
+    text += _table(("operation", *columns), rows)
+    if substeps := facts.of.method.step.__globals__.get("SUBSTEPS"):
+        text += (
+            f"\n`_step` divides a long interval into sub-steps. The table counts {substeps:.0f} of "
+            "them, the most that there can be.\n"
+        )
+    return text
 
 
 def _accuracy(facts: Facts) -> str:

@@ -245,7 +245,7 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
         now[j, 0], now[j, 1] = y[0], 0.0
         now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
     if len(kept) == n:
-        kept[0] = now
+        _store(now, kept, 0)
     total, last_h = 0.0, -1.0
     for k in range(1, n):
         h, ds = t[k] - t[k - 1], s[k] - s[k - 1]
@@ -283,8 +283,15 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
             new[j, 5] /= mass
         now, new = new, now
         if len(kept) == n:
-            kept[k] = now
+            _store(now, kept, k)
     return total
+
+
+def _store(now: Floats, kept: Floats, k: int) -> None:
+    """Copies the regimes (M, 6) into row k of `kept`; `kept[k] = now` takes 2 s to compile."""
+    for j in range(len(now)):
+        for i in range(6):
+            kept[k, j, i] = now[j, i]
 
 
 def _scored(now: Floats, T: Floats, off: Floats, far: Floats) -> float:

@@ -1,11 +1,12 @@
 """Results and logs as MCAP: protobuf messages, packed by columns, chunked, zstd, every CRC on.
 
-The messages are laid out by a compiled loop, because one protobuf object per sample costs more than
-the whole analysis. The bytes of a message are those the protobuf library would have written.
+The messages of a topic are laid out as rows of one numpy array, because one protobuf object per
+sample costs more than the whole analysis. The protobuf library reads them as its own.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,7 +17,7 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core import compiled, physics, rounding, signals, threads, toml
+from ..core import physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
     AS_INPUT,
@@ -44,9 +45,9 @@ from .verified import verified
 
 CHUNK = 4 << 20  # bytes of a chunk before compression, about
 _LEVEL = 5  # of zstd; the indexes, which are not compressed, are larger than what more would save
-_MESSAGE = 9 + 22  # bytes of a message record before its data: opcode, length, header
 _OPCODE = int(Opcode.MESSAGE)
 _SECOND = 1_000_000_000
+_VARINT = 5  # bytes of seconds since 1970, until the year 3058, and of nanoseconds
 _MOST_CHANNELS = 0xFFFF  # channel ids have 16 bits
 _UNITS = {  # of the doubles of a message, in the order of its schema
     "AxleInput": ("Pa", "N", "rad/s", "m/s"),
@@ -558,7 +559,7 @@ def _partition(streams: Sequence[_Stream]) -> Iterator[list[slice]]:
     clocks = {
         axis: t if (t[1:] >= t[:-1]).all() else np.maximum.accumulate(t) for axis, t in axes.items()
     }
-    total = sum(len(s.t) * (_MESSAGE + 13 + 9 * len(s.columns) + len(s.tails[0])) for s in streams)
+    total = sum(len(s.t) * _layout(len(s.columns), len(s.tails[0])).itemsize for s in streams)
     pieces = -(-total // CHUNK)
     every = max(64, total >> 24)  # one in so many: a sample of bounded size
     sample = np.sort(np.concatenate([clocks[id(s.t)][::every] for s in streams]))
@@ -599,103 +600,63 @@ def _packed(streams: Sequence[_Stream], parts: list[slice], shift: int) -> mcap_
 
 
 class _Rows:
-    """The messages of one stream in one chunk: first how long each is, then their bytes."""
+    """The messages of one stream in one chunk: how long each is, then their bytes."""
 
     def __init__(self, channel: int, stream: _Stream, part: slice, shift: int) -> None:
         self.channel, self.first = channel, part.start
         self.t = stream.t[part] + shift
         number = descriptors.numbers(stream.message)
-        self.tags = np.array([number[name] << 3 | 1 for name in stream.columns], np.uint8)
-        self.columns = np.empty((len(self.tags), len(self.t)))
-        for column, values in zip(self.columns, stream.columns.values(), strict=True):
+        self._tags = [number[name] << 3 | 1 for name in stream.columns]
+        self._columns = np.empty((len(self._tags), len(self.t)))
+        for column, values in zip(self._columns, stream.columns.values(), strict=True):
             column[:] = values(part)
-        self.tails = np.frombuffer(b"".join(stream.tails), np.uint8)
-        self.ends = np.cumsum([0, *map(len, stream.tails)])
+        self._tails = stream.tails
         none = np.zeros(len(self.t), np.int64)
-        self.tail = none if stream.tail is None else stream.tail[part]
-        self.sizes: Offsets = np.empty(len(self.t), np.int64)
-        compiled.function(_measure)(self.t, self.sizes)
-        self.sizes += 9 * len(self.tags) + np.diff(self.ends)[self.tail]
+        self._tail = none if stream.tail is None else stream.tail[part]
+        layouts = [_layout(len(self._tags), len(tail)) for tail in stream.tails]
+        self.sizes: Offsets = np.array([x.itemsize for x in layouts], np.int64)[self._tail]
 
     def write(self, buffer: Bytes, at: Offsets) -> None:
         """Fill in the message records that start at `at`, shape (n,)."""
-        compiled.function(_fill)(
-            buffer, at, self.sizes, self.channel, self.first, self.t, self.tags,
-            self.columns.view(np.int64), self.tails, self.ends, self.tail,
-        )  # fmt: skip
+        for k in np.unique(self._tail):
+            rows = np.flatnonzero(self._tail == k)
+            messages = self._messages(rows, self._tails[k])
+            buffer[at[rows, None] + np.arange(messages.shape[1])] = messages
+
+    def _messages(self, rows: NDArray[np.int64], tail: bytes) -> Bytes:
+        """The message records of these rows, which have one tail; shape (rows, bytes of one)."""
+        layout, t = _layout(len(self._tags), len(tail)), self.t[rows]
+        messages = np.empty(len(rows), layout)
+        messages["opcode"], messages["length"] = _OPCODE, layout.itemsize - 9
+        messages["channel"], messages["sequence"] = self.channel, self.first + rows
+        messages["log_time"] = messages["publish_time"] = t
+        messages["stamp"] = 1 << 3 | 2, 2 * (1 + _VARINT)  # field 1, google.protobuf.Timestamp
+        for name, tag, value in (("seconds", 1, t // _SECOND), ("nanos", 2, t % _SECOND)):
+            messages[f"{name}_tag"], messages[name] = tag << 3, _varints(value)
+        for i, (tag, column) in enumerate(zip(self._tags, self._columns, strict=True)):
+            messages[f"tag_{i}"], messages[f"value_{i}"] = tag, column[rows]
+        messages["tail"] = np.frombuffer(tail, np.uint8)
+        return messages.view(np.uint8).reshape(len(rows), layout.itemsize)
 
 
-# The rest is compiled. A field with its default value is not written: that is how protobuf does it.
+@cache
+def _layout(doubles: int, tail: int) -> np.dtype[np.void]:
+    """The bytes of a message record with so many doubles and so long a tail.
 
-
-def _measure(t: Times, sizes: Offsets) -> None:
-    """Fills the size of each message record [bytes], but for its doubles and its tail."""
-    for i in range(len(t)):
-        sizes[i] = _MESSAGE + 2 + _varint_length(t[i] // _SECOND) + _varint_length(t[i] % _SECOND)
-
-
-def _fill(  # noqa: PLR0913 (compiled: one array each)
-    buffer: Bytes, at: Offsets, sizes: Offsets, channel: int, first: int, t: Times, tags: Bytes,
-    columns: NDArray[np.int64], tails: Bytes, ends: Offsets, tail: NDArray[np.int64],
-) -> None:  # fmt: skip
-    """Fills in the message records of one stream.
-
-    Args:
-        buffer: of the chunk.
-        at: where each record begins (n,).
-        sizes: of the records (n,).
-        channel: its id.
-        first: sequence number of the first one.
-        t: log time [ns] (n,).
-        tags: of the doubles (k,).
-        columns: bits of the doubles (k, n).
-        tails: encoded fields that follow the doubles, one after the other.
-        ends: where each tail begins, and the last one ends.
-        tail: which of them each row has (n,).
+    Numbers of a time stamp have one length, with leading zeros: a reader takes them as any others.
     """
-    for i in range(len(at)):
-        buffer[at[i]] = _OPCODE
-        p = _put(buffer, at[i] + 1, sizes[i] - 9, 8)
-        p = _put(buffer, p, channel, 2)
-        p = _put(buffer, p, first + i, 4)  # sequence
-        p = _put(buffer, p, t[i], 8)  # log time
-        p = _put(buffer, p, t[i], 8)  # publish time
-        buffer[p] = 1 << 3 | 2  # field 1, google.protobuf.Timestamp
-        stamp = p + 2
-        p = _put_varint(buffer, stamp, 1 << 3, t[i] // _SECOND)
-        p = _put_varint(buffer, p, 2 << 3, t[i] % _SECOND)
-        buffer[stamp - 1] = p - stamp
-        for k in range(len(tags)):
-            buffer[p] = tags[k]
-            p = _put(buffer, p + 1, columns[k, i], 8)
-        for j in range(ends[tail[i]], ends[tail[i] + 1]):
-            buffer[p] = tails[j]
-            p += 1
+    values = [x for i in range(doubles) for x in ((f"tag_{i}", "u1"), (f"value_{i}", "<f8"))]
+    return np.dtype([
+        ("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+        ("log_time", "<u8"), ("publish_time", "<u8"), ("stamp", "u1", (2,)),
+        ("seconds_tag", "u1"), ("seconds", "u1", (_VARINT,)),
+        ("nanos_tag", "u1"), ("nanos", "u1", (_VARINT,)),
+        *values, ("tail", "u1", (tail,)),
+    ])  # fmt: skip
 
 
-def _put(buffer: Bytes, p: int, value: int, count: int) -> int:
-    """Stores the lowest bytes of a number; returns where the next one goes."""
-    for k in range(count):
-        buffer[p + k] = value >> 8 * k & 0xFF
-    return p + count
-
-
-def _varint_length(value: int) -> int:
-    """Bytes of a field with a tag and a value ≥ 0; 0 for 0."""
-    length = 1 if value > 0 else 0
-    while value > 0:
-        length += 1
-        value >>= 7
-    return length
-
-
-def _put_varint(buffer: Bytes, p: int, tag: int, value: int) -> int:
-    """Stores tag and varint where there is a value; returns where the next field goes."""
-    if value > 0:
-        buffer[p] = tag
-        p += 1
-        while value > 0:
-            buffer[p] = value & 0x7F | (0x80 if value > 0x7F else 0)
-            p += 1
-            value >>= 7
-    return p
+def _varints(values: NDArray[np.int64]) -> Bytes:
+    """Protobuf's variable-length numbers, all of `_VARINT` bytes; shape (n, bytes)."""
+    septets = (values[:, None] >> 7 * np.arange(_VARINT)) & 0x7F
+    septets[:, :-1] |= 0x80  # more bytes follow
+    return septets.astype(np.uint8)

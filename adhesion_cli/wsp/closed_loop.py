@@ -82,10 +82,7 @@ class _World(NamedTuple):
 
 
 def _drive(world: _World, train: Train, j: int) -> Train:
-    """The train at tick j, from the tick before; fills row j except the controller's part.
-
-    It contains no part of a controller: one compiled piece serves all.
-    """
+    """The train at tick j, from the tick before; fills row j except the controller's part."""
     trace, wheels, every = world.trace, world.wheels, world.every
     if j == 0:
         _remember(world, train, 0)
@@ -131,14 +128,8 @@ def _measure(world: _World, j: int) -> None:
     trace.measured_train_speed[j] = v
 
 
-def _march(
-    drive: Callable[[_World, Train, int], Train],
-    world: _World,
-    train: Train,
-    c: Constants,
-    bands: slope.Bands,
-) -> int:
-    """Brakes until the train stands, or the trace is full; `drive` is `_drive`.
+def _march(world: _World, train: Train, c: Constants, bands: slope.Bands) -> int:
+    """Brakes until the train stands, or the trace is full.
 
     Returns:
         Ticks done; −j where Newton's iteration failed on the way to tick j.
@@ -146,7 +137,7 @@ def _march(
     trace, h = world.trace, world.every * world.dt
     y, K = trace.measured_wheel_speed, trace.measured_clamping_force
     for j in range(len(trace.demand)):
-        train = drive(world, train, j)
+        train = _drive(world, train, j)
         if not train.v > 0.0:
             return -j if math.isnan(train.v) else j
         if j == 0:
@@ -235,9 +226,8 @@ def run(
     check_step(chosen.estimator, chosen.constants.estimator, h)
     seed = scenario.seed if seed is None else seed
     world, train = _world(scenario, track or plants.track_of(scenario), seed)
-    drive = compiled.by_address(_drive, world, train, 0)
     march = compiled.function(_march, chosen.stand_ins())
-    done = march(drive, world, train, chosen.constants, bands(settings))
+    done = march(world, train, chosen.constants, bands(settings))
     trace = _stopped(name, world.trace, done, h)
     v, rim, seconds = trace.train_speed, trace.rim_speed, np.arange(done) * h
     force, peak, best = np.empty((3, *rim.shape))

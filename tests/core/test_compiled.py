@@ -79,10 +79,6 @@ def swapped(pair, x):
     return Pair(halved(pair.b) + x, math.exp(-abs(pair.a)))
 
 
-def twice(f, pair, x):
-    return f(f(pair, x), x)
-
-
 def ratio(a, b):
     return a / b
 
@@ -144,24 +140,6 @@ def test_a_signal_in_a_compiled_stop_is_heard_at_its_end() -> None:
         _, err = process.communicate(timeout=120)
     assert process.returncode == -signal.SIGINT, err
     assert "KeyboardInterrupt" in err
-
-
-def test_what_goes_by_address_is_compiled_once_for_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(compiled, "_root", lambda: tmp_path / "cache")
-    compiled._compiled.cache_clear()
-    part = compiled.by_address(swapped, Pair(1.0, 2.0), 3.0)
-    kept = {p.name for p in machine_code(tmp_path)}
-    assert compiled.function(twice)(part, Pair(1.0, 2.0), 3.0) == twice(
-        swapped, Pair(1.0, 2.0), 3.0
-    )
-    assert compiled.function(twice)(part, Pair(4.0, 2.0), 5.0) == twice(
-        swapped, Pair(4.0, 2.0), 5.0
-    )
-    assert [p.name.split(".")[0] for p in machine_code(tmp_path) if p.name not in kept] == [
-        f"{__name__}_twice".replace(".", "_")
-    ]
 
 
 def test_division_by_zero_is_inf():

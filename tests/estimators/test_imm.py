@@ -91,7 +91,7 @@ def test_rounding_at_10_khz_is_no_certainty():
     t = np.arange(0.0, 6.0, 1e-4)
     K, y, F = rolling_brake(t)
     read = np.round(y / 0.3) * 0.3
-    force, sigma = compiled.batch(
+    force, sigma, _ = compiled.batch(
         IMM, P, W, np.round(t * 1e9).astype(np.int64), K, read, np.array([0])
     )
     braked = t > 3.0
@@ -187,12 +187,13 @@ def test_compiled_it_has_the_same_uncertainty():
     K, y, _ = rolling_brake(t)
     y = np.round(y / 0.1) * 0.1
     ns = np.round(t * 1e9).astype(np.int64)
-    F, sigma = compiled.batch(IMM, P, W, ns, K, y, np.array([0]))
+    F, sigma, _ = compiled.batch(IMM, P, W, ns, K, y, np.array([0]))
     found = states(ns, K, y, 1e-9)
     assert [s.F for s in found] == F.tolist()
     assert [s.sigma for s in found] == sigma.tolist()
     td = REGISTRY["td"]
-    assert compiled.batch(td, td.Params(), W, ns, K, y, np.array([0]))[1] is None
+    estimate = compiled.batch(td, td.Params(), W, ns, K, y, np.array([0]))
+    assert (estimate.sigma, estimate.nis) == (None, None)
 
 
 @pytest.mark.parametrize("name", ["service-brake", "low-adhesion", "four-axles"])
@@ -225,9 +226,7 @@ def test_readings_are_as_it_predicts(kmh, noise):
         step = kmh / 3.6 / 0.43
         y = np.round(y / step) * step
     ns = np.round(t * 1e9).astype(np.int64)
-    F, sigma, squares = compiled.judged(IMM, P, W, ns, K, y, np.array([0]))
-    for a, b in zip((F, sigma), compiled.batch(IMM, P, W, ns, K, y, np.array([0])), strict=True):
-        assert a == pytest.approx(b, rel=1e-12)
+    squares = compiled.batch(IMM, P, W, ns, K, y, np.array([0])).nis
     assert np.isnan(squares[0])
     assert 0.6 < np.nanmean(squares) < 1.1
     before = states(ns[:300], K[:300], y[:300], 1e-9)[:-1]

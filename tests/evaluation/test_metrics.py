@@ -93,21 +93,6 @@ def test_a_constant_target_shows_neither_lag_nor_gain(target: float) -> None:
     assert metrics.response(c) is None
 
 
-@given(st.lists(st.integers(1, 40), min_size=1, max_size=4), st.integers(1, 5), st.integers(0, 99))
-def test_a_delayed_target_is_interpolated_within_each_application(
-    lengths: list[int], every: int, seed: int
-) -> None:
-    random = np.random.default_rng(seed)
-    t = [np.cumsum(random.integers(1, 4, n) * 0.25) for n in lengths]  # lags that hit samples, too
-    y = [random.normal(size=n) for n in lengths]
-    for lag in (0.0, -0.5, 1.25, random.normal(), 1e3, -1e3):
-        expected = [np.interp(u[::every] - lag, u, x) for u, x in zip(t, y, strict=True)]
-        found = np.full(sum(map(len, expected)), np.nan)
-        ends = np.cumsum(lengths)
-        metrics._delayed(np.concatenate(t), np.concatenate(y), ends, every, lag, found)
-        assert found.tolist() == np.concatenate(expected).tolist()
-
-
 def test_an_unrelated_estimate_has_no_lag() -> None:
     t = times(100.0)
     noise = np.random.default_rng(4).normal(0.0, 2000.0, len(t))

@@ -88,8 +88,4 @@ class CMethod:
         p = self.method.Params()
         if not self.estimator:
             return 1 + len(p)
-        split, given = self.method.split, 1 + len(p) + len(W) + self.statuses.count("TOO_LONG")
-        if split is None:
-            return given
-        f = split.fixed(p)
-        return given + len(flat(f)) + len(flat(split.across(f, 1e-3))) + 1
+        return 1 + len(p) + len(W) + self.statuses.count("TOO_LONG")
