@@ -99,12 +99,9 @@ def test_reading_mcap(tmp_path: Path, compression: str) -> None:
 READ_CSV = """
 import os, concurrent.futures.thread, pyarrow.csv
 import numpy as np
-from adhesion_cli.formats.csv import plain_numbers
 from adhesion_cli.formats.csv.reader import open_csv
 from adhesion_cli.formats.source import ReadOptions
 os.cpu_count = lambda: 2  # each processor has its blocks
-layout = plain_numbers.Layout(",", ".", 2, None, 0, False, [0, 1])
-plain_numbers.parse(np.frombuffer(b"1,2\\n", np.uint8), layout, 1)  # a compiler is no growth
 pyarrow.array([0.0])  # nor is pandas, which Arrow loads where it is installed
 before = begin()
 source = open_csv(path, ReadOptions())

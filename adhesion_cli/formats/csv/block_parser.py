@@ -1,14 +1,11 @@
 """One block of a text log parsed: typed columns, and the rows of another width.
 
-Long logs of plain decimals go through `plain_numbers`, all else through pyarrow.
-
 A column whose cells do not all fit its Arrow type is read as text, in all later blocks too.
 """
 
 import csv
 import re
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +17,11 @@ from numpy.typing import NDArray
 from ...core.errors import UserError
 from ...core.model import Bools, Floats, Times
 from ..source import ReadOptions
-from . import plain_numbers
 from .cells import floats
-from .clock import SCALE, Clock
+from .clock import Clock
 from .dialect import NULLS, Dialect, is_comment
 from .lines import Block
 
-_LONG = 500_000  # lines behind which the compiled parser pays for its loading
 _SHOWN = 100_000  # bytes of a row that are looked at
 Rows = NDArray[np.int64]
 
@@ -80,8 +75,6 @@ class Parser:
         Raises:
             UserError: where the parser cannot follow it.
         """
-        if (plain := self._plain(block)) is not None:
-            return plain
         gone: dict[str, Rows] = {}
         kept = np.arange(block.lines)
         found = self._typed(block.data)
@@ -105,50 +98,6 @@ class Parser:
             {i: state for i, (_, state) in checked.items() if state.any()},
             {i: arrays[i] for i in again}, kept, gone,
         )  # fmt: skip
-
-    def _plain(self, block: Block) -> Part | None:
-        """The columns of a block of plain decimals; None where it is another."""
-        clock, dialect = self.table.clock, self.table.dialect
-        layout = self._layout if block.first_line > _LONG else None
-        if layout is None or b'"' in block.data:
-            return None
-        data = np.frombuffer(block.data, np.uint8)
-        found = plain_numbers.parse(data, layout, block.lines)
-        if found is None:
-            return None
-        times, timed = found.times, np.ones(block.lines, bool)
-        if layout.time is None:
-            times, timed = clock.nanoseconds([pa.array(found.values[-1])])
-        if not timed.all():
-            return None
-        state = np.isnan(found.values).view(np.int8)
-        for k in np.unique(found.odd[:, 0]).tolist():
-            odd = found.odd[found.odd[:, 0] == k]
-            cells = [block.data[a:b].decode("utf-8", "replace") for a, b in odd[:, 2:].tolist()]
-            at = odd[:, 1]
-            found.values[k, at], state[k, at] = floats(pa.array(cells), dialect.decimal)
-        values = dict(zip(self.indices, found.values, strict=False))
-        states = {i: s for i, s in zip(self.indices, state, strict=False) if s.any()}
-        return Part(block, times, timed, values, states, {}, np.arange(block.lines), {})
-
-    @cached_property
-    def _layout(self) -> plain_numbers.Layout | None:
-        """What each row is for the compiled parser; None where it cannot read it."""
-        clock, dialect = self.table.clock, self.table.dialect
-        if self.keys or len(clock.columns) > 1:
-            return None
-        (time,) = clock.columns
-        zoned = clock.type.equals(pa.timestamp("ns", "UTC"))
-        if zoned or clock.type.equals(pa.timestamp("ns")):
-            at, scale, columns = time, plain_numbers.STAMPS, self.indices
-        elif clock.pattern:
-            return None
-        elif clock.absolute and clock.unit in SCALE:
-            at, scale, columns = time, SCALE[clock.unit], self.indices
-        else:
-            at, scale, columns = None, 0, [*self.indices, time]
-        marks = dialect.delimiter, dialect.decimal
-        return plain_numbers.Layout(*marks, dialect.width, at, scale, zoned, columns)
 
     def _sieved(self, block: Block) -> tuple[bytes, Rows, dict[str, Rows]]:
         """The block without lines of another width, the lines that are left, and the others.
