@@ -28,6 +28,7 @@ import diagnostics as drawn
 import numpy as np
 
 from adhesion_cli.analysis.calibrate import calibrate
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
@@ -36,7 +37,6 @@ from adhesion_cli.core.physics import faded, force_line, wheelset
 from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.records import axle_records
 from adhesion_cli.reference import force
 
 MARK = "<!-- calibration: begin -->", "<!-- calibration: end -->"
@@ -67,8 +67,8 @@ def judged(
     log = read(open_source(path, ReadOptions()), (), vehicle)
     errors, forces, apart = [], [], []
     found = Held(0.0, 0.0, [], [], [])
-    by_true = axle_records.prepare(read(open_source(path, ReadOptions()), (), exact), exact).records
-    for record, other in zip(axle_records.prepare(log, vehicle).records, by_true, strict=True):
+    by_true = prepare(read(open_source(path, ReadOptions()), (), exact), exact).records
+    for record, other in zip(prepare(log, vehicle).records, by_true, strict=True):
         ref = force.compute(faded(record, vehicle), vehicle)
         of_true = ref if vehicle is exact else force.compute(faded(other, exact), exact)
         own = drawn.STEP * np.arange(true_of.shape[1])

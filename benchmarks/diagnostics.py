@@ -27,10 +27,10 @@ import pyarrow as pa
 from numba import njit
 from pyarrow import csv
 
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Finding, Parameter, Vehicle
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -567,7 +567,7 @@ def reported(test: Test, folder: Path) -> list[Finding]:
     path = log_of(test, folder)
     try:
         log = read(open_source(path, ReadOptions()), (), test.vehicle)
-        findings = diagnosis.records(log, test.vehicle).findings
+        findings = prepare(log, test.vehicle).findings
     except UserError as error:
         return [
             Finding("not-analysable", "error", names={"reason": error.text, "hint": error.hint})

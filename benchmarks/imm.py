@@ -21,12 +21,12 @@ from typing import NamedTuple
 import numpy as np
 from diagnostics import STEP, Ride, Test, log_of, ridden, write_between
 
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core import compiled, estimator
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, AxleRecord, Floats, Vehicle
 from adhesion_cli.core.physics import clamping_force, wheelset
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -117,7 +117,7 @@ def judged(case: tuple[Group, str, int]) -> list[Judged]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             log = read(open_source(log_of(test, Path(folder)), ReadOptions()), (), test.vehicle)
-            records = diagnosis.records(log, test.vehicle).records
+            records = prepare(log, test.vehicle).records
         except UserError:
             return []
     found = []

@@ -17,10 +17,11 @@ from typing import NamedTuple
 import diagnostics as drawn
 import numpy as np
 
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core import compiled, estimator, innovations, physics
 from adhesion_cli.core.model import Nis
-from adhesion_cli.diagnostics import diagnosis, noise_model
+from adhesion_cli.diagnostics import noise_model
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 from adhesion_cli.reference import force
@@ -102,7 +103,7 @@ def axles(seed: int, change: Change | None = None) -> Iterator[Judged]:
         change(test, np.random.default_rng(seed))
     with tempfile.TemporaryDirectory() as folder:
         source = open_source(drawn.log_of(test, Path(folder)), ReadOptions())
-        records = diagnosis.records(read(source, (), test.vehicle), test.vehicle).records
+        records = prepare(read(source, (), test.vehicle), test.vehicle).records
     for r in records:
         w, faded = physics.wheelset(test.vehicle, r.axle), physics.faded(r, test.vehicle)
         starts = np.array([s.start for s in r.segments])

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from adhesion_cli.analysis import settings
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.units import UNITS
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.wsp import simulate
 from adhesion_cli.wsp.scenario import Sensor
@@ -93,7 +93,7 @@ def told(log: Recordings, folder: Path, stated: settings.Settings) -> list[Findi
     one = read(
         open_source(write(folder / "log.csv", log), stated.read), stated.mappings, stated.vehicle
     )
-    return diagnosis.records(one, stated.vehicle).findings
+    return prepare(one, stated.vehicle).findings
 
 
 def which(log: Recordings, signal: str, axle: int = 0) -> list[int]:

@@ -42,7 +42,7 @@ from adhesion_cli.__main__ import main
 for name in (
     "cli.app", "cli.inspect", "cli.terminal", "analysis.inspection", "analysis.json_documents",
     "analysis.settings", "formats.mcap.reader", "formats.mcap.ros2", "formats.mcap.protobuf",
-    "formats.mcap.json_messages", "formats.csv.reader", "records.axle_records",
+    "formats.mcap.json_messages", "formats.csv.reader", "records.resample",
     "results.atomic_files",
 ):
     importlib.import_module(f"adhesion_cli.{name}")

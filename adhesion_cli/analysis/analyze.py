@@ -14,17 +14,17 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, AxleResult, Reference, Result, Vehicle, quantities
 from ..core.time_axis import spans_of
-from ..diagnostics import diagnosis, noise_model
-from ..dynamics.train_grid import Scene
+from ..diagnostics import noise_model
+from ..diagnostics.scene import Scene
 from ..evaluation import metrics
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..formats.source import Source
 from ..rail import slip
-from ..records import axle_records
 from ..reference import calibrated_vehicle, force
 from . import settings as settings_module
 from .axle_findings import of_axle
+from .prepare import Window, prepare
 from .settings import Settings
 
 _NARROWER = 2.0 / 3.0  # of the stated band: from there on `calibrate` is worth its run
@@ -58,7 +58,7 @@ def checked(settings: Settings) -> Settings:
 
 
 def prepared(
-    load: Callable[..., Settings], algos: Sequence[str], window: axle_records.Window
+    load: Callable[..., Settings], algos: Sequence[str], window: Window
 ) -> Callable[..., Settings]:
     """The same `load`, after a check of what a run is asked for.
 
@@ -82,7 +82,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     load: Callable[..., Settings],
     algos: Sequence[str] = (),
     axles: Sequence[int] = (),
-    window: axle_records.Window = (None, None),
+    window: Window = (None, None),
     tell: Callable[[str], None] = lambda _: None,
     train_speed: bool = False,
 ) -> Result:
@@ -107,14 +107,13 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     max_gap_ns = round(settings.analysis.max_gap * 1e9)
     axles = list(dict.fromkeys(axles))
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
-    made = diagnosis.records(log, vehicle, axles, window, settings.checks)
-    records, findings = made.records, [*made.findings]
+    prepared = prepare(log, vehicle, axles, window, settings.checks)
+    records, findings = prepared.records, [*prepared.findings]
     if train_speed and all(r.train_speed is None for r in records):
-        sensors, every = diagnosis.of_sensors(settings.checks), records
-        if axles:
-            every = axle_records.prepare(log, vehicle, (), window, sensors).records
-        records, told = slip.with_reference_speed(records, every, vehicle, log.start_ns())
-        findings += told
+        records, speed_findings = slip.with_reference_speed(
+            records, prepared.all_records, vehicle, log.start_ns()
+        )
+        findings += speed_findings
 
     def judged(record: AxleRecord) -> tuple[AxleResult, list[Finding]]:
         tell(f"{path.name}: axle {record.axle}")
@@ -123,7 +122,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     every_axle = threads.each(judged, records)
     done = [result for result, _ in every_axle]
     findings += _with_diameters([f for _, more in every_axle for f in more], done, vehicle)
-    findings += _calibration(made.scene, done[0], vehicle)
+    findings += _calibration(prepared.scene, done[0], vehicle)
     defaults = assumed(settings, any(r.pressure is not None for r in records))
     sources = [r.reference.source for r in done[:1]] + [e.source for e in estimators]
     return Result(

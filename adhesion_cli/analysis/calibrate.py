@@ -18,14 +18,15 @@ from ..core.errors import UserError
 from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
 from ..core.text import by_uncertainty
-from ..diagnostics import diagnosis
-from ..dynamics import longitudinal as model
 from ..evaluation import metrics
 from ..formats.memory import Signals
 from ..reference import calibrated_vehicle as reference
 from ..results.charts import Line, Panel
 from ..results.palette import BLACK, BLUE, GREY, ORANGE
+from ..train import longitudinal as model
+from ..train.explanation import Design
 from .analyze import opened
+from .prepare import prepare
 from .settings import Settings, tree
 
 _FALSE = 0.01  # probability that logs of one vehicle are refused
@@ -116,7 +117,7 @@ def _used(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings
     settings, source = opened(path, load)
     vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
-    made = diagnosis.records(log, vehicle, params=settings.checks)
+    made = prepare(log, vehicle, checks=settings.checks)
     record, findings = made.records[0], (*log.findings, *made.findings)
     applications = metrics.applications(record)
     found = reference.evidence(made.scene, record, applications, vehicle)
@@ -177,7 +178,7 @@ def _unused(logs: Sequence[Used]) -> list[Finding]:
 
 def _agree(
     logs: Sequence[Used],
-    designs: Sequence[model.Design],
+    designs: Sequence[Design],
     prior: dict[int, Parameter],
     joint: model.Posterior,
 ) -> None:
@@ -224,7 +225,7 @@ def _agree(
 
 
 def _applications(
-    logs: Sequence[Used], designs: Sequence[model.Design], found: model.Posterior
+    logs: Sequence[Used], designs: Sequence[Design], found: model.Posterior
 ) -> tuple[Applied, ...]:
     """All brake applications, in the order of the logs."""
     rows: list[Applied] = []
@@ -250,7 +251,7 @@ class _Fitted(NamedTuple):
     after: Floats  # the same of the posterior
 
 
-def _applied(u: Used, d: model.Design, found: model.Posterior, of: _Fitted) -> list[Applied]:
+def _applied(u: Used, d: Design, found: model.Posterior, of: _Fitted) -> list[Applied]:
     """The decelerations of each brake application, by straight lines through its samples."""
     x = found.mean[: len(model.UNITS)]
     of_brake = [model.SCALE, model.OFFSET, model.FADE]
@@ -280,7 +281,7 @@ def _sigma(moves: Floats, covariance: Floats) -> float:
     return math.sqrt(max(float(moves @ covariance @ moves), 0.0))
 
 
-def _predicted(d: model.Design, x: Floats) -> Floats:
+def _predicted(d: Design, x: Floats) -> Floats:
     """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
     t, u = d.t[d.at], d.faster + d.mean
     way = np.cumsum(u * u)[d.at] * (d.t[1] - d.t[0])

@@ -11,11 +11,11 @@ from ..channels.meaning import name
 from ..core.errors import UserError, as_told
 from ..core.finding import Finding, Severity
 from ..core.model import Log
-from ..diagnostics import diagnosis
 from ..formats.memory import Signals
 from ..formats.open import kind, open_source
 from ..formats.source import Source
 from .json_documents import channel_document, findings_document, iso
+from .prepare import prepare
 from .settings import Settings
 
 
@@ -114,7 +114,7 @@ def _of_records(log: Log, source: Source, settings: Settings) -> list[Finding]:
         severity = "warning"  # where all of what is needed is lost
         full = without_empty(replace(log, channels=meant))
         severity = "info"
-        checked = diagnosis.records(full, settings.vehicle, params=settings.checks)
+        checked = prepare(full, settings.vehicle, checks=settings.checks)
         return [*findings, *full.findings, *checked.findings]
     except UserError as error:
         names = {"reason": error.text.rstrip("."), "hint": error.hint}

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 
 from ..core import methods
 from ..core.finding import Finding
-from ..dynamics.train_grid import Scene
 from ..records.screen import Thresholds
+from .scene import Scene
 
 
 class About(NamedTuple):

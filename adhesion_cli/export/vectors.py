@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..analysis.prepare import prepare
 from ..channels.log import read
 from ..core import bundled, physics
 from ..core.controller import Observed
@@ -17,7 +18,6 @@ from ..core.methods import Method
 from ..core.model import AxleRecord, Vehicle, Wheelset
 from ..formats.open import open_source
 from ..formats.source import ReadOptions
-from ..records import axle_records
 from ..wsp import wsp_controller
 from .single_precision import Single, values
 
@@ -132,7 +132,7 @@ def records(vehicle: Vehicle) -> list[AxleRecord]:
     """The axles of the bundled log; K with the fade of the pad friction."""
     path = bundled.folder("sample_logs") / LOG
     log = read(open_source(path, ReadOptions()), [], vehicle)
-    made = axle_records.prepare(log, vehicle).records
+    made = prepare(log, vehicle).records
     return [physics.faded(record, vehicle) for record in made]
 
 

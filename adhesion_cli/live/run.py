@@ -9,7 +9,7 @@ from ..analysis.settings import Settings
 from ..core.errors import UserError
 from ..core.estimator import Estimator
 from ..core.finding import Finding
-from ..diagnostics import diagnosis
+from ..diagnostics.diagnosis import sensor_thresholds
 from ..formats.source import Source
 from .axle import Axle, Measuring, Sample
 from .feed import Feed, Row
@@ -138,7 +138,7 @@ def follow(
 
 def _measuring(p: Places, settings: Settings) -> Measuring:
     of, pressure = settings.analysis, True if p.is_pressure else None
-    thresholds = diagnosis.of_sensors(settings.checks)
+    thresholds = sensor_thresholds(settings.checks)
     return Measuring(p.axle, of.slowest, of.max_gap, pressure, p.of_rim, thresholds)
 
 

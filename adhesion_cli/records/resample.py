@@ -14,7 +14,7 @@ from ..core import time_axis, units
 from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Channel, Floats, Times, Vehicle
 from ..core.physics import CRAWL, NO_FORCE, clamping_force, force_line
-from ..dynamics.train_grid import Axle
+from .axle_channels import AxleChannels
 from .choose import SHORTEST, AxleKeys, Choice, find
 from .faults import Fault, View
 from .screen import Screened
@@ -32,7 +32,7 @@ class _Sampled(NamedTuple):
 
 def resample(
     choice: Choice, screened: Screened, vehicle: Vehicle, view: View
-) -> tuple[list[Axle], list[Finding]]:
+) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles of which something is left, and what was left out of them.
 
     Args:
@@ -52,7 +52,7 @@ def resample(
 
 def _axle(
     keys: AxleKeys, screened: Screened, vehicle: Vehicle, view: View
-) -> tuple[Axle | None, list[Finding]]:
+) -> tuple[AxleChannels | None, list[Finding]]:
     """One axle, None where too little is left; and its findings."""
     channels = screened.channels
     speed, brake = channels[keys.speed], channels[keys.brake]
@@ -88,7 +88,7 @@ def _axle(
         saturated=at.held[kept] >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
     )  # fmt: skip
-    return Axle(record, speed, brake, train), findings
+    return AxleChannels(record, speed, brake, train), findings
 
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:

@@ -17,7 +17,7 @@ C is written as the error of φ alone, and the tolerances of n, η, i, the radiu
 each would have nearly its old tolerance, and the band would need all their correlations. The offset
 of the force line is written as the return spring's. A pressure sensor's zero is part of it.
 
-Sources: JCGM 100, 5.2; JCGM 102, 6.2; the model is that of `dynamics.longitudinal`.
+Sources: JCGM 100, 5.2; JCGM 102, 6.2; the model is that of `train.longitudinal`.
 """
 
 import math
@@ -29,8 +29,10 @@ import numpy as np
 
 from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
 from ..core.physics import FREE, force_line, wheelset
-from ..dynamics import longitudinal as model
-from ..dynamics.train_grid import LEAST, Scene
+from ..diagnostics.scene import Scene
+from ..train import longitudinal as model
+from ..train.explanation import Design
+from ..train.grid import LEAST
 from . import force
 
 _CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
@@ -63,7 +65,7 @@ class Row(NamedTuple):
 class Evidence(NamedTuple):
     """What one log says of the vehicle."""
 
-    design: model.Design | None  # None where no brake application has wheels that roll
+    design: Design | None  # None where no brake application has wheels that roll
     spans: tuple[tuple[float, float], ...]  # brake applications in the design's time [s]
     late: float  # delay of the pressure that the checks found [s]
 
@@ -126,7 +128,7 @@ def narrowed(
 def calibrated(
     vehicle: Vehicle,
     record: AxleRecord,
-    designs: Sequence[model.Design],
+    designs: Sequence[Design],
     prior: dict[int, Parameter],
     found: model.Posterior,
 ) -> Calibrated:
@@ -162,7 +164,7 @@ def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
     }
 
 
-def prior(designs: Sequence[model.Design], vehicle: Vehicle, late: float) -> dict[int, Parameter]:
+def prior(designs: Sequence[Design], vehicle: Vehicle, late: float) -> dict[int, Parameter]:
     """Stated tolerances and published ranges; a delay that the checks found widens its prior."""
     shares = _shares(vehicle, any(d.creeps for d in designs))
     known = model.stated(designs[0], vehicle)
@@ -173,7 +175,7 @@ def prior(designs: Sequence[model.Design], vehicle: Vehicle, late: float) -> dic
     return known
 
 
-def point(designs: Sequence[model.Design]) -> Floats:
+def point(designs: Sequence[Design]) -> Floats:
     """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
     on = [np.maximum(d.K[d.at], 0.0) > FREE for d in designs]
     K = np.concatenate([d.K[d.at][x] for d, x in zip(designs, on, strict=True)])
@@ -185,7 +187,7 @@ def point(designs: Sequence[model.Design]) -> Floats:
 
 
 def _vehicle(
-    v: Vehicle, d: model.Design, prior: dict[int, Parameter], found: model.Posterior, radius: bool
+    v: Vehicle, d: Design, prior: dict[int, Parameter], found: model.Posterior, radius: bool
 ) -> tuple[Vehicle, dict[str, Row], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 
@@ -265,7 +267,7 @@ def _stated(v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float)
 
 
 def _band(
-    v: Vehicle, stated: Vehicle, point: Floats, record: AxleRecord, d: model.Design
+    v: Vehicle, stated: Vehicle, point: Floats, record: AxleRecord, d: Design
 ) -> tuple[float, float]:
     """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
     share, faster = -1.0 / point[model.OFFSET], float(point[model.FADE])

@@ -31,11 +31,11 @@ from ..core.finding import Finding
 from ..core.model import Bools, Floats, Result, Times, Vehicle
 from ..core.stop import JUDGED_FROM, STANDING, Stop, Verdict
 from ..core.text import printable
-from ..dynamics.longitudinal import SIGMAS, tolerance
 from ..rail import fit, slip
 from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
+from ..train.longitudinal import SIGMAS, tolerance
 from . import closed_loop, replay_rail
 from .plant import Track
 from .replay_rail import Under

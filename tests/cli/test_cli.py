@@ -14,10 +14,9 @@ from typing import Any
 import pytest
 from trains import rows, three_trains
 
-from adhesion_cli.analysis import settings
+from adhesion_cli.analysis import inspection, settings
 from adhesion_cli.cli.app import app
 from adhesion_cli.core.model import Log
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
 
@@ -417,14 +416,14 @@ def test_a_fault_of_ours_in_one_log_stops_no_other_s_inspection(
     logs = [str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv")]
     for log in logs:
         Path(log).write_text(rows(400))
-    real = diagnosis.records
+    real = inspection.prepare
 
     def fails(log: Log, *more: Any, **settings: Any) -> Any:
         if log.path == logs[1]:
             raise ValueError("math domain error")
         return real(log, *more, **settings)
 
-    monkeypatch.setattr(diagnosis, "records", fails)
+    monkeypatch.setattr(inspection, "prepare", fails)
     assert app(["inspect", *logs, "--json", "--debug"], standalone_mode=False) == 1
     out, err = capsys.readouterr()
     first, second, third = json.loads(out)["logs"]

@@ -13,6 +13,7 @@ import simulated
 from simulated import Recordings
 
 from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, Severity
@@ -20,10 +21,11 @@ from adhesion_cli.core.model import Result, Vehicle
 from adhesion_cli.core.physics import G, clamping_force, cylinder_pressure, force_line, wheelset
 from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import diagnosis, registry
-from adhesion_cli.dynamics import longitudinal
-from adhesion_cli.dynamics.train_grid import Grid, Scene
+from adhesion_cli.diagnostics.scene import Scene
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail.applications import of_axle
+from adhesion_cli.train.explanation import AS_STATED
+from adhesion_cli.train.grid import Grid
 from adhesion_cli.wsp import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -120,7 +122,7 @@ def test_no_good_log_is_accused(name: str, case: str, vehicle: str, tmp_path: Pa
 @pytest.mark.parametrize("path", sorted((ROOT / "sample_logs").glob("low-adhesion.*")))
 def test_the_sample_logs_are_not_accused(path: Path) -> None:
     log = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    assert not diagnosis.records(log, DEFAULT.vehicle).findings
+    assert not prepare(log, DEFAULT.vehicle).findings
 
 
 # --- faults -------------------------------------------------------------------------------------
@@ -263,7 +265,7 @@ def told_of(log: Recordings, folder: Path) -> set[str]:
     path = simulated.write(folder / "log.csv", log)
     try:
         one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-        return warned([*one.findings, *diagnosis.records(one, DEFAULT.vehicle).findings])
+        return warned([*one.findings, *prepare(one, DEFAULT.vehicle).findings])
     except UserError:
         return {"refused"}
 
@@ -385,7 +387,7 @@ def test_a_speed_that_drifts_shows_between_brakes(rate: float, by: float, tmp_pa
     head = "time [s],train_speed [m/s],wheel_speed [m/s],bc_pressure [Pa]"
     path.write_text("\n".join([head, *rows]) + "\n")
     one = read(open_source(path, DEFAULT.read), DEFAULT.mappings, DEFAULT.vehicle)
-    told = [f for f in diagnosis.records(one, DEFAULT.vehicle).findings if f.code in APART]
+    told = [f for f in prepare(one, DEFAULT.vehicle).findings if f.code in APART]
     assert [f.channel.split()[0] for f in told] == ["wheel_speed"] * (by != 0.0)
     assert all((f.code, f.severity) == ("wheel-speed-drift", "warning") for f in told)
     assert all(f.values["share"] * by < 0.0 for f in told)  # beside the train
@@ -459,7 +461,7 @@ def test_the_friction_that_would_fit_is_told(
     path = tmp_path / "log.csv"
     path.write_text("time [s],bc_pressure [Pa],wheel_speed [rad/s]\n" + "".join(rows))
     one = read(open_source(path, stated.read), stated.mappings, stated.vehicle)
-    told = [f for f in diagnosis.records(one, stated.vehicle).findings if f.code in CODES]
+    told = [f for f in prepare(one, stated.vehicle).findings if f.code in CODES]
     assert [(f.code, f.severity) for f in told] == [("vehicle-suspect", "warning")] * (
         friction != 0.3
     )
@@ -585,5 +587,5 @@ def test_what_only_informs_hides_no_warning(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(diagnosis, "registry", lambda: {c.name: c for c in checks})
     x = np.zeros((1, 9))
     grid = Grid(0, 1.0, x, x, x, None)
-    told = diagnosis.findings(Scene([], grid, DEFAULT.vehicle, 0, longitudinal.AS_STATED))
+    told = diagnosis.diagnose(Scene([], grid, DEFAULT.vehicle, 0, AS_STATED))
     assert [f.code for f in told] == ["info", "warning"]

@@ -10,6 +10,7 @@ from c_library import CMethod, W
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core import bundled, estimator
 from adhesion_cli.core.controller import Observed
@@ -19,7 +20,6 @@ from adhesion_cli.core.model import Vehicle, quantities
 from adhesion_cli.export import files, vectors
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
-from adhesion_cli.records import axle_records
 
 METHODS = files.methods()
 VEHICLE = Vehicle()
@@ -39,7 +39,7 @@ def segments(name):
     """Samples (h [s], K [N], y [rad/s]) of every segment of every axle of a bundled log."""
     log = read(open_source(bundled.folder("sample_logs") / name, ReadOptions()), [], Vehicle())
     found = []
-    for record in axle_records.prepare(log, Vehicle()).records:
+    for record in prepare(log, Vehicle()).records:
         for s in record.segments:
             t = record.t[s].tolist()
             h = [0.0, *((b - a) * 1e-9 for a, b in pairwise(t))]

@@ -18,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from recordings import batches, column, static
 
 from adhesion_cli.analysis import analyze, json_documents, settings
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.cli.app import app
 from adhesion_cli.core import controller, estimator, methods, physics
@@ -25,7 +26,6 @@ from adhesion_cli.core.controller import APPLY, DUMP, HOLD, Observed, registry
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.stop import LOCKED, Stop, Verdict
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import creep_law, slip, slope
 from adhesion_cli.results import mcap, rrd
@@ -882,7 +882,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
     log.write_text("\n".join(lines) + "\n")
     stated = partial(settings.load, folder=False)(None, [])
     one = read(open_source(log, stated.read), (), vehicle)
-    records = diagnosis.records(one, vehicle).records
+    records = prepare(one, vehicle).records
     assert [record.train_speed_late for record in records] == [None] * 4
     assert all(record.train_speed_interval == pytest.approx(1.0) for record in records)
 

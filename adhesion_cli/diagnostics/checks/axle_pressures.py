@@ -15,8 +15,9 @@ from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL, FREE
 from ...core.signals import finite_median, true_runs
 from ...core.units import others
-from ...dynamics.train_grid import LEAST, Grid, Scene, lasting
+from ...train.grid import LEAST, Grid, lasting
 from ..registry import About
+from ..scene import Scene
 from .impossible_values import named
 
 ABOUT = About("Pressures against each other", "axles", 10)
@@ -154,4 +155,4 @@ def _found(p: Params, s: Scene, o: _Odd, either: bool) -> Finding:
         values = {"offset_n": most} if force else {"offset_pa": most}
         size = f"{abs(most):.0f} N" if force else f"{abs(most) / 1e5:.2g} bar"
         names["offset"] = f"{size} {'above' if most > 0.0 else 'below'}"
-    return s.found(code, severity, a.brake, o.where, o.axle, values, names)
+    return s.finding(code, severity, a.brake, o.where, o.axle, values, names)

@@ -13,8 +13,9 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Floats, Quantity
 from ...core.signals import true_runs
-from ...dynamics.train_grid import Grid, Scene
+from ...train.grid import Grid
 from ..registry import About
+from ..scene import Scene
 
 ABOUT = About("Swapped axles", "swapped", 10)
 
@@ -54,7 +55,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         if follows[j] > max(p.follows, late[i] / 0.9) and follows[i] < p.own:
             values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
             where = g.share[i] < p.share
-            yield s.found("axles-swapped", "warning", axles[i].speed, where, i, values)
+            yield s.finding("axles-swapped", "warning", axles[i].speed, where, i, values)
 
 
 def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity
 from ...core.physics import G
-from ...dynamics.train_grid import Scene
 from ..registry import About
+from ..scene import Scene
 
 ABOUT = About("Deceleration by the pressure", "force", 60)
 
@@ -46,4 +46,4 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         # A wheel that slows too little may slide: nothing else tells how fast the train is.
         slides = g.train is None and len(s.axles) == 1 and most < 0.0
         severity: Severity = "info" if rig or slides else "warning"
-        yield s.found("deceleration-unexplained", severity, s.axles[0].brake, where, 0, values)
+        yield s.finding("deceleration-unexplained", severity, s.axles[0].brake, where, 0, values)

@@ -5,8 +5,8 @@ from typing import Annotated, NamedTuple
 
 from ...core.finding import Finding, Severity
 from ...core.model import Z95, Quantity
-from ...dynamics.train_grid import Scene
 from ..registry import About
+from ..scene import Scene
 
 ABOUT = About("Delay of the pressure", "delay", 10)
 
@@ -25,4 +25,4 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     if delay.value:
         values = {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
         severity: Severity = "warning" if abs(delay.value) > p.warns else "info"
-        yield s.found("pressure-delay", severity, s.axles[0].brake, values=values)
+        yield s.finding("pressure-delay", severity, s.axles[0].brake, values=values)

@@ -8,8 +8,9 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Quantity
 from ...core.physics import CRAWL, clamping_force, force_line
-from ...dynamics.train_grid import Scene, lasting
+from ...train.grid import lasting
 from ..registry import About
+from ..scene import Scene
 
 ABOUT = About("Zero of the pressure", "force", 20)
 
@@ -52,4 +53,4 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             continue
         force = force_line(s.vehicle).per_pascal * level
         values = {"level_bar": level / 1e5, "force_n": force}
-        yield s.found("pressure-zero", "warning", a.brake, rests, i, values)
+        yield s.finding("pressure-zero", "warning", a.brake, rests, i, values)

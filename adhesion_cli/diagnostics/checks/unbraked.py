@@ -9,8 +9,9 @@ from ...core.finding import Finding
 from ...core.model import Quantity
 from ...core.physics import cylinder_pressure, force_line
 from ...core.units import others
-from ...dynamics.train_grid import LEAST, Scene, largest, lasting
+from ...train.grid import LEAST, largest, lasting
 from ..registry import About
+from ..scene import Scene
 from .impossible_values import named
 
 ABOUT = About("Braking without pressure", "force", 50)
@@ -51,7 +52,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         spring = float(cylinder_pressure(force_line(s.vehicle), 0.0))
         code = "pressure-below-spring"
         values |= {"pressure_bar": there / 1e5, "spring_bar": spring / 1e5}
-    yield s.found(code, "warning", brake, long, 0, values, {"units": named(likely)})
+    yield s.finding(code, "warning", brake, long, 0, values, {"units": named(likely)})
 
 
 def _correlation(x: np.ndarray, y: np.ndarray) -> float:

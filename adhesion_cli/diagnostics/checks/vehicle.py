@@ -14,9 +14,10 @@ from ...core.finding import Finding, Severity
 from ...core.model import Quantity
 from ...core.physics import clamping_force
 from ...core.units import others
-from ...dynamics import longitudinal
-from ...dynamics.train_grid import LEAST, Scene
+from ...train import longitudinal
+from ...train.grid import LEAST
 from ..registry import About
+from ..scene import Scene
 from .impossible_values import named
 
 ABOUT = About("Vehicle as stated", "force", 40)
@@ -46,7 +47,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     if factor > 0.0 and not _stated(p, s, factor):
         yield _another(p, s, factor)
     if either:
-        yield s.found("delay-or-vehicle", "info", s.axles[0].brake)
+        yield s.finding("delay-or-vehicle", "info", s.axles[0].brake)
 
 
 def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
@@ -70,14 +71,14 @@ def _another(p: Params, s: Scene, factor: float) -> Finding:
     values = {"factor": factor}
     if units or not 1.0 / p.any_vehicle < factor < p.any_vehicle:
         names = {"candidates": named(units)}
-        return s.found("deceleration-unit-suspect", "warning", brake, None, 0, values, names)
+        return s.finding("deceleration-unit-suspect", "warning", brake, None, 0, values, names)
     severity: Severity = "info" if factor > 1.0 and s.grid.slid_together else "warning"
     friction, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
     # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
     fits = [toml.option(f"vehicle.friction = {friction:.2g}")] * (0.05 < friction < 0.6)
     fits += [toml.option(f"vehicle.axle_mass = {mass:.0f}")] * (2e3 < mass < 45e3)
     names = {"fits": named(fits)}
-    return s.found("vehicle-suspect", severity, brake, None, 0, values, names)
+    return s.finding("vehicle-suspect", severity, brake, None, 0, values, names)
 
 
 def _units(p: Params, s: Scene, factor: float) -> list[str]:

@@ -13,8 +13,9 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL
-from ...dynamics.train_grid import Scene, far, lasting
+from ...train.grid import far, lasting
 from ..registry import About
+from ..scene import Scene
 
 ABOUT = About("Wheels that leave the train's speed", "wheels", 20)
 
@@ -57,7 +58,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
             share = float(np.median(off[where] / reference[where]))
             code = "wheel-faster" if share > 0.0 else "wheel-slower-unbraked"
             values, names = {"share": abs(share)}, {"reference": of_train}
-            yield s.found(code, "warning", a.speed, where, i, values, names)
+            yield s.finding(code, "warning", a.speed, where, i, values, names)
         elif g.train is not None:
             yield from _drifts(p, s, i, released & braked, between)
 
@@ -75,4 +76,4 @@ def _drifts(p: Params, s: Scene, i: int, free: Bools, between: Floats) -> Iterat
     where = lasting(free & (np.abs(off) > allowed), p.lasts, g)
     if where.any():
         values = {"share": float(np.median((off / g.train)[where]))}
-        yield s.found("wheel-speed-drift", "warning", s.axles[i].speed, where, i, values)
+        yield s.finding("wheel-speed-drift", "warning", s.axles[i].speed, where, i, values)

@@ -10,8 +10,9 @@ from ...core.finding import Finding
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
 from ...core.physics import CRAWL
 from ...core.units import UNITS, others
-from ...dynamics.train_grid import LEAST, Grid, Scene, far
+from ...train.grid import LEAST, Grid, far
 from ..registry import About
+from ..scene import Scene
 from .impossible_values import named
 
 ABOUT = About("Units and diameters of the wheels", "wheels", 10)
@@ -127,7 +128,7 @@ def _unit(s: Scene, i: int, scale: float) -> Finding:
         units = others(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
         found += [f"train_speed in {u}" for u in units]
     names = {**_against(s), "units": named(found)}
-    return s.found(
+    return s.finding(
         "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
     )
 
@@ -139,4 +140,4 @@ def _diameter(s: Scene, i: int, scale: float) -> Finding:
     if unit is None or unit.dimension != "speed":
         code = "wheel-diameter"
         values["diameter_m"] = 2.0 * scale * s.vehicle.radius(a.record.axle).value
-    return s.found(code, "warning", a.speed, None, i, values, _against(s))
+    return s.finding(code, "warning", a.speed, None, i, values, _against(s))

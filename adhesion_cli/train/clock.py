@@ -26,7 +26,7 @@ import numpy as np
 from ..core.model import Bools, Floats, Parameter
 from ..core.physics import CRAWL
 from ..core.signals import white_noise
-from .train_grid import LEAST, Grid, far
+from .grid import LEAST, Grid, far
 
 _SCAN = 0.1  # from one that is tried to the next [s]
 _TAUS = np.arange(-5.0, 5.0 + _SCAN / 2.0, _SCAN)  # delays that are tried [s]

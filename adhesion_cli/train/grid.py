@@ -1,6 +1,6 @@
 """All axles of a log on one coarse, even grid, on which an hour is 14 400 numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -8,20 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.finding import Finding, Severity, merged
 from ..core.model import (
     Z95,
     AxleRecord,
     Bools,
-    Channel,
     Floats,
-    Parameter,
     Times,
     Vehicle,
 )
 from ..core.physics import FREE as FREE
-from ..core.physics import GRADIENT, rolling_deceleration, wheelset
+from ..core.physics import GRADIENT
 from ..core.signals import median, true_runs
+from ..records.axle_channels import AxleChannels
 
 LEAST = 8  # samples on it that show anything
 STEP = 0.25  # where the log is fast enough [s]
@@ -29,15 +27,6 @@ _SLOW = 5.0  # a log with longer intervals has more likely the wrong time unit t
 _MOST = 20_000  # samples on it
 _FIRMLY = 0.3  # of the highest K: a brake that no motor works against
 _DRIVEN = 0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
-
-
-class Axle(NamedTuple):
-    """One axle's record and the channels it comes from."""
-
-    record: AxleRecord
-    speed: Channel
-    brake: Channel
-    train: Channel | None
 
 
 @dataclass(frozen=True)
@@ -134,94 +123,7 @@ class Grid:
         return smooth
 
 
-class Line(NamedTuple):
-    """Another force line: K is s (K − o)."""
-
-    scale: float  # s
-    offset: float  # o [N]
-    factor: float  # on the highest K
-
-
-class Piece(NamedTuple):
-    """What a stretch of the log says of one number."""
-
-    begin: float  # seconds after the first time of the grid
-    end: float
-    value: Parameter
-
-
-class Design(NamedTuple):
-    """The pieces of one log, and its clamping force all along."""
-
-    t: Floats  # even, (n,) [s]
-    K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
-    faster: Floats  # u − ū (n,) [m/s]
-    top: float  # the highest K [N]
-    at: NDArray[np.int64]  # samples of the pieces, (m,)
-    first: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
-    size: Floats  # how many each has, (p,)
-    doubt: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
-    bends: bool  # whether pieces have γ
-    time: Floats  # from the piece's middle, (m,) [s]
-    measured: Floats  # speed (m,) [m/s]
-    v: Floats  # speed without α and γ (m,) [m/s]
-    speed: Floats  # that itself, smooth (m,) [m/s]
-    squared: Floats  # ∫u² dt without α and γ (m,) [m²/s]
-    c: float  # deceleration by the highest K [m/s²]
-    noise: float  # 1 sigma of v's white noise [m/s]
-    floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
-    seen: bool  # whether a train speed would show that all wheels slide
-    interval: float  # the longer one of speed and pressure [s]
-    mean: float  # ū, at which c holds [m/s]
-    creeps: bool  # whether the speed is that of wheels
-
-
-class Explanation(NamedTuple):
-    """What differs from the stated vehicle, as far as the log shows."""
-
-    late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
-    line: Line | None  # None where it is as stated
-    either: bool = False  # it is one of both, and nothing says which
-    # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
-    # where it drives the train [m/s²].
-    pieces: tuple[Piece, ...] = ()
-    # The brake applications of wheels that roll, by the train speed, else by the wheels.
-    design: Design | None = None
-
-
-class Scene(NamedTuple):
-    """What every check looks at."""
-
-    axles: Sequence[Axle]
-    grid: Grid
-    vehicle: Vehicle
-    start_ns: int  # the log's start
-    explanation: Explanation  # of how the train slows
-
-    @property
-    def by_rolling(self) -> float:
-        """Deceleration of a train that rolls, per K of an axle [m/s² per N]. Source: (1)."""
-        axle = self.axles[0].record.axle
-        w = wheelset(self.vehicle, axle)
-        return rolling_deceleration(w) * self.vehicle.radius(axle).value
-
-    def found(  # noqa: PLR0913 (the fields of a finding)
-        self, code: str, severity: Severity, channel: Channel, where: Bools | None = None,
-        axle: int = 0, values: Mapping[str, float] | None = None,
-        names: Mapping[str, str] | None = None,
-    ) -> Finding:  # fmt: skip
-        """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
-        t = self.axles[axle].record.t
-        on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.at(t, where)
-        since = (t - self.start_ns) / 1e9
-        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
-        return Finding(
-            code, severity, channel.title, max(int(on.sum()), 1), spans,
-            values or {}, names or {},
-        )  # fmt: skip
-
-
-def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
+def grid(axles: Sequence[AxleChannels], vehicle: Vehicle, finest: float = STEP) -> Grid | None:
     """None where all axles share too little time, or where a clock jumps back.
 
     Args:
@@ -233,7 +135,7 @@ def grid(axles: Sequence[Axle], vehicle: Vehicle, finest: float = STEP) -> Grid 
 
 
 def grids(
-    axles: Sequence[Axle], vehicle: Vehicle, finest: Sequence[float]
+    axles: Sequence[AxleChannels], vehicle: Vehicle, finest: Sequence[float]
 ) -> list[Grid] | list[None]:
     """`grid` for several steps: each channel is integrated once."""
     steps = _steps(axles, finest)
@@ -261,14 +163,14 @@ def grids(
     ]
 
 
-def with_train(g: Grid, axles: Sequence[Axle]) -> Grid:
+def with_train(g: Grid, axles: Sequence[AxleChannels]) -> Grid:
     """The grid of axles of which only the train speed is another one."""
     even = _Even.of(g.step, g.rim.shape[-1])
     train, error = _Means(g.first, [even]).of_train(axles)[0]
     return replace(g, train=train, train_error=error)
 
 
-def _steps(axles: Sequence[Axle], finest: Sequence[float]) -> list[float]:
+def _steps(axles: Sequence[AxleChannels], finest: Sequence[float]) -> list[float]:
     """The step of each grid [s]; none where there can be no grid."""
     if not axles:
         return []
@@ -368,7 +270,7 @@ class _Means:
                 row[c.inside] = mean
         return found
 
-    def of_train(self, axles: Sequence[Axle]) -> list[tuple[Floats | None, Floats | float]]:
+    def of_train(self, axles: Sequence[AxleChannels]) -> list[tuple[Floats | None, Floats | float]]:
         """The train speed and its error (95 %), of each grid."""
         for r in (a.record for a in axles):
             if r.train_speed is not None:

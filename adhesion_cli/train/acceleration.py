@@ -27,7 +27,7 @@ from ..core import compiled
 from ..core.model import Bools, Channel, Floats, Times
 from ..core.physics import CRAWL, FREE
 from ..core.signals import finite_median, true_runs, white_noise
-from .train_grid import LEAST, Grid, far
+from .grid import LEAST, Grid, far
 
 FINE = 0.1  # step of the grid [s]
 _STANDS = 0.05  # of a wheel that stands [m/s]

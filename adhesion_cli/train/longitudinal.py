@@ -46,8 +46,9 @@ from numpy.typing import NDArray
 from ..core.model import Bools, Floats, Parameter, Vehicle
 from ..core.physics import CRAWL, FREE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
-from .train_grid import LEAST, Axle, Explanation, Grid, Line, Piece, far, grid
-from .train_grid import Design as Design
+from ..records.axle_channels import AxleChannels
+from .explanation import AS_STATED, Design, Explanation, Line, Piece
+from .grid import LEAST, Grid, far, grid
 
 UNITS = {
     "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",
@@ -97,8 +98,6 @@ _MISSED = 0.2  # of the speed's square: with more left, nothing is explained
 _SEVERAL = 3  # pieces whose common line is more than their gradients
 _FAINT = 0.1  # less than this shows little of a brake [m/s]
 _ANY = 25.0  # times as steep: no other vehicle's line
-
-AS_STATED = Explanation(Parameter(0.0, 0.0), None)
 
 
 class Posterior(NamedTuple):
@@ -161,7 +160,7 @@ def _spring(design: Design, vehicle: Vehicle) -> Parameter:
 
 
 def design(
-    axles: Sequence[Axle], vehicle: Vehicle, coarse: Grid, fine: Grid, train: bool = False
+    axles: Sequence[AxleChannels], vehicle: Vehicle, coarse: Grid, fine: Grid, train: bool = False
 ) -> Design | None:
     """The pieces of a log; None where no brake application of wheels that roll is seen.
 
@@ -233,7 +232,9 @@ def joined(designs: Sequence[Design], vehicle: Vehicle) -> list[Design]:
     return found
 
 
-def _force(axles: Sequence[Axle], vehicle: Vehicle, fine: Grid, t: Floats) -> tuple[Floats, float]:
+def _force(
+    axles: Sequence[AxleChannels], vehicle: Vehicle, fine: Grid, t: Floats
+) -> tuple[Floats, float]:
     """Mean K over its highest value (n,), and that [N]; 0 where there is none."""
     K: Floats = np.mean(fine.clamping, axis=0)
     line = force_line(vehicle)
@@ -269,7 +270,7 @@ def _pieces(
     return pieces, run
 
 
-def between(a: Axle) -> float:
+def between(a: AxleChannels) -> float:
     """The longer of both channels' usual intervals [s]."""
     t, x = a.brake.data.t, a.brake.data.value
     own = t[np.flatnonzero(np.diff(x) != 0.0)]
@@ -283,7 +284,7 @@ def _unseen(t: Floats, K: Floats, every: float) -> float:
     return every * float(np.max(np.abs(before - 2.0 * K + after))) / 8.0
 
 
-def _stands(a: Axle) -> float:
+def _stands(a: AxleChannels) -> float:
     """1 sigma of the rounding that is no noise [rad/s]: of a speed that stays on its levels."""
     t, y = a.record.t * 1e-9, a.record.wheel_speed
     lasts = np.diff(t[np.flatnonzero(np.diff(y, prepend=np.nan))], append=t[-1])
@@ -630,7 +631,7 @@ def _likeliest_scale(brake: Brake, x: Floats) -> float:
 
 
 def explained(
-    axles: Sequence[Axle], coarse: Grid | None, vehicle: Vehicle, fine: Grid | None = None
+    axles: Sequence[AxleChannels], coarse: Grid | None, vehicle: Vehicle, fine: Grid | None = None
 ) -> Explanation:
     """The best explanation of how the train slows; the stated vehicle where the log shows none.
 

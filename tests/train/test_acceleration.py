@@ -8,14 +8,13 @@ import pytest
 from simulated import Recordings, simulation, write
 
 from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.analysis.prepare import Window, prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import AxleRecord
 from adhesion_cli.core.physics import G
-from adhesion_cli.diagnostics import diagnosis
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.rail import slip
-from adhesion_cli.records import axle_records
 from adhesion_cli.results import mcap
 from adhesion_cli.wsp import simulate
 from adhesion_cli.wsp.scenario import Sensor
@@ -48,13 +47,13 @@ def changed(log: Recordings, factor: float, unit: str) -> Recordings:
 
 
 def taken(
-    log: Recordings, folder: Path, window: axle_records.Window = (None, None)
+    log: Recordings, folder: Path, window: Window = (None, None)
 ) -> tuple[AxleRecord, dict[str, Finding]]:
     """The first axle's record, and what is told."""
     source = open_source(write(folder / "log.csv", log), STATED.read)
     one = read(source, (), STATED.vehicle)
-    records, found, *_ = diagnosis.records(one, STATED.vehicle, window=window)
-    return records[0], {f.code: f for f in (*one.findings, *found)}
+    prepared = prepare(one, STATED.vehicle, window=window)
+    return prepared.records[0], {f.code: f for f in (*one.findings, *prepared.findings)}
 
 
 def errors(record: AxleRecord, name: str = "low-adhesion") -> tuple[np.ndarray, np.ndarray]:

@@ -10,16 +10,17 @@ from test_checks import DEFAULT, VEHICLES, clean, found
 from test_force import share_inside
 
 from adhesion_cli.analysis import analyze, settings
+from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.model import AxleRecord, Channel, Column, Floats
 from adhesion_cli.core.physics import G, clamping_force, force_line, rolling_deceleration, wheelset
-from adhesion_cli.diagnostics import diagnosis
-from adhesion_cli.dynamics import longitudinal
-from adhesion_cli.dynamics.train_grid import Axle, Explanation, grid
 from adhesion_cli.formats.open import open_source
+from adhesion_cli.records.axle_channels import AxleChannels
+from adhesion_cli.train import longitudinal
+from adhesion_cli.train.explanation import AS_STATED, Explanation
+from adhesion_cli.train.grid import grid
 
 VEHICLE = settings.load(None, ["vehicle.lever_ratio=2.4"]).vehicle
-AS_STATED = longitudinal.AS_STATED
 
 
 class Fault(NamedTuple):
@@ -46,7 +47,7 @@ def axle(
     rate: float, applications: int, fault: Fault, *, noise: float = 3e-3, step: float = 0.0,
     gradient: float = 10.0, seed: int = 1, fill: float = 0.0, begin: float = 0.0,
     creep: float = 1.0 / (22.0 * G),
-) -> Axle:  # fmt: skip
+) -> AxleChannels:  # fmt: skip
     """A rolling wheel and a pressure, as a log has them."""
     t = np.arange(0.0, 20.0 if applications == 1 else 25.0 * applications, 1.0 / rate)
     fine = np.arange(-10.0, t[-1] + 10.0, min(1.0 / rate, 0.01))
@@ -75,10 +76,10 @@ def axle(
 
     force = clamping_force(p, VEHICLE)
     record = AxleRecord(1, ns, force, force, y, (slice(0, len(t)),), step, p)
-    return Axle(record, channel("wheel_speed", y, step), channel("pressure", p), None)
+    return AxleChannels(record, channel("wheel_speed", y, step), channel("pressure", p), None)
 
 
-def told(one: Axle) -> Explanation:
+def told(one: AxleChannels) -> Explanation:
     e = longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
     return e._replace(pieces=(), design=None)
 
@@ -252,7 +253,7 @@ def test_wheels_that_gain_speed_beside_their_brake_have_slid(
     log = tmp_path / "a.csv"
     log.write_text("\n".join(lines) + "\n")
     one = read(open_source(log, DEFAULT.read), (), VEHICLE)
-    told = [f for f in diagnosis.records(one, VEHICLE).findings if f.code == "vehicle-suspect"]
+    told = [f for f in prepare(one, VEHICLE).findings if f.code == "vehicle-suspect"]
     assert {f.severity for f in told} == {severity}
 
 

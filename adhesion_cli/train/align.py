@@ -12,26 +12,29 @@ import numpy as np
 from ..core import time_axis
 from ..core.finding import Finding
 from ..core.model import Z95, Channel, Parameter, Vehicle
-from ..dynamics import acceleration, longitudinal, train_clock
-from ..dynamics.train_grid import STEP, Axle, Grid, Scene, grid, grids, with_train
-from .faults import View
+from ..records.axle_channels import AxleChannels
+from ..records.faults import View
+from . import acceleration, clock, longitudinal
+from .explanation import AS_STATED, Explanation
+from .grid import STEP, Grid, grid, grids, with_train
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
 _CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and removed
 _COUNTED = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
 
-class Synchronised(NamedTuple):
-    """The axles with what their clocks differ by."""
+class Aligned(NamedTuple):
+    """The axles on one clock, and how the train slows."""
 
-    axles: list[Axle]
-    scene: Scene | None  # all axles together; None where a clock jumps back
+    axles: list[AxleChannels]
+    grid: Grid | None  # all axles together; None where a clock jumps back
+    explanation: Explanation
     findings: list[Finding]
 
 
-def synchronise(
-    axles: list[Axle], accelerometer: Channel | None, vehicle: Vehicle, view: View
-) -> Synchronised:
+def align(
+    axles: list[AxleChannels], accelerometer: Channel | None, vehicle: Vehicle, view: View
+) -> Aligned:
     """The axles on one clock.
 
     Args:
@@ -42,23 +45,23 @@ def synchronise(
     """
     findings: list[Finding] = []
     if accelerometer and all(a.train is None for a in axles):
-        axles, told = _integrated(axles, accelerometer, vehicle)
-        findings += told
-    together, fine = grids(axles, vehicle, [STEP, longitudinal.FINE])
-    if not together or not fine:
-        return Synchronised(axles, None, findings)
-    axles, told = _on_one_clock(axles, together, view)
-    findings += told
-    if told:  # the train speed is another one
-        together, fine = with_train(together, axles), with_train(fine, axles)
-    why = longitudinal.explained(axles, together, vehicle, fine)
-    axles = [a._replace(record=replace(a.record, pressure_late=why.late)) for a in axles]
-    return Synchronised(axles, Scene(axles, together, vehicle, view.start_ns, why), findings)
+        axles, integration_findings = _integrated(axles, accelerometer, vehicle)
+        findings += integration_findings
+    coarse, fine = grids(axles, vehicle, [STEP, longitudinal.FINE])
+    if not coarse or not fine:
+        return Aligned(axles, None, AS_STATED, findings)
+    axles, clock_findings = _on_one_clock(axles, coarse, view)
+    findings += clock_findings
+    if clock_findings:  # the train speed is another one
+        coarse, fine = with_train(coarse, axles), with_train(fine, axles)
+    explanation = longitudinal.explained(axles, coarse, vehicle, fine)
+    delayed = [a._replace(record=replace(a.record, pressure_late=explanation.late)) for a in axles]
+    return Aligned(delayed, coarse, explanation, findings)
 
 
 def _integrated(
-    axles: list[Axle], a: Channel, vehicle: Vehicle
-) -> tuple[list[Axle], list[Finding]]:
+    axles: list[AxleChannels], a: Channel, vehicle: Vehicle
+) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles with a train speed by its acceleration, or why there is none."""
     g = grid(axles, vehicle, acceleration.FINE)
     v = acceleration.integrated(g, a) if g else "the clock jumps back"
@@ -83,7 +86,9 @@ def _integrated(
     return made, [found]
 
 
-def _on_one_clock(axles: list[Axle], g: Grid, view: View) -> tuple[list[Axle], list[Finding]]:
+def _on_one_clock(
+    axles: list[AxleChannels], g: Grid, view: View
+) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles with a train speed shifted by its delay, where that is sure.
 
     Where an offset explains the same, the time stamps stay: slip's error includes the delay.
@@ -91,7 +96,7 @@ def _on_one_clock(axles: list[Axle], g: Grid, view: View) -> tuple[list[Axle], l
     train = axles[0].train
     if train is None:
         return axles, []
-    delay, offset = train_clock.beside(g, axles[0].record.train_speed_interval)
+    delay, offset = clock.beside(g, axles[0].record.train_speed_interval)
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
@@ -127,7 +132,7 @@ def _same(one: Channel, other: Channel) -> bool:
     return one is other or (np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value))
 
 
-def _shifted(axle: Axle, delay: Parameter) -> Axle:
+def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:
     """An axle whose train speed is that much earlier."""
     record, train = axle.record, axle.train
     assert train is not None

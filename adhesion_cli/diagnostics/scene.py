@@ -1,0 +1,46 @@
+"""What every check looks at: all axles of a log on one grid, and how the train slows."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..core.finding import Finding, Severity, merged
+from ..core.model import Bools, Channel, Vehicle
+from ..core.physics import rolling_deceleration, wheelset
+from ..core.signals import true_runs
+from ..records.axle_channels import AxleChannels
+from ..train.explanation import Explanation
+from ..train.grid import Grid
+
+
+class Scene(NamedTuple):
+    """What every check looks at."""
+
+    axles: Sequence[AxleChannels]
+    grid: Grid
+    vehicle: Vehicle
+    start_ns: int  # the log's start
+    explanation: Explanation  # of how the train slows
+
+    @property
+    def by_rolling(self) -> float:
+        """Deceleration of a train that rolls, per K of an axle [m/s² per N]. Source: (1)."""
+        axle = self.axles[0].record.axle
+        w = wheelset(self.vehicle, axle)
+        return rolling_deceleration(w) * self.vehicle.radius(axle).value
+
+    def finding(  # noqa: PLR0913 (the fields of a finding)
+        self, code: str, severity: Severity, channel: Channel, where: Bools | None = None,
+        axle: int = 0, values: Mapping[str, float] | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> Finding:  # fmt: skip
+        """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
+        t = self.axles[axle].record.t
+        on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.at(t, where)
+        since = (t - self.start_ns) / 1e9
+        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
+        return Finding(
+            code, severity, channel.title, max(int(on.sum()), 1), spans,
+            values or {}, names or {},
+        )  # fmt: skip
