@@ -25,8 +25,8 @@ from ..results.charts import Line, Panel
 from ..results.palette import BLACK, BLUE, GREY, ORANGE
 from ..train import longitudinal as model
 from ..train.explanation import Design
-from .analyze import opened
 from .prepare import prepare
+from .request import open_log
 from .settings import Settings, tree
 
 _FALSE = 0.01  # probability that logs of one vehicle are refused
@@ -114,7 +114,7 @@ def calibrate(
 
 
 def _used(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings, Used]:
-    settings, source = opened(path, load)
+    settings, source = open_log(path, load)
     vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
     made = prepare(log, vehicle, checks=settings.checks)

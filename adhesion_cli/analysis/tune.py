@@ -26,7 +26,8 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import AxleResult, Bools, Floats, Result, Times, Wheelset, quantities
 from ..evaluation import metrics
-from .analyze import analyze, chosen
+from .analyze import analyze
+from .request import choose_estimators
 from .settings import Settings
 
 _DIGITS = 4  # of a parameter: more do not change the rmse
@@ -87,7 +88,7 @@ def tune(
         UserError: a log cannot be read, too few have a brake application, or the result is not
             better on the logs held back.
     """
-    (est,) = chosen([algo])
+    (est,) = choose_estimators([algo])
     before = load().params(est)
     paths = list({p.resolve(): p for p in paths}.values())  # no log is on both sides
     _refuse_one(len(paths))

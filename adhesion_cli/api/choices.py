@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 
 from ..analysis import settings
-from ..analysis.analyze import prepared
+from ..analysis.request import check_request
 from ..core import toml
 from ..core.errors import UserError, unknown
 from ..formats.memory import Signals
@@ -87,7 +87,7 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     found = Choices(
         load, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
     )
-    prepared(load, found.algos, found.window)
+    check_request(load, found.algos, found.window)
     return found
 
 

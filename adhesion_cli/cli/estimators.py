@@ -26,11 +26,11 @@ def command(
 
     Example: adhesion estimators --response --set neso.beta1=100
     """
-    from ..analysis.analyze import chosen
     from ..analysis.json_documents import dumps, tagged
+    from ..analysis.request import choose_estimators
     from ..core.errors import UserError
 
-    known, settings = chosen(shared.algo), loader(shared)()
+    known, settings = choose_estimators(shared.algo), loader(shared)()
     if response:
         return _response(known, settings, shared)
     if shared.out or shared.axle or shared.force:

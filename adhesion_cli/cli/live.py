@@ -150,12 +150,12 @@ class _Run:
     def __init__(
         self, feed: "Feed", settings: "Settings", shared: Shared, screens: _Screens
     ) -> None:
-        from ..analysis.analyze import chosen
+        from ..analysis.request import choose_estimators
         from ..live.run import Tally
         from ..live.shown import Counts, StatusLine, Waiting
 
         self._feed, self._settings, self._shared, self._screens = feed, settings, shared, screens
-        self._algos = {e.name: (e, settings.params(e)) for e in chosen(shared.algo)}
+        self._algos = {e.name: (e, settings.params(e)) for e in choose_estimators(shared.algo)}
         self._shown = list(dict.fromkeys(shared.algo)) or [_SHOWN]
         self._tally = Tally(self._tell, feed.name, shared.strict)
         self._status: StatusLine | None = None
@@ -185,9 +185,9 @@ class _Run:
         return 3 if any(f.lossy for f in self._tally.findings) else 0
 
     def _defaults(self, by_pressure: bool) -> "list[Finding]":
-        from ..analysis.analyze import assumed
+        from ..analysis.vehicle_findings import default_parameters
 
-        return assumed(self._settings, by_pressure)
+        return default_parameters(self._settings, by_pressure)
 
     def _say(self, text: str) -> None:
         """Text on stderr, above the line of the samples."""

@@ -279,6 +279,6 @@ def checked(shared: Shared) -> Callable[..., Any]:
     Raises:
         UserError: for an unknown name, a value out of range.
     """
-    from ..analysis.analyze import prepared
+    from ..analysis.request import check_request
 
-    return prepared(loader(shared), shared.algo, (shared.from_, shared.to))
+    return check_request(loader(shared), shared.algo, (shared.from_, shared.to))

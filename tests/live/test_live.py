@@ -24,7 +24,8 @@ import recordings
 from mcap.reader import make_reader
 from test_writing import mounted
 
-from adhesion_cli.analysis.analyze import analyze, chosen
+from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.request import choose_estimators
 from adhesion_cli.analysis.settings import Settings, load
 from adhesion_cli.core import bundled
 from adhesion_cli.core.errors import UserError
@@ -63,7 +64,7 @@ def followed(
 ) -> tuple[dict[int, list[Sample]], list[Finding]]:
     """Every sample of a sender by axle, and the findings."""
     kept, tally = Kept(), Tally(lambda _: None)
-    own = {e.name: (e, settings.params(e)) for e in chosen(algos)}
+    own = {e.name: (e, settings.params(e)) for e in choose_estimators(algos)}
     follow(feed, wheels_of(feed, settings, ()), settings, own, [kept], tally)
     feed.close()
     return kept.of, tally.findings
@@ -668,7 +669,7 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
 
 
 def axle() -> Axle:
-    algos = {e.name: (e, Settings().params(e)) for e in chosen(["td", "imm"])}
+    algos = {e.name: (e, Settings().params(e)) for e in choose_estimators(["td", "imm"])}
     return Axle(Measuring(1), Vehicle(), algos)
 
 
@@ -752,7 +753,7 @@ def test_frames_of_a_bus_are_decoded_by_the_dbc(tmp_path: Path) -> None:
             sender.send(frame)
         sender.send(can.Message(arbitration_id=257, is_extended_id=False, data=b"\0"))
         kept, tally = Kept(), Tally(lambda _: None)
-        algos = {e.name: (e, settings.params(e)) for e in chosen(["imm"])}
+        algos = {e.name: (e, settings.params(e)) for e in choose_estimators(["imm"])}
         wheels = wheels_of(feed, settings, ())
         threading.Timer(3.0, feed.close).start()
         follow(feed, wheels, settings, algos, [kept], tally)

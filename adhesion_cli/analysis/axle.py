@@ -1,0 +1,91 @@
+"""One axle: reference and estimates, findings, scores, slip."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..core import compiled, innovations, physics
+from ..core.estimator import Estimator
+from ..core.finding import Finding
+from ..core.model import Z95, AxleRecord, AxleResult, Reference
+from ..core.time_axis import spans_of
+from ..diagnostics import noise_model
+from ..evaluation import metrics
+from ..rail import slip
+from ..reference import force
+from .axle_findings import of_axle
+from .settings import Settings
+
+
+def analyze_axle(
+    record: AxleRecord, settings: Settings, estimators: Sequence[Estimator], start_ns: int
+) -> tuple[AxleResult, list[Finding]]:
+    """The result of one axle, and what must be reported about it.
+
+    Args:
+        record: the axle's record.
+        settings: of the run.
+        estimators: to run.
+        start_ns: the log's start, from which spans count [ns].
+    """
+    vehicle = settings.vehicle
+    w, faded = physics.wheelset(vehicle, record.axle), physics.faded(record, vehicle)
+    reference = force.compute(faded, vehicle, settings.analysis.reference)
+    starts = np.array([s.start for s in record.segments], dtype=np.int64)
+    K, y = faded.clamping_force, record.wheel_speed
+    estimates = {
+        e.name: compiled.batch(e, settings.params(e), w, record.t, K, y, starts) for e in estimators
+    }
+    forces = {name: e.force for name, e in estimates.items()}
+    sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
+    nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
+    applications = metrics.applications(record)
+    findings = list(of_axle(record, vehicle, reference, applications, start_ns))
+    findings += noise_model.check(
+        settings.checks["noise_model"],
+        f"axle {record.axle}",
+        {"the reference": reference.nis, **nis},
+    )
+    drowned = [s for s in applications if _is_drowned(reference, s)]
+    if drowned:
+        reference, finding = _without(record, reference, drowned, start_ns)
+        findings.append(finding)
+    known = tuple(s for s in applications if s not in drowned)
+    scores = metrics.scores(record, reference, forces, known, sigmas)
+    scores = tuple(replace(s, nis=nis.get(s.algo)) for s in scores)
+    result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
+    if record.train_speed is None:
+        return result, findings
+    result, slip_findings = slip.observed(
+        result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
+    )
+    return result, findings + slip_findings
+
+
+def _is_drowned(reference: Reference, application: slice) -> bool:
+    """Whether the force of a brake application is mostly smaller than its 95 % noise."""
+    known = np.isfinite(reference.force[application])
+    force, noise = (
+        np.abs(reference.force[application][known]),
+        Z95 * reference.sigma[application][known],
+    )
+    return bool(known.any() and np.median(noise) > np.median(force))
+
+
+def _without(
+    record: AxleRecord, reference: Reference, drowned: Sequence[slice], start_ns: int
+) -> tuple[Reference, Finding]:
+    """The reference without these applications, whose noise exceeds the force."""
+    force, sigma, tolerance = (
+        c.copy() for c in (reference.force, reference.sigma, reference.tolerance)
+    )
+    for s in drowned:
+        force[s] = sigma[s] = tolerance[s] = np.nan
+    finding = Finding(
+        "reference-noise", "warning", channel=f"axle {record.axle}", count=len(drowned),
+        spans=spans_of(
+            record.t[[s.start for s in drowned]], record.t[[s.stop - 1 for s in drowned]], start_ns
+        ),
+    )  # fmt: skip
+    return replace(reference, force=force, sigma=sigma, tolerance=tolerance), finding

@@ -1,0 +1,87 @@
+"""What a run is asked for: estimators, window and settings that exist, and a log that opens."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from ..core import estimator
+from ..core.errors import UserError, unknown
+from ..core.estimator import Estimator
+from ..formats.memory import Signals
+from ..formats.open import open_source
+from ..formats.source import Source
+from ..records.faults import Window
+from ..reference import force
+from . import settings as settings_module
+from .settings import Settings
+
+
+def choose_estimators(algos: Sequence[str]) -> list[Estimator]:
+    """The estimators of these names, every one if none is named.
+
+    Raises:
+        UserError: for a name the registry does not have.
+    """
+    known = estimator.registry()
+    for name in algos:
+        if name not in known:
+            raise unknown("algorithm", name, list(known))
+    return [known[name] for name in dict.fromkeys(algos)] or list(known.values())
+
+
+def check_settings(settings: Settings) -> Settings:
+    """The settings, if the methods they name exist.
+
+    Raises:
+        UserError: for an unknown reference.
+    """
+    if settings.analysis.reference not in force.METHODS:
+        raise unknown("reference", settings.analysis.reference, list(force.METHODS))
+    return settings
+
+
+def check_request(
+    load: Callable[..., Settings], algos: Sequence[str], window: Window
+) -> Callable[..., Settings]:
+    """The same `load`, after a check of what a run is asked for.
+
+    Raises:
+        UserError: for an unknown name, a value out of range.
+    """
+    choose_estimators(algos)
+    stated = dict(zip(("--from", "--to"), window, strict=True))
+    span = {flag: value for flag, value in stated.items() if value is not None}
+    ends = span.get("--from", 0.0) < span.get("--to", math.inf)
+    if not (ends and all(map(math.isfinite, span.values()))):
+        text = " and ".join(f"{flag} {value:g}" for flag, value in span.items())
+        hint = "--to is later than --from; both are seconds after the log's start"
+        raise UserError(f"{text} are not two times in order", hint, code=2)
+    check_settings(load())
+    return load
+
+
+def open_log(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings, Source]:
+    """A log and its settings, see `analyze`.
+
+    Raises:
+        UserError: where it cannot be read, and for wrong settings.
+    """
+    settings = load()
+    source = open_source(path, settings.read)
+    if carried := _carried(path, source):
+        settings = load(base=settings_module.nested(carried))
+    return check_settings(settings), source
+
+
+def _carried(path: Path | Signals, source: Source) -> Mapping[str, str]:
+    """The settings that a result file was made with; none of a raw log.
+
+    Raises:
+        UserError: for the result of a comparison.
+    """
+    if any(name.startswith("adhesion.settings/") for name in source.metadata):
+        raise UserError(
+            f"{path}: a comparison of several logs, not a log",
+            "name the logs themselves or their *.adhesion.mcap",
+        )
+    return source.metadata.get("adhesion.settings", {})
