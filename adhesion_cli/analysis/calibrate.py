@@ -99,7 +99,7 @@ def calibrate(
     vehicle = _one_vehicle(stated)
     rolling = _determined(logs)
     tell("fitting all brake applications")
-    designs = model.joined([u.evidence.design for u in rolling if u.evidence.design], vehicle)
+    designs = model.join_designs([u.evidence.design for u in rolling if u.evidence.design], vehicle)
     prior = reference.prior(designs, vehicle, max(abs(u.evidence.late) for u in rolling))
     found = model.joint(designs, prior)
     _agree(rolling, designs, prior, found)
@@ -200,7 +200,10 @@ def _agree(
     slopes = model.gradients(designs, joint.mean)
     for d, of in zip(designs, slopes, strict=True):
         found = model.fit(
-            [d], [model.independent(d, model.left(d, joint.mean, of))], prior, [joint.mean[:n]]
+            [d],
+            [model.independent_samples(d, model.residual(d, joint.mean, of))],
+            prior,
+            [joint.mean[:n]],
         )
         means.append(found.mean[:n] - origin)
         informations.append(np.linalg.inv(found.covariance[:n, :n]))
@@ -257,7 +260,7 @@ def _applied(u: Used, d: Design, found: model.Posterior, of: _Fitted) -> list[Ap
     of_brake = [model.SCALE, model.OFFSET, model.FADE]
     as_stated = x.copy()
     as_stated[of_brake] = found.prior[of_brake]
-    t, piece = d.t[d.at], np.repeat(np.arange(len(d.size)), d.size.astype(int))
+    t, piece = d.t[d.samples], np.repeat(np.arange(len(d.size)), d.size.astype(int))
     before, after = (_predicted(d, y) for y in (as_stated, x))
     rows = []
     for (begin, _), at in u.evidence.braked():
@@ -283,11 +286,11 @@ def _sigma(moves: Floats, covariance: Floats) -> float:
 
 def _predicted(d: Design, x: Floats) -> Floats:
     """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
-    t, u = d.t[d.at], d.faster + d.mean
-    way = np.cumsum(u * u)[d.at] * (d.t[1] - d.t[0])
+    t, u = d.t[d.samples], d.relative_speed + d.mean
+    way = np.cumsum(u * u)[d.samples] * (d.t[1] - d.t[0])
 
     def taken(y: Floats) -> Floats:
-        of_brake = math.exp(y[model.SCALE]) * model.lost(d, y)
+        of_brake = math.exp(y[model.SCALE]) * model.speed_loss(d, y)
         found: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * way
         return found
 

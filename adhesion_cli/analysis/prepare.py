@@ -14,7 +14,7 @@ from ..core.finding import Finding
 from ..core.model import AxleRecord, Log, Vehicle
 from ..diagnostics.diagnosis import diagnose, sensor_thresholds
 from ..diagnostics.scene import Scene
-from ..records.choose import choose, nothing
+from ..records.choose import choose, no_records_error
 from ..records.faults import View
 from ..records.faults import Window as Window
 from ..records.resample import resample
@@ -57,10 +57,10 @@ def prepare(
     sampled, resample_findings = resample(choice, screened, vehicle, view)
     sensor_findings = [f for f in screened.findings if f.channel in choice.titles]
     findings = [*choice.findings, *sensor_findings, *resample_findings]
-    if not any(a.record.axle in choice.asked for a in sampled):
-        raise nothing(log, choice, view, findings)
+    if not any(a.record.axle in choice.requested for a in sampled):
+        raise no_records_error(log, choice, view, findings)
     aligned = align(sampled, choice.acceleration, vehicle, view)
-    asked = [a for a in aligned.axles if a.record.axle in choice.asked]
+    asked = [a for a in aligned.axles if a.record.axle in choice.requested]
     findings += aligned.findings
     scene = None
     if aligned.grid:

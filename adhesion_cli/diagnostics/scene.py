@@ -37,7 +37,7 @@ class Scene(NamedTuple):
     ) -> Finding:  # fmt: skip
         """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
         t = self.axles[axle].record.t
-        on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.at(t, where)
+        on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.sample_mask(t, where)
         since = (t - self.start_ns) / 1e9
         spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
         return Finding(

@@ -89,7 +89,7 @@ class _Track(NamedTuple):
         held = min((t - self.since) * 1e-9, _HELD)
         seconds = max((t - self.t) * 1e-9, held)
         change = x - self.x
-        free = limits.start if x == 0.0 or self.x == 0.0 else limits.least
+        free = limits.free_from_zero if x == 0.0 or self.x == 0.0 else limits.free_change
         return abs(change) <= free + (limits.rise if change > 0.0 else limits.fall) * seconds
 
 
@@ -135,7 +135,7 @@ class Leaps:
 
     def _goes_on(self, x: float) -> bool:
         """Whether it is one piece with others that leaped; by now the good ones might reach it."""
-        return self._other is not None and abs(x - self._other.x) <= self._limits.least / 2.0
+        return self._other is not None and abs(x - self._other.x) <= self._limits.free_change / 2.0
 
     def _reaches(self, track: _Track, t: int, x: float) -> bool:
         if track.can_reach(t, x, self._limits) or len(self._window) < _JUDGED:
@@ -143,7 +143,7 @@ class Leaps:
         if self._age >= _JUDGED:  # the noise is looked at where it matters, and not always
             self._age, c = 0, self._window.channel(0.0)
             limits = self._limits_of(c)
-            self._limits = limits.widened(outliers.noise_among_outliers(c, limits.least))
+            self._limits = limits.widened(outliers.noise_among_outliers(c, limits.free_change))
         return track.can_reach(t, x, self._limits)
 
 

@@ -31,14 +31,16 @@ class Choice(NamedTuple):
 
     channels: Channels
     axles: tuple[AxleKeys, ...]
-    asked: tuple[int, ...]  # the axles that are analysed; the others help to judge their sensors
+    requested: tuple[
+        int, ...
+    ]  # the axles that are analysed; the others help to judge their sensors
     acceleration: Channel | None  # of the train
     findings: list[Finding]
 
     @property
     def titles(self) -> set[str]:
         """Names of the channels that the asked axles need."""
-        of_axles = {k for a in self.axles if a.axle in self.asked for k in (a.speed, a.brake)}
+        of_axles = {k for a in self.axles if a.axle in self.requested for k in (a.speed, a.brake)}
         return {c.title for k, c in self.channels.items() if k in of_axles or k[0] == "train_speed"}
 
 
@@ -58,15 +60,15 @@ def choose(log: Log, axles: Sequence[int]) -> Choice:
         if c.meaning and len(c.data.t) and not c.is_rate:
             channels.setdefault((c.meaning, c.axle), c)
     numbers = axle_numbers(log.path, channels, axles, [c.title for c in log.channels])
-    asked, found, findings = tuple(axles or numbers), [], []
+    requested, axle_keys, findings = tuple(axles or numbers), [], []
     for axle in numbers:
         speed = find(channels, "wheel_speed", axle)
         brake = brake_of(channels, axle)
         if speed and brake:
-            found.append(AxleKeys(axle, speed, brake))
-        elif axle in asked and (key := speed or brake):
+            axle_keys.append(AxleKeys(axle, speed, brake))
+        elif axle in requested and (key := speed or brake):
             findings.append(incomplete(axle, channels[key].title, speed is not None))
-    return Choice(channels, tuple(found), asked, rates[0] if rates else None, findings)
+    return Choice(channels, tuple(axle_keys), requested, rates[0] if rates else None, findings)
 
 
 def axle_numbers(
@@ -91,8 +93,8 @@ def axle_numbers(
     of_axles: tuple[Meaning, ...] = ("wheel_speed", "pressure", "clamping_force")
     numbers = sorted({a for meaning, a in keys if a and meaning in of_axles}) or [1]
     if unknown := set(axles) - set(numbers):
-        known = f"the log has axles {', '.join(map(str, numbers))}"
-        raise UserError(f"{path}: no axle {min(unknown)}", known, code=2)
+        available = f"the log has axles {', '.join(map(str, numbers))}"
+        raise UserError(f"{path}: no axle {min(unknown)}", available, code=2)
     return numbers
 
 
@@ -110,20 +112,22 @@ def brake_of(keys: Collection[Key], axle: int) -> Key | None:
 
 def find(keys: Collection[Key], meaning: Meaning, axle: int | None) -> Key | None:
     """The key of an axle's own channel, else of the one that belongs to no axle."""
-    known: tuple[Key, Key] = ((meaning, axle), (meaning, None))
-    return next((k for k in known if k in keys), None)
+    candidates: tuple[Key, Key] = ((meaning, axle), (meaning, None))
+    return next((k for k in candidates if k in keys), None)
 
 
-def _missing(path: str, titles: Sequence[str], what: str, key: str, unit: str) -> UserError:
+def _missing(path: str, titles: Sequence[str], quantity: str, key: str, unit: str) -> UserError:
     names = ", ".join(map(repr, titles[:8])) or "none"
     return UserError(
-        f"{path}: no channel is a {what} (recognised: {names})",
+        f"{path}: no channel is a {quantity} (recognised: {names})",
         "`adhesion inspect` lists the channels; state one, as "
         + toml.option(f'channels.{key}."axle 1" = {{channel = "NAME", unit = "{unit}"}}'),
     )
 
 
-def nothing(log: Log, choice: Choice, view: View, findings: Iterable[Finding]) -> UserError:
+def no_records_error(
+    log: Log, choice: Choice, view: View, findings: Iterable[Finding]
+) -> UserError:
     """Why there is no record at all.
 
     Args:
@@ -132,20 +136,23 @@ def nothing(log: Log, choice: Choice, view: View, findings: Iterable[Finding]) -
         view: the window that was asked for.
         findings: of all steps.
     """
-    if why := [f for f in findings if f.code in _LEAVE_OUT]:
-        text = " ".join(f"{f.channel}: {f.message}" for f in why)
-        return UserError(f"{log.path}: nothing to analyse: {text}", why[0].hint or "")
+    if reasons := [f for f in findings if f.code in _LEAVE_OUT]:
+        text = " ".join(f"{f.channel}: {f.message}" for f in reasons)
+        return UserError(f"{log.path}: nothing to analyse: {text}", reasons[0].hint or "")
     if view.window != (None, None):
         text = f"{log.path}: no sample between --from and --to"
         return UserError(text, "seconds after the log's start", code=2)
 
-    def of(*meanings: Meaning) -> str:
+    def describe(*meanings: Meaning) -> str:
         chosen = [c.data.t for (meaning, _), c in choice.channels.items() if meaning in meanings]
-        first, last = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
-        return f"{max(map(len, chosen))} usable samples, {first / 1e9:.3f} to {last / 1e9:.3f} s"
+        start_ns, stop_ns = min(int(t.min()) for t in chosen), max(int(t.max()) for t in chosen)
+        return (
+            f"{max(map(len, chosen))} usable samples, {start_ns / 1e9:.3f} to {stop_ns / 1e9:.3f} s"
+        )
 
+    speed, brake = describe("wheel_speed"), describe("pressure", "clamping_force")
     return UserError(
-        f"{log.path}: wheel speed ({of('wheel_speed')}) and pressure "
-        f"({of('pressure', 'clamping_force')}) share no time, or fewer than {SHORTEST} samples",
+        f"{log.path}: wheel speed ({speed}) and pressure ({brake}) share no time, "
+        f"or fewer than {SHORTEST} samples",
         "state the clock, as --set channels.time.source=log, or convert one of them",
     )

@@ -17,8 +17,8 @@ class Fault(NamedTuple):
     """Samples of one channel that show a fault of its sensor."""
 
     code: str
-    where: Bools  # shape (n,)
-    left_out: bool = True  # whether the samples must not be used
+    mask: Bools  # shape (n,)
+    excluded: bool = True  # whether the samples must not be used
     severity: Severity = "warning"
 
 
@@ -33,11 +33,11 @@ class View(NamedTuple):
         since: Floats = (t - self.start_ns) / 1e9
         return since
 
-    def holds(self, t: Times) -> Bools:
+    def contains(self, t: Times) -> Bools:
         """Which times lie in the window, shape (n,)."""
-        since, (first, last) = self.seconds(t), self.window
-        inside: Bools = (since >= (-np.inf if first is None else first)) & (
-            since <= (np.inf if last is None else last)
+        since, (start, stop) = self.seconds(t), self.window
+        inside: Bools = (since >= (-np.inf if start is None else start)) & (
+            since <= (np.inf if stop is None else stop)
         )
         return inside
 
@@ -54,26 +54,26 @@ class View(NamedTuple):
             names: texts that the message quotes.
         """
         t = channel.data.t
-        where = fault.where
-        where = where & self.holds(t) if where.any() else where
-        if not where.any():
+        mask = fault.mask
+        mask = mask & self.contains(t) if mask.any() else mask
+        if not mask.any():
             return []
         since = self.seconds(t)
-        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(where)])
+        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
         return [
             Finding(
-                fault.code, fault.severity, channel=channel.title, count=int(where.sum()),
+                fault.code, fault.severity, channel=channel.title, count=int(mask.sum()),
                 spans=spans, values=values or {}, names=names or {},
             )
         ]  # fmt: skip
 
 
-def without(channel: Channel, left_out: Bools) -> Channel:
+def remove_samples(channel: Channel, excluded: Bools) -> Channel:
     """A channel without some samples, as if they had not been logged."""
-    if not left_out.any():
+    if not excluded.any():
         return channel
-    d, kept = channel.data, ~left_out
-    before = np.concatenate([[0], np.cumsum(kept)])  # samples kept before each one
-    starts = {int(before[s]) for s in channel.starts} - {int(before[-1])}
-    data = Column(d.t[kept], d.value[kept], d.valid[kept])
+    d, included = channel.data, ~excluded
+    included_before = np.concatenate([[0], np.cumsum(included)])  # samples kept before each one
+    starts = {int(included_before[s]) for s in channel.starts} - {int(included_before[-1])}
+    data = Column(d.t[included], d.value[included], d.valid[included])
     return replace(channel, data=data, starts=tuple(sorted(starts)))

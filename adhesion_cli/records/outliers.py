@@ -19,12 +19,12 @@ from .faults import Fault
 
 ABOUT = About("Outliers", "limits of wheels, valves and trains as stated for each parameter")
 HIGHEST = 12e5  # no brake cylinder has more [Pa]
-_FULL = 5e5  # pressure of the cylinder that the limits are those of [Pa]
-_BACK = 300  # pieces that may lie between two that belong together
-_REPEATED = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
-_ZERO = 0.3  # of the weight of other values: dead sensors read it
-_CLEAR = 0.65  # of the weight, zeros apart: with less, which part is the wheel's is not known
-_RETURNS = 0.8  # of the impossible steps: with less the signal goes its way, in another unit
+_FULL_PRESSURE = 5e5  # pressure of the cylinder that the limits are those of [Pa]
+_LONGEST_LINK = 300  # pieces that may lie between two that belong together
+_REPEAT_WEIGHT = 1e-3  # weight of a sample that repeats its predecessor: dead sensors do
+_ZERO_WEIGHT = 0.3  # of the weight of other values: dead sensors read it
+_CLEAR_SHARE = 0.65  # of the weight, zeros apart: with less, which part is the wheel's is not known
+_RETURN_SHARE = 0.8  # of the impossible steps: with less the signal goes its way, in another unit
 
 
 class Params(NamedTuple):
@@ -52,14 +52,16 @@ class Limits(NamedTuple):
 
     rise: float  # [1/s]
     fall: float  # [1/s]
-    least: float  # change that needs no reason
-    start: float  # sensors read zero below this
+    free_change: float  # change that needs no reason
+    free_from_zero: float  # sensors read zero below this
     longest: float  # a longer excursion may be real [s]
     rests: float  # zero for this long may be rest [s]
 
-    def widened(self, by: float) -> "Limits":
+    def widened(self, noise: float) -> "Limits":
         """With larger changes that need no reason, as by noise."""
-        return self._replace(least=self.least + by, start=self.start + by)
+        return self._replace(
+            free_change=self.free_change + noise, free_from_zero=self.free_from_zero + noise
+        )
 
 
 def wheel_limits(p: Params) -> Limits:
@@ -73,12 +75,12 @@ def brake_limits(p: Params, share: float = 1.0) -> Limits:
     return Limits(share * p.fills, share * p.dumps, steps, steps, p.pressure_lasts, p.rests)
 
 
-def of_wheel(p: Params, speed: Channel) -> list[Fault]:
+def wheel_faults(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a wheel speed [rad/s]: outliers, or a channel of which no part can be trusted."""
     return [_fault("speed-outlier", "speed-unusable", wheel_outliers(p, speed))]
 
 
-def of_train(p: Params, speed: Channel) -> list[Fault]:
+def train_faults(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a train speed [m/s]."""
     limits = Limits(
         p.train_changes, p.train_changes, p.train_steps, p.train_least, np.inf, p.rests
@@ -86,26 +88,26 @@ def of_train(p: Params, speed: Channel) -> list[Fault]:
     return [_fault("train-speed-outlier", "train-speed-unusable", _excursions(speed, limits))]
 
 
-def of_brake(p: Params, brake: Channel) -> list[Fault]:
+def brake_faults(p: Params, brake: Channel) -> list[Fault]:
     """Faults of a pressure [Pa] or of K [N]: outliers, and values far below zero."""
-    below = brake.data.value < p.vacuum * max(scale_of(brake), 1.0)
-    outliers = brake_outliers(p, brake) & ~below
+    negative = brake.data.value < p.vacuum * max(scale_of(brake), 1.0)
+    outliers = brake_outliers(p, brake) & ~negative
     return [
-        Fault("pressure-negative", below),
+        Fault("pressure-negative", negative),
         _fault("pressure-outlier", "pressure-unusable", outliers),
     ]
 
 
-def _fault(some: str, every: str, outliers: Bools) -> Fault:
-    return Fault(every if outliers.all() else some, outliers)
+def _fault(outlier_code: str, unusable_code: str, outliers: Bools) -> Fault:
+    return Fault(unusable_code if outliers.all() else outlier_code, outliers)
 
 
 def wheel_outliers(p: Params, speed: Channel) -> Bools:
     """Outliers of a wheel speed [rad/s], shape (n,); single zeros at low rates, too."""
     limits = wheel_limits(p)
-    dropped = _single(speed, p.wheel_single) & (speed.data.value == 0.0)
-    found: Bools = _excursions(speed, limits) | dropped
-    return found
+    dropped = _single_outliers(speed, p.wheel_single) & (speed.data.value == 0.0)
+    outliers: Bools = _excursions(speed, limits) | dropped
+    return outliers
 
 
 def brake_outliers(p: Params, brake: Channel) -> Bools:
@@ -114,9 +116,9 @@ def brake_outliers(p: Params, brake: Channel) -> Bools:
     None where more steps stay than return: the signal is no cylinder's, or a slow repeated one.
     """
     rates = brake_limits(p, scale_of(brake))
-    single = _single(brake, p.pressure_single * np.max(brake.data.value, initial=0.0))
-    found: Bools = _excursions(brake, rates) | single
-    return found
+    single = _single_outliers(brake, p.pressure_single * np.max(brake.data.value, initial=0.0))
+    outliers: Bools = _excursions(brake, rates) | single
+    return outliers
 
 
 def scale_of(brake: Channel) -> float:
@@ -128,26 +130,34 @@ def scale_of(brake: Channel) -> float:
     size = np.abs(brake.data.value)
     if brake.meaning == "pressure" and size.max(initial=0.0) <= HIGHEST:
         return 1.0
-    high = float(np.quantile(size, 0.99))
-    return high / _FULL if brake.meaning != "pressure" or high > HIGHEST else 1.0
+    high_value = float(np.quantile(size, 0.99))
+    return (
+        high_value / _FULL_PRESSURE if brake.meaning != "pressure" or high_value > HIGHEST else 1.0
+    )
 
 
-def _single(c: Channel, steep: float) -> Bools:
+def _single_outliers(c: Channel, steep: float) -> Bools:
     """Samples that depart from both neighbours, which agree, and steeper [SI/s]; shape (n,)."""
-    away, dt = np.diff(c.data.value), np.diff(c.data.t) / 1e9
-    if len(away) < 4:
+    change, dt = np.diff(c.data.value), np.diff(c.data.t) / 1e9
+    if len(change) < 4:
         return np.zeros(len(c.data.t), dtype=np.bool_)
-    found = np.zeros(len(c.data.t), dtype=np.bool_)
-    large = np.abs(away) > steep * dt
-    at = np.flatnonzero(large[:-1] & large[1:])  # few: only there is more to look at
-    if not len(at):
-        return found
-    there, back, longer = away[at], -away[at + 1], np.maximum(dt[at], dt[at + 1])
-    least = np.minimum(np.abs(there), np.abs(back))
-    single = (there * back > 0.0) & (np.abs(there - back) < least / 2.0)
-    single &= (np.minimum(dt[at], dt[at + 1]) > 0.0) & (least - noise(c) > steep * longer)
-    found[at[single] + 1] = True
-    return found
+    outliers = np.zeros(len(c.data.t), dtype=np.bool_)
+    large = np.abs(change) > steep * dt
+    peaks = np.flatnonzero(large[:-1] & large[1:])  # few: only there is more to look at
+    if not len(peaks):
+        return outliers
+    departure, return_change, longer_dt = (
+        change[peaks],
+        -change[peaks + 1],
+        np.maximum(dt[peaks], dt[peaks + 1]),
+    )
+    smaller = np.minimum(np.abs(departure), np.abs(return_change))
+    single = (departure * return_change > 0.0) & (np.abs(departure - return_change) < smaller / 2.0)
+    single &= (np.minimum(dt[peaks], dt[peaks + 1]) > 0.0) & (
+        smaller - noise(c) > steep * longer_dt
+    )
+    outliers[peaks[single] + 1] = True
+    return outliers
 
 
 def noise(c: Channel) -> float:
@@ -158,13 +168,13 @@ def noise(c: Channel) -> float:
 
 def _excursions(c: Channel, limits: Limits) -> Bools:
     """Samples that the largest possible part excludes, shape (n,)."""
-    found = np.zeros(len(c.data.t), dtype=np.bool_)
-    if np.abs(np.diff(c.data.value)).max(initial=0.0) <= limits.least:
-        return found
-    limits = limits.widened(noise_among_outliers(c, limits.least))
-    for piece in time_axis.pieces(c.starts, len(found)):
-        found[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
-    return found
+    outliers = np.zeros(len(c.data.t), dtype=np.bool_)
+    if np.abs(np.diff(c.data.value)).max(initial=0.0) <= limits.free_change:
+        return outliers
+    limits = limits.widened(noise_among_outliers(c, limits.free_change))
+    for piece in time_axis.pieces(c.starts, len(outliers)):
+        outliers[piece] = _impossible(c.data.t[piece], c.data.value[piece], c.coarsest, limits)
+    return outliers
 
 
 class _Signal(NamedTuple):
@@ -172,126 +182,128 @@ class _Signal(NamedTuple):
 
     t: Floats  # [s]
     x: Floats
-    rest: Bools  # reads zero and may be at rest
+    resting: Bools  # reads zero and may be at rest
     refresh: float  # no change is quicker than from one reading to the next [s]
     limits: Limits
 
-    def possible(self, before: NDArray[np.int64], after: NDArray[np.int64]) -> Bools:
+    def possible(self, earlier: NDArray[np.int64], later: NDArray[np.int64]) -> Bools:
         """Whether one sample can follow another, both by index; shape of the two together."""
-        change = self.x[after] - self.x[before]
-        seconds = np.maximum(self.t[after] - self.t[before], self.refresh)
-        rest = self.rest[after] | self.rest[before]
-        free = np.where(rest, self.limits.start, self.limits.least)
-        fast = np.where(change > 0.0, self.limits.rise, self.limits.fall)
-        can: Bools = np.abs(change) <= free + fast * seconds
-        return can
+        change = self.x[later] - self.x[earlier]
+        seconds = np.maximum(self.t[later] - self.t[earlier], self.refresh)
+        resting = self.resting[later] | self.resting[earlier]
+        free_change = np.where(resting, self.limits.free_from_zero, self.limits.free_change)
+        rate = np.where(change > 0.0, self.limits.rise, self.limits.fall)
+        is_possible: Bools = np.abs(change) <= free_change + rate * seconds
+        return is_possible
 
 
 class _Pieces(NamedTuple):
     """Stretches between large changes, shape (k,)."""
 
-    first: NDArray[np.int64]
-    past: NDArray[np.int64]
+    start: NDArray[np.int64]
+    stop: NDArray[np.int64]
     weight: Floats  # how much each tells of the true signal
     shows: Bools  # whether it is not zero
 
 
 def _impossible(t: Times, x: Floats, step: float, limits: Limits) -> Bools:
     """The samples that the kept ones exclude, or all, shape (n,)."""
-    none = np.zeros(len(x), dtype=np.bool_)
+    no_outliers = np.zeros(len(x), dtype=np.bool_)
     change = np.diff(x)
-    if len(x) < 5 or np.abs(change).max() <= limits.least:
-        return none
+    if len(x) < 5 or np.abs(change).max() <= limits.free_change:
+        return no_outliers
     seconds = (t - t[0]) / 1e9
-    refresh = max(float(np.median(np.diff(seconds))), _held(seconds, x, step, limits))
-    signal = _Signal(seconds, x, _rest(seconds, x, step, limits.rests), refresh, limits)
-    large = np.flatnonzero(np.abs(change) > min(limits.least, limits.start))
+    refresh = max(float(np.median(np.diff(seconds))), _hold_time(seconds, x, step, limits))
+    signal = _Signal(seconds, x, _at_rest(seconds, x, step, limits.rests), refresh, limits)
+    large = np.flatnonzero(np.abs(change) > min(limits.free_change, limits.free_from_zero))
     impossible = large[~signal.possible(large, large + 1)]
     if not len(impossible):
-        return none
-    pieces = _pieces(x, limits.least / 2.0)
-    kept = _heaviest(signal, pieces)
+        return no_outliers
+    pieces = _pieces(x, limits.free_change / 2.0)
+    heaviest = _heaviest(signal, pieces)
     weight, shows = pieces.weight, pieces.shows
-    if weight[kept & shows].sum() < _CLEAR * weight[shows].sum():
+    if weight[heaviest & shows].sum() < _CLEAR_SHARE * weight[shows].sum():
         steps = np.sign(change[impossible])
         returns = np.mean(steps[1:] != steps[:-1]) if len(steps) > 1 else 0.0
-        return np.full(len(x), returns > _RETURNS)
-    return _left_over(signal, pieces, kept)
+        return np.full(len(x), returns > _RETURN_SHARE)
+    return _outside_heaviest(signal, pieces, heaviest)
 
 
 def _pieces(x: Floats, large: float) -> _Pieces:
     """Parts between large changes: only at one can a possible change belong to an excursion."""
-    cut = np.flatnonzero(np.abs(np.diff(x)) > large) + 1
-    first, past = np.concatenate([[0], cut]), np.append(cut, len(x))
+    cuts = np.flatnonzero(np.abs(np.diff(x)) > large) + 1
+    start, stop = np.concatenate([[0], cuts]), np.append(cuts, len(x))
     changes = np.cumsum(np.diff(x, prepend=x[0]) != 0.0)
-    weight = changes[past - 1] - changes[first] + _REPEATED * (past - first)
-    shows = x[first] != 0.0
-    weight[~shows] *= _ZERO
-    return _Pieces(first, past, weight, shows)
+    weight = changes[stop - 1] - changes[start] + _REPEAT_WEIGHT * (stop - start)
+    shows = x[start] != 0.0
+    weight[~shows] *= _ZERO_WEIGHT
+    return _Pieces(start, stop, weight, shows)
 
 
 def _heaviest(signal: _Signal, pieces: _Pieces) -> Bools:
     """The pieces that can follow each other and weigh most together, shape (k,)."""
-    first, last, weight = pieces.first, pieces.past - 1, pieces.weight
-    total, before = weight.copy(), np.full(len(weight), -1)
+    start, final, weight = pieces.start, pieces.stop - 1, pieces.weight
+    total, predecessor = weight.copy(), np.full(len(weight), -1)
     for k in range(1, len(weight)):
-        some = np.arange(max(0, k - _BACK), k)
-        sums = np.where(signal.possible(last[some], first[k : k + 1]), total[some], 0.0)
+        candidates = np.arange(max(0, k - _LONGEST_LINK), k)
+        sums = np.where(
+            signal.possible(final[candidates], start[k : k + 1]), total[candidates], 0.0
+        )
         best = int(np.argmax(sums))
         if sums[best] > 0.0:
             total[k] += sums[best]
-            before[k] = some[best]
-    kept = np.zeros(len(weight), dtype=np.bool_)
+            predecessor[k] = candidates[best]
+    heaviest = np.zeros(len(weight), dtype=np.bool_)
     k = int(np.argmax(total))
     while k >= 0:
-        kept[k] = True
-        k = before[k]
-    return kept
+        heaviest[k] = True
+        k = predecessor[k]
+    return heaviest
 
 
-def _left_over(signal: _Signal, pieces: _Pieces, kept: Bools) -> Bools:
+def _outside_heaviest(signal: _Signal, pieces: _Pieces, heaviest: Bools) -> Bools:
     """The samples of the other pieces, unless more of these last for so long that they stay."""
     x, t = signal.x, signal.t
-    found = np.zeros(len(x), dtype=np.bool_)
-    stays = 0
-    for a, b in true_runs(~kept):
-        inside = slice(pieces.first[a], pieces.past[b - 1])
-        ends = a == 0 or b == len(kept)
-        lasts = np.inf if ends else t[inside.stop - 1] - t[inside.start]
-        if lasts > signal.limits.longest:
-            stays += 1
+    outliers = np.zeros(len(x), dtype=np.bool_)
+    lasting_count = 0
+    for a, b in true_runs(~heaviest):
+        inside = slice(pieces.start[a], pieces.stop[b - 1])
+        at_end = a == 0 or b == len(heaviest)
+        duration = np.inf if at_end else t[inside.stop - 1] - t[inside.start]
+        if duration > signal.limits.longest:
+            lasting_count += 1
         else:
-            found[inside] = not ends or not np.ptp(x[inside])
-    return found if stays <= len(true_runs(found)) else np.zeros_like(found)
+            outliers[inside] = not at_end or not np.ptp(x[inside])
+    return outliers if lasting_count <= len(true_runs(outliers)) else np.zeros_like(outliers)
 
 
-def _rest(seconds: Floats, x: Floats, step: float, rests: float) -> Bools:
+def _at_rest(seconds: Floats, x: Floats, step: float, rests: float) -> Bools:
     """Where a signal reads zero for long, or at its beginning or end; shape (n,)."""
     zero = np.abs(x) <= step / 2.0
-    first, past = edges(zero).T
-    lasts = (first == 0) | (past == len(x)) | (seconds[past - 1] - seconds[first] >= rests)
-    zero[zero] = np.repeat(lasts, past - first)
+    start, stop = edges(zero).T
+    lasts = (start == 0) | (stop == len(x)) | (seconds[stop - 1] - seconds[start] >= rests)
+    zero[zero] = np.repeat(lasts, stop - start)
     return zero
 
 
-def noise_among_outliers(c: Channel, least: float) -> float:
+def noise_among_outliers(c: Channel, threshold: float) -> float:
     """More than two samples differ by from white noise and rounding, whatever outliers there are.
 
-    By the median second difference of the samples within it, beginning with `least`: noise brings
-    in more of itself each time, outliers stay outside however many they are.
+    By the median second difference of the samples within it, beginning with `threshold`: noise
+    brings in more of itself each time, outliers stay outside however many they are.
     """
-    x, sigma, before = c.data.value, 0.0, -1.0
+    x, sigma, previous = c.data.value, 0.0, -1.0
     bend = np.abs(np.diff(x[np.diff(x, prepend=np.nan) != 0.0], 2))
-    while sigma > 1.01 * before:
-        before = sigma
-        inside = bend[bend <= 2.0 * least + 10.0 * sigma + 6.0 * c.coarsest]
+    while sigma > 1.01 * previous:
+        previous = sigma
+        inside = bend[bend <= 2.0 * threshold + 10.0 * sigma + 6.0 * c.coarsest]
         if len(inside):
             middle = 1.4826 * float(np.median(inside))
             sigma = max(sigma, (middle - 3.0 * c.coarsest) / math.sqrt(6.0))
     return 8.0 * sigma + 6.0 * c.coarsest
 
 
-def _held(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:
+def _hold_time(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:
     """How long a signal that goes on changing one way keeps each value [s]; 0 where unknown.
 
     More than its own rate where a slow signal is repeated in a fast table. Single steps of a
@@ -299,10 +311,10 @@ def _held(seconds: Floats, x: Floats, step: float, limits: Limits) -> float:
     on and may be a brake's steps keeps each for the least time between two.
     """
     change = np.diff(x)
-    at = np.flatnonzero(np.abs(change) > 1.5 * step)
-    on = np.sign(change[at][1:]) == np.sign(change[at][:-1])
-    if on.any():
-        return float(np.median(np.diff(seconds[at + 1])[on]))
+    steps = np.flatnonzero(np.abs(change) > 1.5 * step)
+    continues = np.sign(change[steps][1:]) == np.sign(change[steps][:-1])
+    if continues.any():
+        return float(np.median(np.diff(seconds[steps + 1])[continues]))
     if limits.longest == np.inf:
         return 0.0
     return float(np.diff(seconds[np.flatnonzero(change)]).min(initial=limits.longest))

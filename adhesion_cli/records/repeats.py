@@ -11,8 +11,8 @@ from ..core.model import Bools, Channel, Floats
 class Runs(NamedTuple):
     """Stretches of equal values without a gap, shape (k,)."""
 
-    first: NDArray[np.int64]  # index of its first sample
-    last: NDArray[np.int64]  # and of its last one
+    start: NDArray[np.int64]  # index of its first sample
+    final: NDArray[np.int64]  # and of its last one
     value: Floats  # what it repeats
     seconds: Floats  # from first to last [s]
     leap: Floats  # change of the value at its end; infinite for the last one, which never ends
@@ -20,13 +20,13 @@ class Runs(NamedTuple):
     @property
     def length(self) -> NDArray[np.int64]:
         """Number of samples, shape (k,)."""
-        return self.last - self.first + 1
+        return self.final - self.start + 1
 
     def repeated(self, stuck: Bools) -> Bools:
         """All but the first sample of some stretches: that one is a measurement; shape (n,)."""
-        edges = np.zeros(self.last[-1] + 2, dtype=np.int64)
-        edges[self.first[stuck] + 1] += 1
-        edges[self.last[stuck] + 1] -= 1
+        edges = np.zeros(self.final[-1] + 2, dtype=np.int64)
+        edges[self.start[stuck] + 1] += 1
+        edges[self.final[stuck] + 1] -= 1
         inside: Bools = np.cumsum(edges[:-1]) > 0
         return inside
 
@@ -34,10 +34,10 @@ class Runs(NamedTuple):
 def runs(c: Channel) -> Runs:
     """The stretches of a channel."""
     t, x = c.data.t, c.data.value
-    new = np.ones(len(t) + 1, dtype=np.bool_)
+    changed = np.ones(len(t) + 1, dtype=np.bool_)
     dt = np.diff(t)
-    new[1:-1] = (x[1:] != x[:-1]) | (dt <= 0) | (dt > c.gap_ns)
-    edges = np.flatnonzero(new)
-    first, last = edges[:-1], edges[1:] - 1
-    leap = np.abs(np.append(x[first[1:]], np.inf) - x[last])
-    return Runs(first, last, x[first], (t[last] - t[first]) / 1e9, leap)
+    changed[1:-1] = (x[1:] != x[:-1]) | (dt <= 0) | (dt > c.gap_ns)
+    edges = np.flatnonzero(changed)
+    start, final = edges[:-1], edges[1:] - 1
+    leap = np.abs(np.append(x[start[1:]], np.inf) - x[final])
+    return Runs(start, final, x[start], (t[final] - t[start]) / 1e9, leap)

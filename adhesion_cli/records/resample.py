@@ -25,7 +25,7 @@ _EARLIER = 1_000_000_000  # a brake applied for so long without a wheel speed is
 class _Sampled(NamedTuple):
     """The other channels at the wheel speed's times, shape (n,) each."""
 
-    held: Floats  # pressure or K, last value
+    last_value: Floats  # pressure or K, last value
     smooth: Floats  # the same, interpolated
     fresh: Bools  # whether the last value is recent enough
 
@@ -44,9 +44,9 @@ def resample(
     axles, findings = [], []
     for keys in choice.axles:
         if keys.speed in screened.channels and keys.brake in screened.channels:
-            found, told = _axle(keys, screened, vehicle, view)
-            findings += told if keys.axle in choice.asked else []
-            axles += [found] if found else []
+            axle, axle_findings = _axle(keys, screened, vehicle, view)
+            findings += axle_findings if keys.axle in choice.requested else []
+            axles += [axle] if axle else []
     return axles, findings
 
 
@@ -56,11 +56,13 @@ def _axle(
     """One axle, None where too little is left; and its findings."""
     channels = screened.channels
     speed, brake = channels[keys.speed], channels[keys.brake]
-    at = _sampled(speed, brake)
-    inside = view.holds(speed.data.t)
-    segments, kept = _segments(speed, inside & at.fresh)
-    findings = _left_out(speed, brake, inside & ~at.fresh, inside & at.fresh & ~kept, view)
-    findings += _without_speed(speed, brake, vehicle, view)
+    sampled = _sampled(speed, brake)
+    inside = view.contains(speed.data.t)
+    segments, in_segment = _segments(speed, inside & sampled.fresh)
+    findings = _report_gaps(
+        speed, brake, inside & ~sampled.fresh, inside & sampled.fresh & ~in_segment, view
+    )
+    findings += _brake_without_speed(speed, brake, vehicle, view)
     if not segments:
         return None, findings
     train, truth, slip = (
@@ -68,16 +70,16 @@ def _axle(
         for meaning in ("train_speed", "truth", "true_slip")
     )
     is_pressure = brake.meaning == "pressure"
-    K = clamping_force(at.held, vehicle) if is_pressure else at.held
+    K = clamping_force(sampled.last_value, vehicle) if is_pressure else sampled.last_value
     smooth = K
-    if at.smooth is not at.held:  # their times are not the same
-        smooth = clamping_force(at.smooth, vehicle) if is_pressure else at.smooth
-    rows = slice(None) if kept.all() else kept  # all of them need no copy
+    if sampled.smooth is not sampled.last_value:  # their times are not the same
+        smooth = clamping_force(sampled.smooth, vehicle) if is_pressure else sampled.smooth
+    rows = slice(None) if in_segment.all() else in_segment  # all of them need no copy
     limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
     record = AxleRecord(
         keys.axle, speed.data.t[rows], K[rows], smooth[rows], speed.data.value[rows], segments,
         wheel_speed_step=speed.step,
-        pressure=at.held[rows] if is_pressure else None,
+        pressure=sampled.last_value[rows] if is_pressure else None,
         train_speed=_interpolated(speed, train)[rows] if train else None,
         truth=_interpolated(speed, truth)[rows] if truth else None,
         true_slip=_interpolated(speed, slip)[rows] if slip else None,
@@ -85,7 +87,7 @@ def _axle(
         train_speed_interval=1.0 / train.rate_hz if train and train.rate_hz else 0.0,
         of_totals=unit is not None and to_si.is_total(unit),
         of_rim=unit is not None and to_si.is_rim(unit),
-        saturated=at.held[kept] >= limit if limit is not None else None,
+        saturated=sampled.last_value[in_segment] >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
     )  # fmt: skip
     return AxleChannels(record, speed, brake, train), findings
@@ -93,65 +95,67 @@ def _axle(
 
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
-    parts = []
-    for at in time_axis.overs(speed):
-        last, fresh = time_axis.hold(at, brake)
-        smooth = time_axis.interpolated(at, brake)
+    pieces = []
+    for instants in time_axis.overs(speed):
+        last_value, fresh = time_axis.hold(instants, brake)
+        smooth = time_axis.interpolated(instants, brake)
         if not np.isfinite(smooth).all():
-            smooth = np.where(np.isfinite(smooth), smooth, last)
-        parts.append(_Sampled(last, smooth, fresh))
-    if len(parts) == 1:
-        return parts[0]
-    return _Sampled(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            smooth = np.where(np.isfinite(smooth), smooth, last_value)
+        pieces.append(_Sampled(last_value, smooth, fresh))
+    if len(pieces) == 1:
+        return pieces[0]
+    return _Sampled(*(np.concatenate(column) for column in zip(*pieces, strict=True)))
 
 
-def _interpolated(speed: Channel, other: Channel) -> Floats:
-    parts = [time_axis.interpolated(at, other) for at in time_axis.overs(speed)]
-    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+def _interpolated(speed: Channel, channel: Channel) -> Floats:
+    pieces = [time_axis.interpolated(instants, channel) for instants in time_axis.overs(speed)]
+    return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 
 
-def _left_out(
-    speed: Channel, brake: Channel, stale: Bools, short: Bools, view: View
+def _report_gaps(
+    speed: Channel, brake: Channel, stale: Bools, too_short: Bools, view: View
 ) -> list[Finding]:
     """What is reported of samples without a recent pressure, and of segments that are too short."""
     t, quantity = speed.data.t, str(brake.meaning).replace("_", " ")
-    between = stale & (t >= brake.data.t.min()) & (t <= brake.data.t.max())
-    at_ends = stale.sum() * np.median(np.diff(t, append=t[-1])) <= 2 * max(
+    within_brake = stale & (t >= brake.data.t.min()) & (t <= brake.data.t.max())
+    only_at_ends = stale.sum() * np.median(np.diff(t, append=t[-1])) <= 2 * max(
         brake.gap_ns, speed.gap_ns
     )
-    severity: Severity = "info" if at_ends and not between.any() else "warning"
+    severity: Severity = "info" if only_at_ends and not within_brake.any() else "warning"
     missing = Fault("no-pressure", stale, severity=severity)
     return [
         *view.report(missing, speed, names={"quantity": quantity}),
-        *view.report(Fault("too-short", short), speed, {"needed": SHORTEST}),
+        *view.report(Fault("too-short", too_short), speed, {"needed": SHORTEST}),
     ]
 
 
-def _without_speed(speed: Channel, brake: Channel, vehicle: Vehicle, view: View) -> list[Finding]:
+def _brake_without_speed(
+    speed: Channel, brake: Channel, vehicle: Vehicle, view: View
+) -> list[Finding]:
     """The samples of a brake that is applied before its wheel speed begins, or after its end.
 
     They are info where the wheel hardly turned at that end: no pulses come from a standing one.
     """
-    t, y, at = speed.data.t, speed.data.value, brake.data.t
+    t, y, brake_t = speed.data.t, speed.data.value, brake.data.t
     slow = CRAWL / vehicle.radius(speed.axle or 1).value
-    found: list[Finding] = []
-    for outside, turned in (
-        (at < t.min() - _EARLIER, y[np.argmin(t)] > slow),
-        (at > t.max() + _EARLIER, y[np.argmax(t)] > slow),
+    findings: list[Finding] = []
+    for outside, was_turning in (
+        (brake_t < t.min() - _EARLIER, y[np.argmin(t)] > slow),
+        (brake_t > t.max() + _EARLIER, y[np.argmax(t)] > slow),
     ):
         if not outside.any():
             continue
-        held = brake.data.value[outside]
-        K = clamping_force(held, vehicle) if brake.meaning == "pressure" else held
-        lost = outside.copy()
-        lost[outside] = K > NO_FORCE
-        if lost.sum() * np.median(np.diff(at, append=at[-1])) >= _EARLIER:
-            fault = Fault("no-wheel-speed", lost, severity="warning" if turned else "info")
-            found += [replace(f, channel=speed.title) for f in view.report(fault, brake)]
-    return found
+        brake_value = brake.data.value[outside]
+        K = clamping_force(brake_value, vehicle) if brake.meaning == "pressure" else brake_value
+        braked = outside.copy()
+        braked[outside] = K > NO_FORCE
+        if braked.sum() * np.median(np.diff(brake_t, append=brake_t[-1])) >= _EARLIER:
+            fault = Fault("no-wheel-speed", braked, severity="warning" if was_turning else "info")
+            findings += [replace(f, channel=speed.title) for f in view.report(fault, brake)]
+    return findings
 
 
-def _segments(speed: Channel, keep: Bools) -> tuple[tuple[slice, ...], Bools]:
+def _segments(speed: Channel, usable: Bools) -> tuple[tuple[slice, ...], Bools]:
     """Runs of kept samples without a jump of the clock or a gap, and the mask of their samples.
 
     The slices count kept samples only.
@@ -159,17 +163,17 @@ def _segments(speed: Channel, keep: Bools) -> tuple[tuple[slice, ...], Bools]:
     t: Times = speed.data.t
     jump = np.diff(t, prepend=t[0]) > speed.gap_ns
     jump[list(speed.starts)] = True
-    index = np.flatnonzero(keep)
+    index = np.flatnonzero(usable)
     if not len(index):
-        return (), keep
-    new = np.diff(np.cumsum(jump)[index], prepend=-1) != 0
-    new[1:] |= np.diff(t[index]) > speed.gap_ns
-    run = np.cumsum(new) - 1
+        return (), usable
+    new_segment = np.diff(np.cumsum(jump)[index], prepend=-1) != 0
+    new_segment[1:] |= np.diff(t[index]) > speed.gap_ns
+    run = np.cumsum(new_segment) - 1
     length = np.bincount(run)
-    long = length >= SHORTEST
-    kept = np.zeros(len(t), dtype=np.bool_)
-    kept[index[long[run]]] = True
-    stops = np.cumsum(length[long])
+    long_enough = length >= SHORTEST
+    in_segment = np.zeros(len(t), dtype=np.bool_)
+    in_segment[index[long_enough[run]]] = True
+    stops = np.cumsum(length[long_enough])
     return tuple(
-        slice(int(stop - n), int(stop)) for stop, n in zip(stops, length[long], strict=True)
-    ), kept
+        slice(int(stop - n), int(stop)) for stop, n in zip(stops, length[long_enough], strict=True)
+    ), in_segment

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core import time_axis
 from ..core.model import Channel, Column, Floats
 
-_LEAST = 4  # stands of equal length that show how often a channel is sampled
+_FEWEST_HOLDS = 4  # stands of equal length that show how often a channel is sampled
 _SLOWEST = 2.0  # a longer interval is not a sensor's but a test's programme [s]
 
 
@@ -24,49 +24,55 @@ def interval(channel: Channel) -> float:
     longer where it does not change. A rounded signal that moves slowly stands, too, but goes on by
     a single step.
     """
-    stands = []  # index of the first sample of each, and of the next one's
+    holds = []  # index of the first sample of each, and of the next one's
     for piece in _pieces(channel):
-        first = piece.start + _changes(channel.data.value[piece])
-        clear = np.abs(np.diff(channel.data.value[first])) > 1.5 * channel.coarsest
-        stands.append((first[:-1][clear], first[1:][clear]))
-    begin, end = (np.concatenate(side) for side in zip(*stands, strict=True))
-    count = end - begin
-    if len(count) < _LEAST or np.mean(count < 2) > 0.05:
+        change_index = piece.start + _changes(channel.data.value[piece])
+        clear = np.abs(np.diff(channel.data.value[change_index])) > 1.5 * channel.coarsest
+        holds.append((change_index[:-1][clear], change_index[1:][clear]))
+    start, stop = (np.concatenate(side) for side in zip(*holds, strict=True))
+    count = stop - start
+    if len(count) < _FEWEST_HOLDS or np.mean(count < 2) > 0.05:
         return 0.0
-    stood = (channel.data.t[end] - channel.data.t[begin]) * 1e-9
-    short = stood < 1.5 * np.median(stood)
-    if short.sum() < _LEAST:
+    hold_time = (channel.data.t[stop] - channel.data.t[start]) * 1e-9
+    usual = hold_time < 1.5 * np.median(hold_time)
+    if usual.sum() < _FEWEST_HOLDS:
         return 0.0
-    every = float(np.mean(stood[short]))
-    away = np.abs(stood - every)[short]
-    even = np.mean(away <= np.maximum(0.1 * every, (stood / count)[short]))
-    return every if every < _SLOWEST and even > 0.8 else 0.0
+    usual_time = float(np.mean(hold_time[usual]))
+    deviation = np.abs(hold_time - usual_time)[usual]
+    even_share = np.mean(deviation <= np.maximum(0.1 * usual_time, (hold_time / count)[usual]))
+    return usual_time if usual_time < _SLOWEST and even_share > 0.8 else 0.0
 
 
 def readings(channel: Channel, interval: float) -> Channel:
     """The channel of the samples, `interval` [s] apart, that are its own, without the repeats."""
     pieces = list(_pieces(channel))
-    own = [_own(channel, piece, interval) for piece in pieces]
-    index = np.concatenate([piece.start + i for piece, i in zip(pieces, own, strict=True)])
+    reading_index = [_reading_index(channel, piece, interval) for piece in pieces]
+    index = np.concatenate(
+        [piece.start + i for piece, i in zip(pieces, reading_index, strict=True)]
+    )
     return replace(
         channel,
         data=Column(*(column[index] for column in astuple(channel.data))),
-        starts=tuple(int(n) for n in np.cumsum([0, *map(len, own[:-1])])),
+        starts=tuple(int(n) for n in np.cumsum([0, *map(len, reading_index[:-1])])),
         gap_ns=max(channel.gap_ns, time_axis.gap_limit(np.array([round(interval * 1e9)]))),
         rate_hz=1.0 / interval,
     )
 
 
-def _own(channel: Channel, piece: slice, interval: float) -> NDArray[np.int64]:
+def _reading_index(channel: Channel, piece: slice, interval: float) -> NDArray[np.int64]:
     """Index, in an uninterrupted piece, of each sample that is no repeat."""
     t, x = _seconds(channel, piece), channel.data.value[piece]
-    first = _changes(x)
-    equal = np.maximum(np.rint(np.diff(t[first], append=t[-1]) / interval), 1.0).astype(int)
-    nth = np.arange(equal.sum()) - np.repeat(np.cumsum(equal) - equal, equal)
-    own: NDArray[np.int64] = np.searchsorted(
-        t, t[np.repeat(first, equal)] + nth * interval * (1.0 - 1e-9)
+    change_index = _changes(x)
+    readings_per_hold = np.maximum(
+        np.rint(np.diff(t[change_index], append=t[-1]) / interval), 1.0
+    ).astype(int)
+    nth = np.arange(readings_per_hold.sum()) - np.repeat(
+        np.cumsum(readings_per_hold) - readings_per_hold, readings_per_hold
     )
-    return own
+    index: NDArray[np.int64] = np.searchsorted(
+        t, t[np.repeat(change_index, readings_per_hold)] + nth * interval * (1.0 - 1e-9)
+    )
+    return index
 
 
 def _pieces(channel: Channel) -> Iterator[slice]:

@@ -16,7 +16,7 @@ from ..core.model import Bools, Channel, Floats, Meaning, Vehicle
 from ..core.physics import clamping_force
 from . import outliers, sample_and_hold, stuck_pressure, stuck_speed
 from .choose import AxleKeys, Channels, Choice, Key
-from .faults import Fault, View, without
+from .faults import Fault, View, remove_samples
 from .outliers import Params as Outliers
 from .stuck_pressure import Params as StuckPressure
 from .stuck_speed import Params as StuckSpeed
@@ -58,33 +58,35 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
         view: findings are of its window only.
         p: thresholds of the checks.
     """
-    channels, findings = _measured(choice.channels, view)
+    channels, findings = _remove_repeats(choice.channels, view)
 
     def judged(channels: Channels, meanings: Sequence[Meaning], judge: Judge) -> Channels:
         """The channels without the faults of those with some meanings, which are reported."""
         sound = {}
         for key, c in channels.items():
-            left_out = np.zeros(len(c.data.t), dtype=np.bool_)
+            excluded = np.zeros(len(c.data.t), dtype=np.bool_)
             for fault in judge(key, c) if key[0] in meanings else []:
                 findings.extend(view.report(fault, c))
-                left_out |= fault.where & fault.left_out
-            if not left_out.all():
-                sound[key] = without(c, left_out)
+                excluded |= fault.mask & fault.excluded
+            if not excluded.all():
+                sound[key] = remove_samples(c, excluded)
         return sound
 
-    channels = judged(channels, _BRAKES, lambda _, c: outliers.of_brake(p.outliers, c))
-    channels = judged(channels, _WHEEL, lambda _, c: outliers.of_wheel(p.outliers, c))
-    channels = judged(channels, _TRAIN, lambda _, c: outliers.of_train(p.outliers, c))
-    reverse = any(backwards(c).any() for c in _of(channels, "wheel_speed"))
+    channels = judged(channels, _BRAKES, lambda _, c: outliers.brake_faults(p.outliers, c))
+    channels = judged(channels, _WHEEL, lambda _, c: outliers.wheel_faults(p.outliers, c))
+    channels = judged(channels, _TRAIN, lambda _, c: outliers.train_faults(p.outliers, c))
+    reverse = any(runs_backwards(c).any() for c in _channels_of(channels, "wheel_speed"))
     sign = "reverse-running" if reverse else "train-speed-sign"
     channels = judged(
         channels,
         _WHEEL if reverse else _TRAIN,
-        lambda _, c: [Fault(sign, backwards(c), False, "info")],
+        lambda _, c: [Fault(sign, runs_backwards(c), False, "info")],
     )
     channels = {k: _unsigned(c) if "speed" in k[0] else c for k, c in channels.items()}
-    wheels = _of(channels, "wheel_speed")
-    channels = judged(channels, _TRAIN, lambda _, c: stuck_speed.of_train(p.stuck_speed, c, wheels))
+    wheels = _channels_of(channels, "wheel_speed")
+    channels = judged(
+        channels, _TRAIN, lambda _, c: stuck_speed.train_faults(p.stuck_speed, c, wheels)
+    )
     ranges: dict[Key, float] = {}
     channels = judged(channels, _BRAKES, lambda key, c: _stuck_brake(p, channels, key, c, ranges))
     forces = {a.speed: a for a in reversed(choice.axles)}
@@ -94,34 +96,34 @@ def screen(choice: Choice, vehicle: Vehicle, view: View, p: Thresholds) -> Scree
     return Screened(channels, ranges, findings)
 
 
-def _measured(channels: Channels, view: View) -> tuple[Channels, list[Finding]]:
+def _remove_repeats(channels: Channels, view: View) -> tuple[Channels, list[Finding]]:
     """The channels as they were measured: what a table repeats is no measurement."""
-    own, findings = {}, []
+    measured, findings = {}, []
     for key, c in channels.items():
-        own[key] = c
+        measured[key] = c
         of_speed = key[0] in ("wheel_speed", "train_speed")
-        every = sample_and_hold.interval(c) if of_speed or key[0] in _BRAKES else 0.0
-        if every:
-            own[key] = sample_and_hold.readings(c, every)
-            first, last = view.seconds(c.data.t[[0, -1]])
-            repeats = len(c.data.t) - len(own[key].data.t)
+        interval = sample_and_hold.interval(c) if of_speed or key[0] in _BRAKES else 0.0
+        if interval:
+            measured[key] = sample_and_hold.readings(c, interval)
+            start, stop = view.seconds(c.data.t[[0, -1]])
+            repeats = len(c.data.t) - len(measured[key].data.t)
             findings.append(
                 Finding("speed-repeated" if of_speed else "pressure-repeated", "info",
-                        channel=c.title, count=repeats, spans=((float(first), float(last)),),
-                        values={"interval_s": every})
+                        channel=c.title, count=repeats, spans=((float(start), float(stop)),),
+                        values={"interval_s": interval})
             )  # fmt: skip
-    return own, findings
+    return measured, findings
 
 
-def backwards(speed: Channel) -> Bools:
+def runs_backwards(speed: Channel) -> Bools:
     """Samples of a speed that say the train runs backwards, shape (n,)."""
-    found: Bools = speed.data.value < -max(_BACKWARDS, speed.step)
-    return found
+    reversed_samples: Bools = speed.data.value < -max(_BACKWARDS, speed.step)
+    return reversed_samples
 
 
 def _unsigned(speed: Channel) -> Channel:
     """A speed without its sign where it says that the train runs backwards."""
-    if not backwards(speed).any():
+    if not runs_backwards(speed).any():
         return speed
     return replace(speed, data=replace(speed.data, value=np.abs(speed.data.value)))
 
@@ -129,8 +131,8 @@ def _unsigned(speed: Channel) -> Channel:
 def _stuck_brake(
     p: Thresholds, channels: Channels, key: Key, c: Channel, ranges: dict[Key, float]
 ) -> list[Fault]:
-    faults = stuck_pressure.of_brake(p.stuck_pressure, c, _of(channels, key[0], key))
-    if any(f.code == "pressure-saturated" and f.where.any() for f in faults):
+    faults = stuck_pressure.brake_faults(p.stuck_pressure, c, _channels_of(channels, key[0], key))
+    if any(f.code == "pressure-saturated" and f.mask.any() for f in faults):
         ranges[key] = float(c.data.value.max())
     return faults
 
@@ -141,15 +143,20 @@ def _stuck_wheel(
 ) -> list[Fault]:  # fmt: skip
     if key not in axles or not (brake := channels.get(axles[key].brake)):
         return []
-    others = [*_of(channels, "wheel_speed", key), *_of(channels, "train_speed")]
-    return stuck_speed.of_wheel(p.stuck_speed, c, _held_force(c, brake, vehicle), others)
+    other_speeds = [
+        *_channels_of(channels, "wheel_speed", key),
+        *_channels_of(channels, "train_speed"),
+    ]
+    return stuck_speed.wheel_faults(p.stuck_speed, c, _held_force(c, brake, vehicle), other_speeds)
 
 
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
     """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
-    held = np.concatenate([time_axis.hold(at, brake)[0] for at in time_axis.overs(speed)])
-    return clamping_force(held, vehicle) if brake.meaning == "pressure" else held
+    last_value = np.concatenate(
+        [time_axis.hold(instants, brake)[0] for instants in time_axis.overs(speed)]
+    )
+    return clamping_force(last_value, vehicle) if brake.meaning == "pressure" else last_value
 
 
-def _of(channels: Channels, meaning: Meaning, but: Key | None = None) -> list[Channel]:
+def _channels_of(channels: Channels, meaning: Meaning, but: Key | None = None) -> list[Channel]:
     return [c for k, c in channels.items() if k[0] == meaning and k != but]

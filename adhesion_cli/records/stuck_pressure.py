@@ -16,8 +16,8 @@ from .faults import Fault
 from .repeats import Runs, runs
 
 ABOUT = About("Stuck and saturated pressures", "the chance of equal samples of white noise")
-_SHORT = 30  # samples: so long a stretch is no noise
-_ENOUGH = 20  # samples that show noise
+_SHORT_RUN = 30  # samples: so long a stretch is no noise
+_ENOUGH_SAMPLES = 20  # samples that show noise
 
 
 class Params(NamedTuple):
@@ -39,110 +39,115 @@ class Standing(NamedTuple):
     saturated: Bools  # at its highest value, the end of its range
 
 
-def of_brake(p: Params, brake: Channel, others: Sequence[Channel]) -> list[Fault]:
+def brake_faults(p: Params, brake: Channel, other_brakes: Sequence[Channel]) -> list[Fault]:
     """A stuck and a saturated pressure [Pa] or K [N].
 
     Args:
         p: thresholds.
         brake: of one axle.
-        others: the other axles'.
+        other_brakes: the other axles'.
     """
-    stuck, saturated = standing(p, brake, others)
+    stuck, saturated = standing(p, brake, other_brakes)
     return [Fault("pressure-stuck", stuck), Fault("pressure-saturated", saturated, False)]
 
 
-def standing(p: Params, brake: Channel, others: Sequence[Channel] = ()) -> Standing:
+def standing(p: Params, brake: Channel, other_brakes: Sequence[Channel] = ()) -> Standing:
     """Where a pressure sensor is stuck or saturated.
 
     Where it reads its lowest value, its range may end there: that is no fault.
     """
-    x, same = brake.data.value, runs(brake)
-    if not np.ptp(x) and _all_vary(p, others):
+    x, equal_runs = brake.data.value, runs(brake)
+    if not np.ptp(x) and _all_vary(p, other_brakes):
         return Standing(np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_))
-    silent = _silent(p, brake, same)
-    flat = _flat_top(p, brake, same, silent)
+    silent = _silent(p, brake, equal_runs)
+    flat = _flat_top(p, brake, equal_runs, silent)
     silent &= ~flat
-    if silent.any() and _cut_off(p, brake, same):
-        silent &= same.value > x.min()
-    return Standing(same.repeated(silent), same.repeated(flat))
+    if silent.any() and _range_ends_low(p, brake, equal_runs):
+        silent &= equal_runs.value > x.min()
+    return Standing(equal_runs.repeated(silent), equal_runs.repeated(flat))
 
 
-def _all_vary(p: Params, others: Sequence[Channel]) -> bool:
-    top = max((float(c.data.value.max()) for c in others), default=0.0)
-    return bool(others) and all(np.ptp(c.data.value) > p.varies * top for c in others)
+def _all_vary(p: Params, other_brakes: Sequence[Channel]) -> bool:
+    top = max((float(c.data.value.max()) for c in other_brakes), default=0.0)
+    return bool(other_brakes) and all(np.ptp(c.data.value) > p.varies * top for c in other_brakes)
 
 
-def _flat_top(p: Params, brake: Channel, same: Runs, silent: Bools) -> Bools:
+def _flat_top(p: Params, brake: Channel, equal_runs: Runs, silent: Bools) -> Bools:
     """Silent stretches at the highest value, reached steeply or more than once; shape (k,)."""
     x = brake.data.value
     top = float(x.max())
-    found: Bools = silent & (same.value == top)
-    if found.sum() == 1:
-        first = same.first[found]
-        before = np.maximum(first - max(2, round((brake.rate_hz or 1.0) / 2.0)), 0)
-        found[found] = top - x[before] > p.rises * top
-    return found
+    flat: Bools = silent & (equal_runs.value == top)
+    if flat.sum() == 1:
+        start = equal_runs.start[flat]
+        earlier = np.maximum(start - max(2, round((brake.rate_hz or 1.0) / 2.0)), 0)
+        flat[flat] = top - x[earlier] > p.rises * top
+    return flat
 
 
-def _cut_off(p: Params, brake: Channel, same: Runs) -> bool:
+def _range_ends_low(p: Params, brake: Channel, equal_runs: Runs) -> bool:
     """Whether the sensor reads nothing below its lowest value: it is there often, not by chance."""
-    low, high = float(brake.data.value.min()), float(brake.data.value.max())
-    value = same.value[same.length < _SHORT]
-    near = (value <= low + max(p.small * high, 4.0 * brake.step)).sum()
-    return bool(near < _ENOUGH or (value == low).sum() > 0.1 * near)
+    lowest, highest = float(brake.data.value.min()), float(brake.data.value.max())
+    value = equal_runs.value[equal_runs.length < _SHORT_RUN]
+    near_lowest = (value <= lowest + max(p.small * highest, 4.0 * brake.step)).sum()
+    return bool(near_lowest < _ENOUGH_SAMPLES or (value == lowest).sum() > 0.1 * near_lowest)
 
 
-def _silent(p: Params, brake: Channel, same: Runs) -> Bools:
+def _silent(p: Params, brake: Channel, equal_runs: Runs) -> Bools:
     """Stretches longer than the channel's noise allows, none where it has no noise; shape (k,).
 
     Noise is small changes up and down. Where there are steps, it is two of them at least: a quiet
     signal that crosses from one step to the next changes by one. Below the highest value noise is
     about a level: valves that move the pressure make such changes, too.
     """
-    x, rate, value = brake.data.value, brake.rate_hz or 0.0, same.value
-    length = same.length
+    x, rate, value = brake.data.value, brake.rate_hz or 0.0, equal_runs.value
+    length = equal_runs.length
     small = max(p.small * float(x.max()), 2.5 * brake.step)
     turns = _turns(value, small, 1.5 * brake.step)
     j = min(max(2, round(p.near * rate)), 20)
     level = _range(np.pad(value, j, "edge"), 2 * j + 1) <= p.level * small
 
-    def longest(where: Bools) -> float:
+    def longest(selected: Bools) -> float:
         """What the noise there allows."""
-        free = (length < _SHORT) & (value > x.min()) & where
-        samples = int(length[free].sum())
-        if samples < _ENOUGH or (turns & where[1:-1]).sum() < max(6.0, 0.03 * samples):
+        noisy = (length < _SHORT_RUN) & (value > x.min()) & selected
+        samples = int(length[noisy].sum())
+        if samples < _ENOUGH_SAMPLES or (turns & selected[1:-1]).sum() < max(6.0, 0.03 * samples):
             return np.inf
         # How often it repeats by chance; more often half way between two steps.
-        chance = np.clip(1.0 - free.sum() / samples + 0.15, 0.45, 0.7)
+        chance = np.clip(1.0 - noisy.sum() / samples + 0.15, 0.45, 0.7)
         return float(np.log(p.chance / len(x)) / np.log(chance))
 
-    below = value < x.max()
+    not_highest = value < x.max()
     # Stretches that come again and again with about one length show valves, not noise.
-    usual = float(np.sort(length[below])[-4:][0]) if below.any() else 0.0
-    least = max(longest(level), p.longer * usual)
-    return np.where(below, length >= least, length > longest(np.ones_like(level)))
+    usual_length = float(np.sort(length[not_highest])[-4:][0]) if not_highest.any() else 0.0
+    shortest = max(longest(level), p.longer * usual_length)
+    return np.where(not_highest, length >= shortest, length > longest(np.ones_like(level)))
 
 
-def _range(x: Floats, many: int) -> Floats:
+def _range(x: Floats, count: int) -> Floats:
     """Range of so many values in a row, shape (n - many + 1,)."""
-    high, low, wide = x, x, 1  # of so many; two stretches make one that is up to twice as long
-    while wide < many:
-        more = min(wide, many - wide)
-        high, low = np.maximum(high[more:], high[:-more]), np.minimum(low[more:], low[:-more])
-        wide += more
-    return high - low
+    upper, lower, width = x, x, 1  # of so many; two stretches make one that is up to twice as long
+    while width < count:
+        growth = min(width, count - width)
+        upper, lower = (
+            np.maximum(upper[growth:], upper[:-growth]),
+            np.minimum(lower[growth:], lower[:-growth]),
+        )
+        width += growth
+    return upper - lower
 
 
-def _turns(value: Floats, small: float, clear: float) -> Bools:
+def _turns(value: Floats, largest_noise: float, clear_change: float) -> Bools:
     """Where small changes up and down follow each other, shape (k - 2,).
 
     Args:
         value: of stretches that follow each other (k,).
-        small: a larger change is no noise.
-        clear: one of both must be larger than this.
+        largest_noise: a larger change is no noise.
+        clear_change: one of both must be larger than this.
     """
     changes = np.diff(value)
-    up, down, size = changes > 0.0, changes < 0.0, np.abs(changes)
-    fits: Bools = up[1:] & down[:-1] | down[1:] & up[:-1]
-    fits &= (np.maximum(size[1:], size[:-1]) <= small) & (np.maximum(size[1:], size[:-1]) > clear)
+    rising, falling, size = changes > 0.0, changes < 0.0, np.abs(changes)
+    fits: Bools = rising[1:] & falling[:-1] | falling[1:] & rising[:-1]
+    fits &= (np.maximum(size[1:], size[:-1]) <= largest_noise) & (
+        np.maximum(size[1:], size[:-1]) > clear_change
+    )
     return fits

@@ -38,35 +38,39 @@ class Params(NamedTuple):
     rollers: Annotated[float, Quantity("-", "of its speed: rollers slow it by less")] = 0.35
 
 
-def of_wheel(p: Params, speed: Channel, clamping: Floats, others: Sequence[Channel]) -> list[Fault]:
+def wheel_faults(
+    p: Params, speed: Channel, clamping: Floats, other_speeds: Sequence[Channel]
+) -> list[Fault]:
     """A stuck wheel speed.
 
     Args:
         p: thresholds.
         speed: wheel speed [rad/s].
         clamping: K at its times, shape (n,) [N].
-        others: speeds of the other wheels and of the train.
+        other_speeds: speeds of the other wheels and of the train.
     """
-    return [Fault("speed-stuck", stuck(p, speed, clamping, others))]
+    return [Fault("speed-stuck", stuck(p, speed, clamping, other_speeds))]
 
 
-def of_train(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
+def train_faults(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[Fault]:
     """A stuck train speed [m/s], by the wheel speeds [rad/s].
 
     The last value may be the end of a log whose train speed is early, or that of rollers.
     """
     frozen = stuck(p, train, np.zeros(len(train.data.t)), wheels, np.nanmin)
-    same = runs(train)
-    if same.value[-1] > p.slow and frozen[same.first[-1] :].any():
-        last = same.first[-1:], same.last[-1:]
-        moved = min((_moved(train, *last, w)[0] for w in wheels), default=0.0)
-        if same.seconds[-1] < p.early or not moved > p.rollers:
-            frozen[same.first[-1] :] = False
+    equal_runs = runs(train)
+    if equal_runs.value[-1] > p.slow and frozen[equal_runs.start[-1] :].any():
+        final_run = equal_runs.start[-1:], equal_runs.final[-1:]
+        smallest_change = min(
+            (_relative_change(train, *final_run, w)[0] for w in wheels), default=0.0
+        )
+        if equal_runs.seconds[-1] < p.early or not smallest_change > p.rollers:
+            frozen[equal_runs.start[-1] :] = False
     return [Fault("train-speed-stuck", frozen)]
 
 
 def stuck(
-    p: Params, speed: Channel, clamping: Floats, others: Sequence[Channel] = (),
+    p: Params, speed: Channel, clamping: Floats, other_speeds: Sequence[Channel] = (),
     among: Callable[..., Floats] = np.nanmedian,
 ) -> Bools:  # fmt: skip
     """Samples at which a stuck speed sensor repeats its last value, shape (n,).
@@ -80,76 +84,94 @@ def stuck(
         p: thresholds.
         speed: wheel speed [rad/s], or train speed [m/s].
         clamping: K at the speed's times, shape (n,).
-        others: speeds of other axles and the train, in any unit.
+        other_speeds: speeds of other axles and the train, in any unit.
         among: of what the others moved by, what counts.
     """
-    y, same = speed.data.value, runs(speed)
-    value = same.value
-    long = (same.length >= 3) & (same.seconds > p.lasts) & (value > p.slow)
-    if long.any():
-        long &= same.length >= p.stays * _usual(y)
-    if y.max() < 0.1 * p.slow and any(other.data.value.max() > p.fast for other in others):
+    y, equal_runs = speed.data.value, runs(speed)
+    value = equal_runs.value
+    is_long = (equal_runs.length >= 3) & (equal_runs.seconds > p.lasts) & (value > p.slow)
+    if is_long.any():
+        is_long &= equal_runs.length >= p.stays * _usual_run_length(y)
+    if y.max() < 0.1 * p.slow and any(
+        other_speed.data.value.max() > p.fast for other_speed in other_speeds
+    ):
         return np.ones(len(y), dtype=np.bool_)  # it never turns, and the train runs
-    if not long.any():
+    if not is_long.any():
         return np.zeros(len(y), dtype=np.bool_)
-    expected = _expected(p, speed, clamping, same)
+    expected = _expected(p, speed, clamping, equal_runs)
     steps = np.full(len(value), p.steps_alone)
-    ends = np.zeros(len(value), dtype=np.bool_)  # of the sensor's range
-    if others:
-        moved = np.array([_moved(speed, same.first, same.last, other) for other in others]) * value
+    at_range_end = np.zeros(len(value), dtype=np.bool_)  # of the sensor's range
+    if other_speeds:
+        relative_change = (
+            np.array(
+                [
+                    _relative_change(speed, equal_runs.start, equal_runs.final, other_speed)
+                    for other_speed in other_speeds
+                ]
+            )
+            * value
+        )
         # Where all of them stand still to the last digit, it is the logger that does.
-        known = np.isfinite(moved).any(axis=0) & (np.nan_to_num(moved).max(axis=0) > 0.0)
-        expected[known] = among(moved[:, known], axis=0)
-        steps[known] = p.steps
-        for of_train in moved[[c.meaning == "train_speed" for c in others]]:
-            ends = known & np.isfinite(of_train) & (value >= y.max())
-            expected[ends] = of_train[ends]  # all wheels may be at that end
+        comparable = np.isfinite(relative_change).any(axis=0) & (
+            np.nan_to_num(relative_change).max(axis=0) > 0.0
+        )
+        expected[comparable] = among(relative_change[:, comparable], axis=0)
+        steps[comparable] = p.steps
+        for of_train in relative_change[[c.meaning == "train_speed" for c in other_speeds]]:
+            at_range_end = comparable & np.isfinite(of_train) & (value >= y.max())
+            expected[at_range_end] = of_train[at_range_end]  # all wheels may be at that end
     constant = not np.ptp(y)
-    least = np.where(ends | constant, p.moves_much, p.moves)  # one value shows no step
-    found = long & (expected > np.maximum(steps * speed.coarsest, least * value))
-    found &= ends | (same.leap > p.leaps * expected)
-    if constant and found.any():
+    smallest_share = np.where(
+        at_range_end | constant, p.moves_much, p.moves
+    )  # one value shows no step
+    is_stuck = is_long & (expected > np.maximum(steps * speed.coarsest, smallest_share * value))
+    is_stuck &= at_range_end | (equal_runs.leap > p.leaps * expected)
+    if constant and is_stuck.any():
         return np.ones(len(y), dtype=np.bool_)
-    return same.repeated(found)
+    return equal_runs.repeated(is_stuck)
 
 
-def _usual(y: Floats) -> float:
+def _usual_run_length(y: Floats) -> float:
     """Usual number of samples with one value, the longest apart: that one is on trial."""
-    stands = np.diff(np.flatnonzero(np.diff(y, prepend=np.nan)), append=len(y))
-    return float(np.median(np.sort(stands)[:-1])) if len(stands) > 1 else 1.0
+    run_lengths = np.diff(np.flatnonzero(np.diff(y, prepend=np.nan)), append=len(y))
+    return float(np.median(np.sort(run_lengths)[:-1])) if len(run_lengths) > 1 else 1.0
 
 
-def _moved(speed: Channel, first: Indices, last: Indices, other: Channel) -> Floats:
+def _relative_change(
+    speed: Channel, start: Indices, final: Indices, other_speed: Channel
+) -> Floats:
     """By which share of itself another speed changed between pairs of samples; shape (k,).
 
     From end to end, or in between by more than its noise. NaN where it hardly moves at all.
     """
-    x = time_axis.interpolated(time_axis.Over(speed.data.t, 0, 1), other)
-    low, high = (of.reduceat(x, first) for of in (np.fmin, np.fmax))
-    change = np.abs(x[last] - x[first])
-    fast = 0.1 * np.max(other.data.value)
-    share, between = np.full((2, len(change)), np.nan)
-    np.divide(change, x[first], out=share, where=x[first] > fast)
-    np.divide(high - low - noise(other), high, out=between, where=high > fast)
-    moved: Floats = np.fmax(share, np.fmax(between, 0.0))
-    return moved
+    x = time_axis.interpolated(time_axis.Over(speed.data.t, 0, 1), other_speed)
+    lowest, highest = (extreme.reduceat(x, start) for extreme in (np.fmin, np.fmax))
+    change = np.abs(x[final] - x[start])
+    fast = 0.1 * np.max(other_speed.data.value)
+    share, within = np.full((2, len(change)), np.nan)
+    np.divide(change, x[start], out=share, where=x[start] > fast)
+    np.divide(highest - lowest - noise(other_speed), highest, out=within, where=highest > fast)
+    change_share: Floats = np.fmax(share, np.fmax(within, 0.0))
+    return change_share
 
 
-def _expected(p: Params, speed: Channel, clamping: Floats, same: Runs) -> Floats:
+def _expected(p: Params, speed: Channel, clamping: Floats, equal_runs: Runs) -> Floats:
     """By how much K would have slowed the wheel within each stretch, by its own rate; (k,)."""
     t, y = speed.data.t, speed.data.value
     applied = (clamping > p.applied * np.nanmax(clamping, initial=0.0)) & (y > 0.0)
     dt = np.diff(t) / 1e9
-    both = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
+    both_applied = applied[1:] & applied[:-1] & (dt > 0.0) & (np.diff(t) <= speed.gap_ns)
     usual = float(np.median(dt)) if len(dt) else 0.0
     m = max(1, min(len(dt), round(1.0 / max(usual, 1e-9))))  # over a second: above the noise
-    far = (t[m:] - t[:-m]) / 1e9
-    pair = applied[m:] & applied[:-m] & (far > 0.0) & (far < 2.0 * m * usual)
+    span = (t[m:] - t[:-m]) / 1e9
+    pair = applied[m:] & applied[:-m] & (span > 0.0) & (span < 2.0 * m * usual)
     if not pair.any():
-        return np.zeros(len(same.first))
+        return np.zeros(len(equal_runs.start))
     mean = (clamping[1:] + clamping[:-1]) / 2.0
-    impulse = np.concatenate([[0.0], np.cumsum(np.where(both, mean * dt, 0.0))])
-    over = (impulse[m:] - impulse[:-m])[pair].sum()
-    by_impulse = float(np.abs(y[m:] - y[:-m])[pair].sum() / over) if over > 0.0 else 0.0
-    expected: Floats = by_impulse * (impulse[same.last] - impulse[same.first])
+    impulse = np.concatenate([[0.0], np.cumsum(np.where(both_applied, mean * dt, 0.0))])
+    total_impulse = (impulse[m:] - impulse[:-m])[pair].sum()
+    by_impulse = (
+        float(np.abs(y[m:] - y[:-m])[pair].sum() / total_impulse) if total_impulse > 0.0 else 0.0
+    )
+    expected: Floats = by_impulse * (impulse[equal_runs.final] - impulse[equal_runs.start])
     return expected

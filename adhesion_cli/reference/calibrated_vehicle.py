@@ -32,7 +32,7 @@ from ..core.physics import FREE, force_line, wheelset
 from ..diagnostics.scene import Scene
 from ..train import longitudinal as model
 from ..train.explanation import Design
-from ..train.grid import LEAST
+from ..train.grid import FEWEST
 from . import force
 
 _CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
@@ -73,9 +73,9 @@ class Evidence(NamedTuple):
         """Each brake application with its samples in the design, where they are enough."""
         if self.design is None:
             return []
-        t = self.design.t[self.design.at]
+        t = self.design.t[self.design.samples]
         of = [(span, np.flatnonzero((t >= span[0]) & (t <= span[1]))) for span in self.spans]
-        return [(span, at) for span, at in of if len(at) >= LEAST]
+        return [(span, at) for span, at in of if len(at) >= FEWEST]
 
 
 class Calibrated(NamedTuple):
@@ -101,10 +101,12 @@ def evidence(
     """
     if scene is None:
         return Evidence(None, (), 0.0)
-    seconds = (record.t - scene.grid.first) * 1e-9
+    seconds = (record.t - scene.grid.start_ns) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
     why = scene.explanation
-    return Evidence(model.along_track(why.design) if why.design else None, spans, why.late.value)
+    return Evidence(
+        model.along_track(why.design) if why.design else None, spans, why.pressure_delay.value
+    )
 
 
 def narrowed(
@@ -119,7 +121,7 @@ def narrowed(
     found = evidence(scene, record, applications, vehicle)
     if found.design is None or len(found.braked()) < 2:
         return None
-    designs = model.joined([found.design], vehicle)
+    designs = model.join_designs([found.design], vehicle)
     before = prior(designs, vehicle, found.late)
     of = calibrated(vehicle, record, designs, before, model.joint(designs, before))
     return of.band[0] / of.force[0], of.band[1] / of.force[1]
@@ -167,19 +169,23 @@ def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
 def prior(designs: Sequence[Design], vehicle: Vehicle, late: float) -> dict[int, Parameter]:
     """Stated tolerances and published ranges; a delay that the checks found widens its prior."""
     shares = _shares(vehicle, any(d.creeps for d in designs))
-    known = model.stated(designs[0], vehicle)
+    known = model.stated_prior(designs[0], vehicle)
     known[model.SCALE] = Parameter(0.0, math.sqrt(float(vehicle.covariance(shares, shares))))
     interval = max(d.interval for d in designs)
-    usual = model.stated(designs[0]._replace(interval=interval), vehicle)[model.DELAY].tolerance
+    usual = model.stated_prior(designs[0]._replace(interval=interval), vehicle)[
+        model.DELAY
+    ].tolerance
     known[model.DELAY] = Parameter(0.0, max(usual, late))
     return known
 
 
 def point(designs: Sequence[Design]) -> Floats:
     """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
-    on = [np.maximum(d.K[d.at], 0.0) > FREE for d in designs]
-    K = np.concatenate([d.K[d.at][x] for d, x in zip(designs, on, strict=True)])
-    faster = np.concatenate([d.faster[d.at][x] for d, x in zip(designs, on, strict=True)])
+    on = [np.maximum(d.K[d.samples], 0.0) > FREE for d in designs]
+    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, on, strict=True)])
+    faster = np.concatenate(
+        [d.relative_speed[d.samples][x] for d, x in zip(designs, on, strict=True)]
+    )
     found = np.zeros(len(model.UNITS))
     if len(K):
         found[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / K.mean(), faster.mean()

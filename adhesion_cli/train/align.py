@@ -20,7 +20,7 @@ from .grid import STEP, Grid, grid, grids, with_train
 
 _SIGMAS = 4.0  # from zero is a train speed that is delayed
 _CORRECTED = "train-speed-delay"  # the code of a delay that is sure, and removed
-_COUNTED = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
+_PULSE_DELAY = 0.75  # of an interval: a wheel speed by counted pulses is as late itself
 
 
 class Aligned(NamedTuple):
@@ -47,43 +47,46 @@ def align(
     if accelerometer and all(a.train is None for a in axles):
         axles, integration_findings = _integrated(axles, accelerometer, vehicle)
         findings += integration_findings
-    coarse, fine = grids(axles, vehicle, [STEP, longitudinal.FINE])
-    if not coarse or not fine:
+    coarse_grid, fine_grid = grids(axles, vehicle, [STEP, longitudinal.FINE_STEP])
+    if not coarse_grid or not fine_grid:
         return Aligned(axles, None, AS_STATED, findings)
-    axles, clock_findings = _on_one_clock(axles, coarse, view)
+    axles, clock_findings = _on_one_clock(axles, coarse_grid, view)
     findings += clock_findings
     if clock_findings:  # the train speed is another one
-        coarse, fine = with_train(coarse, axles), with_train(fine, axles)
-    explanation = longitudinal.explained(axles, coarse, vehicle, fine)
-    delayed = [a._replace(record=replace(a.record, pressure_late=explanation.late)) for a in axles]
-    return Aligned(delayed, coarse, explanation, findings)
+        coarse_grid, fine_grid = with_train(coarse_grid, axles), with_train(fine_grid, axles)
+    explanation = longitudinal.explain(axles, coarse_grid, vehicle, fine_grid)
+    delayed = [
+        a._replace(record=replace(a.record, pressure_late=explanation.pressure_delay))
+        for a in axles
+    ]
+    return Aligned(delayed, coarse_grid, explanation, findings)
 
 
 def _integrated(
     axles: list[AxleChannels], a: Channel, vehicle: Vehicle
 ) -> tuple[list[AxleChannels], list[Finding]]:
     """The axles with a train speed by its acceleration, or why there is none."""
-    g = grid(axles, vehicle, acceleration.FINE)
-    v = acceleration.integrated(g, a) if g else "the clock jumps back"
+    g = grid(axles, vehicle, acceleration.GRID_STEP)
+    v = acceleration.integrate(g, a) if g else "the clock jumps back"
     if isinstance(v, str):
         unused = Finding("acceleration-not-usable", "warning", channel=a.title, names={"reason": v})
         return axles, [unused]
-    made, highest = [], 0.0
+    integrated_axles, highest = [], 0.0
     for x in axles:
-        speed, sigma = v.at(x.record.t)
+        speed, sigma = v.interpolate(x.record.t)
         highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
         record = replace(
             x.record, train_speed=speed, train_speed_sigma=sigma,
-            train_speed_late=Parameter(0.0, acceleration.LATE),
+            train_speed_late=Parameter(0.0, acceleration.FILTER_DELAY_SIGMA),
         )  # fmt: skip
-        made.append(x._replace(record=record))
+        integrated_axles.append(x._replace(record=record))
     values = {
         "sigma_mps": highest, "bias_low_mps2": float(v.bias.min()),
         "bias_high_mps2": float(v.bias.max()), "anchored_s": v.anchored,
     }  # fmt: skip
     names = {"axis": "forwards" if v.sign > 0 else "backwards"}
-    found = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
-    return made, [found]
+    finding = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
+    return integrated_axles, [finding]
 
 
 def _on_one_clock(
@@ -96,40 +99,46 @@ def _on_one_clock(
     train = axles[0].train
     if train is None:
         return axles, []
-    delay, offset = clock.beside(g, axles[0].record.train_speed_interval)
+    delay, offset = clock.compare_clocks(g, axles[0].record.train_speed_interval)
     values = {}
     if offset is not None:
         values = {"offset_mps": offset.value, "offset_u95_mps": Z95 * offset.tolerance}
     if delay is None:
-        return axles, _found("train-speed-offset", train, values, view) if offset else []
+        return axles, _clock_findings("train-speed-offset", train, values, view) if offset else []
     interval = max(float(np.median(np.diff(a.record.t))) for a in axles) * 1e-9
     findings: list[Finding] = []
     unknown = Parameter(0.0, math.hypot(*delay))  # what remains where nothing is shifted
-    if abs(delay.value) <= max(_SIGMAS * delay.tolerance, _COUNTED * interval):
+    if abs(delay.value) <= max(_SIGMAS * delay.tolerance, _PULSE_DELAY * interval):
         delay = unknown
     else:
         values |= {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
         code = "train-speed-delay-or-offset" if offset else _CORRECTED
-        findings = _found(code, train, values, view)
+        findings = _clock_findings(code, train, values, view)
         delay = unknown if offset else delay
-    moved = [_shifted(a, delay) if a.train and _same(a.train, train) else a for a in axles]
-    return moved, findings
+    shifted_axles = [
+        _shifted(a, delay) if a.train and _same_samples(a.train, train) else a for a in axles
+    ]
+    return shifted_axles, findings
 
 
-def _found(code: str, train: Channel, values: dict[str, float], view: View) -> list[Finding]:
-    first, last = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
+def _clock_findings(
+    code: str, train: Channel, values: dict[str, float], view: View
+) -> list[Finding]:
+    start, stop = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
     return [
         Finding(
             code, "info" if code == _CORRECTED else "warning", channel=train.title,
-            count=train.rows, spans=((first, last),), values=values,
+            count=train.rows, spans=((start, stop),), values=values,
         )
     ]  # fmt: skip
 
 
-def _same(one: Channel, other: Channel) -> bool:
+def _same_samples(channel: Channel, other_channel: Channel) -> bool:
     """Whether two channels hold the same samples: a result of this program repeats one per axle."""
-    a, b = one.data, other.data
-    return one is other or (np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value))
+    a, b = channel.data, other_channel.data
+    return channel is other_channel or (
+        np.array_equal(a.t, b.t) and np.array_equal(a.value, b.value)
+    )
 
 
 def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:

@@ -19,8 +19,8 @@ class Line(NamedTuple):
 class Piece(NamedTuple):
     """What a stretch of the log says of one number."""
 
-    begin: float  # seconds after the first time of the grid
-    end: float
+    start: float  # seconds after the first time of the grid
+    stop: float
     value: Parameter
 
 
@@ -29,13 +29,13 @@ class Design(NamedTuple):
 
     t: Floats  # even, (n,) [s]
     K: Floats  # as a straight line of the pressure, below zero too, over its highest value; (n,)
-    faster: Floats  # u − ū (n,) [m/s]
+    relative_speed: Floats  # u − ū (n,) [m/s]
     top: float  # the highest K [N]
-    at: NDArray[np.int64]  # samples of the pieces, (m,)
-    first: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
+    samples: NDArray[np.int64]  # samples of the pieces, (m,)
+    piece_start: NDArray[np.int64]  # place of each piece's first one in `at`, (p,)
     size: Floats  # how many each has, (p,)
-    doubt: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
-    bends: bool  # whether pieces have γ
+    gradient_covariance: Floats  # prior covariance of the pieces' gradients, (p, p) [m²/s⁴]
+    has_quadratic: bool  # whether pieces have γ
     time: Floats  # from the piece's middle, (m,) [s]
     measured: Floats  # speed (m,) [m/s]
     v: Floats  # speed without α and γ (m,) [m/s]
@@ -44,7 +44,7 @@ class Design(NamedTuple):
     c: float  # deceleration by the highest K [m/s²]
     noise: float  # 1 sigma of v's white noise [m/s]
     floor: float  # 1 sigma of what no noise shows: rounding, and what the model leaves out [m/s]
-    seen: bool  # whether a train speed would show that all wheels slide
+    shows_slides: bool  # whether a train speed would show that all wheels slide
     interval: float  # the longer one of speed and pressure [s]
     mean: float  # ū, at which c holds [m/s]
     creeps: bool  # whether the speed is that of wheels
@@ -53,9 +53,11 @@ class Design(NamedTuple):
 class Explanation(NamedTuple):
     """What differs from the stated vehicle, as far as the log shows."""
 
-    late: Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
+    pressure_delay: (
+        Parameter  # by which the pressure is late, with its 1 sigma [s]; 0 where clocks agree
+    )
     line: Line | None  # None where it is as stated
-    either: bool = False  # it is one of both, and nothing says which
+    delay_or_line: bool = False  # it is one of both, and nothing says which
     # By the vehicle as stated: the gradient that would explain what the pressure does not, above 0
     # where it drives the train [m/s²].
     pieces: tuple[Piece, ...] = ()

@@ -35,7 +35,7 @@ from ..rail import fit, slip
 from ..rail.creep_law import Condition, condition
 from ..rail.events import Slide
 from ..rail.fit import RailFit
-from ..train.longitudinal import SIGMAS, tolerance
+from ..train.longitudinal import STATED_SIGMAS, tolerance
 from . import closed_loop, replay_rail
 from .plant import Track
 from .replay_rail import Under
@@ -323,7 +323,7 @@ def _in_part(result: Result, braking: _Braking) -> list[Finding]:
     F = sum(_column(braking.t, a.record.t, a.reference.force) for a in result.axles)
     mass = len(mine) * result.vehicle.axle_mass.value
     by_axles, lost = float(np.sum(F)) * _EVERY / mass, float(braking.speed[0] - braking.speed[-1])
-    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < SIGMAS * tolerance(result.vehicle):
+    if by_axles > 0.0 and abs(lost / by_axles - 1.0) < STATED_SIGMAS * tolerance(result.vehicle):
         return []
     span = ((braking.t[[0, -1]] - result.log.start_ns()) * 1e-9).tolist()
     values = {"lost_mps": lost, "explained_mps": by_axles}

@@ -203,15 +203,17 @@ def test_noise_is_no_drop_out(sigma: float) -> None:
 def test_a_speed_whose_true_half_is_not_known_is_left_out_whole() -> None:
     t, y = drawn(100.0, lines((0, 60), (20, 30)), 3e-3, 0.0)
     half = np.random.default_rng(4).random(len(t)) < 0.5
-    (fault,) = outliers.of_wheel(LIMITS, channel(t, np.where(half, y / 2.0, y), "wheel_speed"))
+    (fault,) = outliers.wheel_faults(LIMITS, channel(t, np.where(half, y / 2.0, y), "wheel_speed"))
     assert fault.code == "speed-unusable"
-    assert fault.where.all()
+    assert fault.mask.all()
 
 
 def test_a_sensor_is_not_accused_of_its_unit() -> None:
     t, p = drawn(25.0, DUMPS, 1000.0, 0.0)
-    faults = outliers.of_brake(LIMITS, channel(t, 100.0 * (p - 500.0), "pressure"))  # kPa as bar
-    assert not any(f.where.any() for f in faults)
+    faults = outliers.brake_faults(
+        LIMITS, channel(t, 100.0 * (p - 500.0), "pressure")
+    )  # kPa as bar
+    assert not any(f.mask.any() for f in faults)
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def axle(
     y = np.interp(t, fine, train * (1.0 - creep * slows * w.radius))
     y += noise * np.random.default_rng(seed).standard_normal(len(t))
     y = np.round(y / step) * step if step else y
-    p = np.interp(t - fault.late, fine, true)
+    p = np.interp(t - fault.pressure_delay, fine, true)
     ns = np.round(t * 1e9).astype(np.int64)
 
     def channel(meaning: str, x: Floats, step: float = 0.0) -> Channel:
@@ -80,7 +80,7 @@ def axle(
 
 
 def told(one: AxleChannels) -> Explanation:
-    e = longitudinal.explained([one], grid([one], VEHICLE), VEHICLE)
+    e = longitudinal.explain([one], grid([one], VEHICLE), VEHICLE)
     return e._replace(pieces=(), design=None)
 
 
@@ -149,10 +149,12 @@ def test_what_happens_between_two_samples_is_no_other_line(fill: float, begin: f
 def test_a_late_pressure(rate: float, applications: int, late: float) -> None:
     e = told(axle(rate, applications, Fault(late)))
     if abs(late) < max(0.2 if applications == 1 else 0.12, 2.0 / rate):  # as creep and sampling
-        assert e.line is None or e.either
+        assert e.line is None or e.delay_or_line
         return
-    assert e.late.value == pytest.approx(late, abs=max(0.02, 4.0 * e.late.tolerance))
-    assert e.line is None or e.either
+    assert e.pressure_delay.value == pytest.approx(
+        late, abs=max(0.02, 4.0 * e.pressure_delay.tolerance)
+    )
+    assert e.line is None or e.delay_or_line
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -162,7 +164,7 @@ def test_another_factor(rate: float, applications: int, scale: float) -> None:
     e = told(axle(rate, applications, Fault(scale=scale)))
     assert e.line is not None
     assert e.line.scale == pytest.approx(scale, rel=0.05)
-    assert not e.late.value
+    assert not e.pressure_delay.value
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -174,8 +176,10 @@ def test_an_offset_is_no_delay(rate: float, applications: int, offset: float) ->
         assert rate < 10.0 or abs(offset) < 0.5
         return
     assert e.line is not None
-    assert not e.late.value or e.either
-    if not e.either:  # scale and offset may share it: the force at the highest pressure is known
+    assert not e.pressure_delay.value or e.delay_or_line
+    if (
+        not e.delay_or_line
+    ):  # scale and offset may share it: the force at the highest pressure is known
         top = float(clamping_force(np.array([3e5 if applications == 1 else 4e5]), VEHICLE)[0])
         true = top - 1e5 * offset * force_line(VEHICLE).per_pascal
         assert e.line.scale * (top - e.line.offset) == pytest.approx(true, rel=0.05)
@@ -193,12 +197,12 @@ def test_a_brake_that_a_log_hardly_shows_fails_nothing(
 def test_sigma_where_hardly_anything_tells_is_no_rounding() -> None:
     J = np.array([[3.0, 4.0, 0.0], [1.0, 2.0, 5.0]])
     A = J @ J.T
-    assert longitudinal.inverse(A) == pytest.approx(np.linalg.inv(A))
+    assert longitudinal.invert_normal(A) == pytest.approx(np.linalg.inv(A))
     scaled = np.diag([1e-10, 1e3]) @ A @ np.diag([1e-10, 1e3])
-    assert longitudinal.inverse(scaled)[0, 0] == pytest.approx(1e20 * np.linalg.inv(A)[0, 0])
+    assert longitudinal.invert_normal(scaled)[0, 0] == pytest.approx(1e20 * np.linalg.inv(A)[0, 0])
     same = np.array([J[0], 7.0 * J[0] + 1e-12 * J[1]])
-    assert longitudinal.inverse(same @ same.T)[0, 0] == np.inf
-    assert longitudinal.inverse(np.zeros((2, 2)))[0, 0] == np.inf
+    assert longitudinal.invert_normal(same @ same.T)[0, 0] == np.inf
+    assert longitudinal.invert_normal(np.zeros((2, 2)))[0, 0] == np.inf
 
 
 def seeded(seed: int) -> None:
@@ -217,13 +221,13 @@ def seeded(seed: int) -> None:
         gradient=float(random.uniform(-25.0, 25.0)),
     )  # fmt: skip
     e = told(one)
-    if e.late.value and not e.either:
-        assert fault.late
-        close = max(0.03, 0.5 / rate, 5.0 * e.late.tolerance)
-        assert e.late.value == pytest.approx(fault.late, abs=close)
-    if e.line and not e.either:
+    if e.pressure_delay.value and not e.delay_or_line:
+        assert fault.pressure_delay
+        close = max(0.03, 0.5 / rate, 5.0 * e.pressure_delay.tolerance)
+        assert e.pressure_delay.value == pytest.approx(fault.pressure_delay, abs=close)
+    if e.line and not e.delay_or_line:
         assert fault.scale != 1.0 or fault.offset
-    if abs(fault.late) > max(0.2, 2.0 / rate) or not 0.6 < fault.scale < 1.7:
+    if abs(fault.pressure_delay) > max(0.2, 2.0 / rate) or not 0.6 < fault.scale < 1.7:
         assert e != AS_STATED
 
 
@@ -263,7 +267,9 @@ def test_creep_is_no_late_pressure(rate: float, creep: float, late: float) -> No
     """A clock is as late at every speed, and creep is not."""
     e = told(axle(rate, 3, Fault(late), creep=creep))
     assert e.line is None
-    assert e.late.value == pytest.approx(late, abs=max(0.03, 4.0 * e.late.tolerance))
+    assert e.pressure_delay.value == pytest.approx(
+        late, abs=max(0.03, 4.0 * e.pressure_delay.tolerance)
+    )
 
 
 @pytest.mark.parametrize("rate", [5.0, 20.0, 100.0])
@@ -271,7 +277,7 @@ def test_creep_is_no_late_pressure(rate: float, creep: float, late: float) -> No
 def test_creep_at_one_speed_is_told_as_such(rate: float, creep: float) -> None:
     e = told(axle(rate, 1, Fault(), creep=creep))
     assert e.line is None
-    assert not e.late.value
+    assert not e.pressure_delay.value
 
 
 @pytest.mark.parametrize("vehicle", ["heavy", "shoes"])

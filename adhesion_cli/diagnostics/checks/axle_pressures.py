@@ -15,7 +15,7 @@ from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL, FREE
 from ...core.signals import finite_median, true_runs
 from ...core.units import others
-from ...train.grid import LEAST, Grid, lasting
+from ...train.grid import FEWEST, Grid, long_runs
 from ..registry import About
 from ..scene import Scene
 from .impossible_values import named
@@ -90,7 +90,7 @@ def _departs(g: Grid, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _O
     """Where axle i has another pressure than the others that have not slid; None where nowhere."""
     beside = finite_median(np.where(slid[rest], np.nan, x[rest]))
     known = np.isfinite(x[i]) & np.isfinite(beside) & (g.fastest > CRAWL)
-    if known.sum() < LEAST:
+    if known.sum() < FEWEST:
         return None
     level = np.where(known, beside, np.nan)
     top = float(np.nanmax(level))
@@ -100,18 +100,18 @@ def _departs(g: Grid, x: Floats, slid: Bools, i: int, rest: Sequence[int]) -> _O
     level *= ratio if _RATIOS[0] < ratio < _RATIOS[1] else 1.0
     off = x[i] - level
     steep = np.fmax(np.abs(g.slope(level)), np.abs(g.slope(x[i])))
-    allowed = _APART * top + _UNLIKE * _nearby(steep, g.half)
+    allowed = _APART * top + _UNLIKE * _nearby(steep, g.half_width)
     apart = np.abs(x[rest] - x[i])
     alike = apart < allowed / 2.0
     # A vented cylinder has less than the brake gives, never more.
     vented = slid[rest] & (x[rest] > x[i] - allowed)
     alone = ~alike.any(axis=0) & ((off > 0.0) & ~vented.any(axis=0) | (off < 0.0) & ~slid[i])
     where = known & alone & (np.abs(off) > allowed)
-    where = lasting(where, max(_LASTS, _UNSEEN * g.step), g)
+    where = long_runs(where, max(_LASTS, _UNSEEN * g.step), g)
     steady = not where.any()
     if steady and abs(ratio - 1.0) > _OWN:
         where = known & ~slid[i] & (level > 0.3 * top) & ~alike.any(axis=0)
-        where = lasting(where, _LASTS, g)
+        where = long_runs(where, _LASTS, g)
     return _Odd(i, off, where, ratio, steady) if where.any() else None
 
 
@@ -125,7 +125,7 @@ def _nearby(x: Floats, j: int) -> Floats:
 def _ratio(x: Floats, level: Floats, used: Bools) -> float:
     """The share of the others' pressure that an axle has most of the time, 1 if at all."""
     ratios = np.sort(x[used] / level[used])
-    if len(ratios) < LEAST:
+    if len(ratios) < FEWEST:
         return 1.0
     low, high = (np.searchsorted(ratios, (1.0 + sign * _ALIKE) * np.append(ratios, 1.0))
                  for sign in (-1.0, 1.0))  # fmt: skip

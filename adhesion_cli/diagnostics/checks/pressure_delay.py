@@ -21,7 +21,7 @@ class Params(NamedTuple):
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """The delay, if the fit is sure of one."""
-    delay = s.explanation.late
+    delay = s.explanation.pressure_delay
     if delay.value:
         values = {"delay_s": delay.value, "delay_u95_s": Z95 * delay.tolerance}
         severity: Severity = "warning" if abs(delay.value) > p.warns else "info"

@@ -8,7 +8,7 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Quantity
 from ...core.physics import CRAWL, clamping_force, force_line
-from ...train.grid import lasting
+from ...train.grid import long_runs
 from ..registry import About
 from ..scene import Scene
 
@@ -41,7 +41,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         top = float(np.nanmax(pressure, initial=0.0))
         moves = np.isfinite(pressure) & (g.fastest > CRAWL)
         low = float(np.min(pressure[moves], initial=top))
-        rests = lasting(moves & (pressure < low + p.rest * top), p.lasts, g)
+        rests = long_runs(moves & (pressure < low + p.rest * top), p.lasts, g)
         slowing = -g.slope(g.fastest)[rests]
         if not np.isfinite(slowing).any():
             continue

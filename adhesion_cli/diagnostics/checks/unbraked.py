@@ -9,7 +9,7 @@ from ...core.finding import Finding
 from ...core.model import Quantity
 from ...core.physics import cylinder_pressure, force_line
 from ...core.units import others
-from ...train.grid import LEAST, largest, lasting
+from ...train.grid import FEWEST, largest, long_runs
 from ..registry import About
 from ..scene import Scene
 from .impossible_values import named
@@ -39,7 +39,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     top = float(np.nanmax(g.pressure, initial=0.0))
     alone = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
     alone &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
-    long = lasting(alone, p.lasts, g)
+    long = long_runs(alone, p.lasts, g)
     if not long.any():
         return
     values = {"deceleration_mps2": float(np.median(g.braking[long]))}
@@ -58,6 +58,6 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
 def _correlation(x: np.ndarray, y: np.ndarray) -> float:
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
-    if len(x) < LEAST or not np.ptp(x) or not np.ptp(y):
+    if len(x) < FEWEST or not np.ptp(x) or not np.ptp(y):
         return 0.0
     return float(np.corrcoef(x, y)[0, 1])

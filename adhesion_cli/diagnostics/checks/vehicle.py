@@ -15,7 +15,7 @@ from ...core.model import Quantity
 from ...core.physics import clamping_force
 from ...core.units import others
 from ...train import longitudinal
-from ...train.grid import LEAST
+from ...train.grid import FEWEST
 from ..registry import About
 from ..scene import Scene
 from .impossible_values import named
@@ -54,7 +54,7 @@ def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
     """A factor that only another unit explains, such as that of time."""
     K = s.grid.mean(np.mean(s.grid.clamping, axis=0))
     on = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
-    if on.sum() >= LEAST:
+    if on.sum() >= FEWEST:
         factor = float(np.median(s.grid.braking[on]) / (s.by_rolling * np.median(K[on])))
         if factor > 0.0 and not 0.02 < factor < 50.0 and _units(p, s, factor):
             yield _another(p, s, factor)

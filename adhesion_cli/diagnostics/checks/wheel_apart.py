@@ -13,7 +13,7 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Bools, Floats, Quantity
 from ...core.physics import CRAWL
-from ...train.grid import far, lasting
+from ...train.grid import erode, long_runs
 from ..registry import About
 from ..scene import Scene
 
@@ -44,16 +44,16 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     if reference is None:
         if len(s.axles) < 3:
             return
-        free = np.all([far(K <= 0.0, g.half) for K in g.clamping], axis=0)
+        free = np.all([erode(K <= 0.0, g.half_width) for K in g.clamping], axis=0)
         reference, of_train = np.where(free, np.median(g.rim, axis=0), np.nan), "the other axles"
     for i, a in enumerate(s.axles):
-        released = far(g.clamping[i] <= 0.0, 2 * g.half)  # a wheel that slid has caught up
+        released = erode(g.clamping[i] <= 0.0, 2 * g.half_width)  # a wheel that slid has caught up
         between = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
         between += g.train_error  # of one that was integrated
         off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
         allowed = p.apart * reference + p.apart_floor + between
         braked = np.isfinite(g.braking)  # not driven
-        where = lasting((off > allowed) & braked | (off < -allowed) & released, p.lasts, g)
+        where = long_runs((off > allowed) & braked | (off < -allowed) & released, p.lasts, g)
         if where.any():
             share = float(np.median(off[where] / reference[where]))
             code = "wheel-faster" if share > 0.0 else "wheel-slower-unbraked"
@@ -73,7 +73,7 @@ def _drifts(p: Params, s: Scene, i: int, free: Bools, between: Floats) -> Iterat
     usual = float(np.median(g.rim[i][free] / g.train[free]))
     off = g.rim[i] - usual * g.train
     allowed = p.drift * g.train + p.drift_floor + between
-    where = lasting(free & (np.abs(off) > allowed), p.lasts, g)
+    where = long_runs(free & (np.abs(off) > allowed), p.lasts, g)
     if where.any():
         values = {"share": float(np.median((off / g.train)[where]))}
         yield s.finding("wheel-speed-drift", "warning", s.axles[i].speed, where, i, values)

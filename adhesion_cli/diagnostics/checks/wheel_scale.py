@@ -10,7 +10,7 @@ from ...core.finding import Finding
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
 from ...core.physics import CRAWL
 from ...core.units import UNITS, others
-from ...train.grid import LEAST, Grid, far
+from ...train.grid import FEWEST, Grid, erode
 from ..registry import About
 from ..scene import Scene
 from .impossible_values import named
@@ -63,7 +63,7 @@ def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> floa
     g = s.grid
     fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), CRAWL)
     used = fast & np.isfinite(g.rim[i]) & (g.rim[i] > CRAWL)
-    if used.sum() < LEAST:
+    if used.sum() < FEWEST:
         return 1.0
     scale = float(np.median(reference[used] / g.rim[i][used]))
     left = float(np.median(np.abs(reference[used] - scale * g.rim[i][used])))
@@ -91,7 +91,7 @@ def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
 
 def _free(g: Grid, i: int) -> Bools:
     """Where a wheel is not braked, nor was within half a second, shape (n,)."""
-    return far(g.clamping[i] <= 0.0, g.half)
+    return erode(g.clamping[i] <= 0.0, g.half_width)
 
 
 def _kept_share(g: Grid, i: int) -> float:
@@ -111,7 +111,7 @@ def _kept_share(g: Grid, i: int) -> float:
         return float(np.median(free))
     some = np.sort(share[np.isfinite(share)])
     near = np.searchsorted(some, 1.03 * some) - np.searchsorted(some, 0.97 * some)
-    kept = some[near >= max(second, LEAST, len(some) // 5)]
+    kept = some[near >= max(second, FEWEST, len(some) // 5)]
     return float(kept[-1]) if len(kept) else 1.0
 
 
