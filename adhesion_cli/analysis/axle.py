@@ -57,7 +57,7 @@ def analyze_axle(
     result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
         return result, findings
-    result, slip_findings = slip.observed(
+    result, slip_findings = slip.observe_slip(
         result, vehicle, settings.analysis.slowest, settings.slope, settings.bands
     )
     return result, findings + slip_findings

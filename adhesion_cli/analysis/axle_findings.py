@@ -11,7 +11,7 @@ from ..core.stop import STANDING
 from ..core.time_axis import spans_of
 from ..evaluation import metrics
 from ..rail import slip
-from ..rail.events import UNSEEN
+from ..rail.events import HIDDEN_TIME
 
 _HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
 _SURELY = 0.99  # probability from which a speed is an average since the last one
@@ -55,9 +55,9 @@ def of_axle(
     if record.train_speed is not None:
         where, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
         for s in applications:
-            where[s], lasts = slip.unknown(record, s, vehicle)
+            where[s], lasts = slip.unknown_slip(record, s, vehicle)
             unknown_s += lasts
-        if unknown_s > UNSEEN:
+        if unknown_s > HIDDEN_TIME:
             yield Finding(
                 "slip-unknown", "warning", channel=name, count=int(where.sum()),
                 spans=spans(record, where, start_ns), values={"unknown_s": unknown_s},

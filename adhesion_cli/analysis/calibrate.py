@@ -100,10 +100,10 @@ def calibrate(
     rolling = _determined(logs)
     tell("fitting all brake applications")
     designs = model.join_designs([u.evidence.design for u in rolling if u.evidence.design], vehicle)
-    prior = reference.prior(designs, vehicle, max(abs(u.evidence.late) for u in rolling))
+    prior = reference.prior(designs, vehicle, max(abs(u.evidence.delay) for u in rolling))
     found = model.joint(designs, prior)
     _agree(rolling, designs, prior, found)
-    calibrated = reference.calibrated(vehicle, rolling[0].record, designs, prior, found)
+    calibrated = reference.calibrate_vehicle(vehicle, rolling[0].record, designs, prior, found)
     applications = _applications(rolling, designs, found)
     findings = (*(f for u in logs for f in u.findings), *_unused(logs))
     settings = replace(stated[0], vehicle=calibrated.vehicle)
@@ -152,13 +152,13 @@ def _determined(logs: Sequence[Used]) -> list[Used]:
     Raises:
         UserError: where these are fewer than two; where some logs have K and others pressures.
     """
-    rolling = [u for u in logs if u.evidence.braked()]
+    rolling = [u for u in logs if u.evidence.applications()]
     if not rolling:
         raise UserError(
             f"{logs[0].log.path}: no log has a brake application in which all wheels roll",
             "record service brakes on a dry rail, with 6 s before and after each",
         )
-    if sum(len(u.evidence.braked()) for u in rolling) < 2:
+    if sum(len(u.evidence.applications()) for u in rolling) < 2:
         raise UserError(
             f"{rolling[0].log.path}: there is one brake application only",
             "name more logs of this vehicle: in one application a gradient looks like a force",
@@ -172,7 +172,7 @@ def _determined(logs: Sequence[Used]) -> list[Used]:
 
 
 def _unused(logs: Sequence[Used]) -> list[Finding]:
-    names = [Path(u.log.path).name for u in logs if not u.evidence.braked()]
+    names = [Path(u.log.path).name for u in logs if not u.evidence.applications()]
     return [Finding("calibration-log-unused", "info", names={"log": name}) for name in names]
 
 
@@ -209,10 +209,10 @@ def _agree(
         informations.append(np.linalg.inv(found.covariance[:n, :n]))
     total = P + sum(x - P for x in informations)
     pull = sum(x @ m for x, m in zip(informations, means, strict=True))
-    again = (1.0 + 1.0 / (len(designs) - 1)) * reference.AGAIN[model.SCALE] ** 2
+    again = (1.0 + 1.0 / (len(designs) - 1)) * reference.LOG_TO_LOG[model.SCALE] ** 2
     worst = (0.0, 0, 0.0, 0.0)
     for i, (d, mean, own) in enumerate(zip(designs, means, informations, strict=True)):
-        C, D, g = np.linalg.inv(own), np.linalg.inv(total - own + P), reference.point([d])
+        C, D, g = np.linalg.inv(own), np.linalg.inv(total - own + P), reference.force_gradient([d])
         away = float(g @ (mean - D @ (pull - own @ mean)))
         variance = float(g @ (C + D - C @ P @ D - D @ P @ C) @ g) + again
         worst = max(worst, (abs(away) / math.sqrt(max(variance, 1e-12)), i, away, variance))
@@ -234,7 +234,7 @@ def _applications(
     rows: list[Applied] = []
     place = n = len(model.UNITS)
     again = np.zeros(n)
-    again[[*reference.AGAIN]] = [sigma**2 for sigma in reference.AGAIN.values()]
+    again[[*reference.LOG_TO_LOG]] = [sigma**2 for sigma in reference.LOG_TO_LOG.values()]
     stated = np.diag(found.prior_sigma**2)
     after = found.covariance[:n, :n] + np.diag(again)
     for used, d in zip(logs, designs, strict=True):
@@ -263,7 +263,7 @@ def _applied(u: Used, d: Design, found: model.Posterior, of: _Fitted) -> list[Ap
     t, piece = d.t[d.samples], np.repeat(np.arange(len(d.size)), d.size.astype(int))
     before, after = (_predicted(d, y) for y in (as_stated, x))
     rows = []
-    for (begin, _), at in u.evidence.braked():
+    for (begin, _), at in u.evidence.applications():
 
         def slopes(y: Floats, at: Any = at) -> Floats:
             return np.asarray(np.polyfit(t[at] - t[at].mean(), y[..., at].T, 1)[0])

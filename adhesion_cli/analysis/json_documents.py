@@ -159,12 +159,12 @@ def _axle(axle: AxleResult, result: Result, braked: Sequence[BrakeApplication]) 
 
 def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]]:
     """The brake applications of each axle, by its number, in the order of time."""
-    from ..rail.applications import of_axle  # slow to import, and only results need it
+    from ..rail.applications import find_applications  # slow to import, and only results need it
 
     start = result.log.start_ns()
     return {
         a.record.axle: tuple(
-            _application(a.record.axle, x, start) for x in of_axle(a, result.vehicle)
+            _application(a.record.axle, x, start) for x in find_applications(a, result.vehicle)
         )
         for a in result.axles
     }
@@ -174,8 +174,8 @@ def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication
     slides, used = x.slides, x.utilisation
     return BrakeApplication(
         axle=axle,
-        start_s=(x.start - start_ns) / 1e9,
-        end_s=(x.end - start_ns) / 1e9,
+        start_s=(x.start_ns - start_ns) / 1e9,
+        end_s=(x.end_ns - start_ns) / 1e9,
         from_mps=x.from_mps,
         to_mps=x.to_mps,
         force_n=x.force,
@@ -186,12 +186,12 @@ def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication
         slide_distance_m=sum(s.distance for s in slides),
         max_slip=max((s.max_slip for s in slides), default=None),
         slide_energy_j=_sum([s.energy for s in slides]),
-        at_least=any(s.at_least for s in slides),
+        at_least=any(s.is_lower_bound for s in slides),
         utilisation=used and used.value,
-        utilisation_ci=used and (used.low, used.high),
+        utilisation_ci=used and (used.lower, used.upper),
         budget=x.budget and x.budget.rows,
         coverage=x.budget and _coverage(x.budget),
-        slip_unknown_s=x.unseen,
+        slip_unknown_s=x.unknown_time,
     )
 
 
@@ -251,23 +251,25 @@ def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
     rail = summary.rail
     peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
     fit = None
-    if rail and rail.told:
-        fit = {name: {"value": x.value, "ci": [x.low, x.high]} for name, x in rail.told.items()}
+    if rail and rail.constants:
+        fit = {
+            name: {"value": x.value, "ci": [x.lower, x.upper]} for name, x in rail.constants.items()
+        }
     return {
         "log": log,
         "axle": summary.axle,
         "peak_slip": peak and peak.value,
-        "peak_slip_ci": peak and [peak.low, peak.high],
-        "peak_slip_below": rail.below if rail else None,
+        "peak_slip_ci": peak and [peak.lower, peak.upper],
+        "peak_slip_below": rail.peak_slip_limit if rail else None,
         "peak_mu": mu and mu.value,
-        "peak_mu_ci": mu and [mu.low, mu.high],
-        "peak_speed_mps": rail.speed if rail and rail.below else None,
+        "peak_mu_ci": mu and [mu.lower, mu.upper],
+        "peak_speed_mps": rail.speed if rail and rail.peak_slip_limit else None,
         "slip_rmse": summary.slip_rmse,
-        "train_speed_late_s": summary.late and summary.late.value,
-        "train_speed_late_sigma_s": summary.late and summary.late.tolerance,
+        "train_speed_late_s": summary.delay and summary.delay.value,
+        "train_speed_late_sigma_s": summary.delay and summary.delay.tolerance,
         "regions": summary.regions,
         "utilisation": used and used.value,
-        "utilisation_ci": used and [used.low, used.high],
+        "utilisation_ci": used and [used.lower, used.upper],
         "slides": [
             {
                 "start_s": (x.start - start_ns) / 1e9,
@@ -275,7 +277,7 @@ def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
                 "distance_m": x.distance,
                 "max_slip": x.max_slip,
                 "energy_j": x.energy,
-                "at_least": x.at_least,
+                "at_least": x.is_lower_bound,
             }
             for x in summary.slides
         ],

@@ -24,7 +24,7 @@ from ..core.estimator import Estimator
 from ..core.model import Parameter, Quantity, Vehicle, quantities
 from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
-from ..rail.slope import Bands, Params, checked
+from ..rail.slope import Bands, Params, check_bands
 
 _IS = "settings are TOML, for example the line: vehicle.friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
@@ -353,7 +353,7 @@ def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
         ReadOptions(**options),
         Analysis(**analysis),
         Params(**overrides.get("slope", {})),
-        checked(bands, "bands"),
+        check_bands(bands, "bands"),
         overrides,
         {n: c.Params(**_numbers(c, checks.get(n, {}))) for n, c in tunable().items()},
     )

@@ -62,7 +62,7 @@ def state_diameters(
 
 def calibration_narrows(scene: Scene | None, axle: AxleResult, vehicle: Vehicle) -> list[Finding]:
     """That the log's own brake applications would make the band of the force narrower."""
-    found = calibrated_vehicle.narrowed(scene, axle.record, axle.applications, vehicle)
+    found = calibrated_vehicle.band_shares(scene, axle.record, axle.applications, vehicle)
     if found is None or found[1] > _NARROWER * found[0]:
         return []
     values = {"stated_share": found[0], "calibrated_share": found[1]}

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..rail.events import UNSEEN
+from ..rail.events import HIDDEN_TIME
 from ..results.result_rows import row, slid_row
 from . import terminal
 from .terminal import number
@@ -37,7 +37,7 @@ def tables(axles: Sequence[dict[str, Any]]) -> str:
         note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
         return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
     unseen = max(one.get("slip_unknown_s", 0.0) for _, one in every)
-    if unseen < UNSEEN:
+    if unseen < HIDDEN_TIME:
         return "\n".join([*parts, "No slides."])
     where = f"without a train speed for up to {unseen:.1f} s of a brake application"
     return "\n".join([*parts, f"No slide seen, but slides may be hidden: {where}."])

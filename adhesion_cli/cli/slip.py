@@ -76,14 +76,14 @@ Share of the braked time in each region:
 
 def table(summaries: "Sequence[Summary]", start_ns: int) -> str:
     """What the screen shows of a log: rail and regions of every axle, and every slide."""
-    from ..rail.slope import SHOWN
+    from ..rail.slope import REGION_TITLES
     from ..results.slip_text import OF_CURVE, constants, rail_row, slide_rows
     from .terminal import folded, number, records, table
 
     regions = []
     noise = any(s.slip_rmse is not None for s in summaries)
     for s in summaries:
-        shares = zip(SHOWN, (s.regions or {}).values(), strict=False)
+        shares = zip(REGION_TITLES, (s.regions or {}).values(), strict=False)
         shown = {f"{region} [%]": number(100.0 * x, 1) for region, x in shares}
         rmse = number(None if s.slip_rmse is None else 100.0 * s.slip_rmse, 2)
         regions.append({"axle": str(s.axle)} | shown | ({"slip RMSE [%]": rmse} if noise else {}))

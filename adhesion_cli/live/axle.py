@@ -12,7 +12,7 @@ from ..core.estimator import Estimator
 from ..core.finding import Finding
 from ..core.model import Z95, Vehicle
 from ..core.stop import SLIDE
-from ..rail.events import CAUGHT
+from ..rail.events import END_SLIP
 from ..records import screen
 from ..reference.force import by_tolerances
 from .sensors import StuckPressure, StuckSpeed, pressure_leaps, wheel_leaps
@@ -276,7 +276,7 @@ class Axle:
         Nothing is said of a train that hardly moves, or of a wheel where its speed is not known.
         """
         if math.isfinite(slip):
-            self._slides = slip > (CAUGHT if self._slides else SLIDE)
+            self._slides = slip > (END_SLIP if self._slides else SLIDE)
             return "sliding" if self._slides else "rolling"
         self._slides = False
         if not speed >= self._of.slowest:

@@ -15,7 +15,7 @@ from typing import Any
 from ..core.model import Vehicle
 from ..core.physics import coefficient
 from ..core.text import drop_output
-from ..reference.budget import of_coefficient
+from ..reference.budget import coefficient_u95
 from .axle import Estimate, Sample
 
 _EVERY = 0.2  # between two states of the line [s]
@@ -216,7 +216,7 @@ class StatusLine:
     def _axle(self, s: Sample, short: bool = False) -> str:
         if not (e := s.estimates.get(self._algo)):
             return f"{s.axle}: {s.status.replace('-', ' ')}"
-        half = of_coefficient(e.u95, e.force, self._vehicle, e.mass)
+        half = coefficient_u95(e.u95, e.force, self._vehicle, e.mass)
         mu = [float(coefficient(x, self._vehicle)) for x in (e.force, half)]  # type: ignore[arg-type]
         band = f"±{mu[1]:.3f}" if math.isfinite(mu[1]) else ""
         slip = f" {100.0 * s.slip:.{not short:d}f} %" if math.isfinite(s.slip) else ""

@@ -98,18 +98,22 @@ def creep_slopes(
         F [N], ∂F/∂sliding [N s/m], kA ∂F/∂kA, kS ∂F/∂kS, ∂F/∂A [N], B ∂F/∂B [N].
     """
     reference = max(speed, CREEP_FROM)
-    s_x, s, stiffness = at = _creepage(sliding / reference, patch)
+    s_x, s, stiffness = creepage = _creepage(sliding / reference, patch)
     law = _law(s, stiffness, reference, rail)
     falling, f, _, x, y, g = law
-    force, slope = _force(at, reference, rail, patch, law)
-    along = 2.0 * patch.load / math.pi * s_x / s
+    force, slope = _force(creepage, reference, rail, patch, law)
+    longitudinal = 2.0 * patch.load / math.pi * s_x / s
     by_x, by_y = x * (1.0 - x * x) / (1.0 + x * x) ** 2, y / (1.0 + y * y)
-    by_f = along * (g - by_x - by_y)  # e goes with 1/f
+    by_f = longitudinal * (g - by_x - by_y)  # e goes with 1/f
     by_a = rail.f0 - falling / (1.0 - rail.A) if rail.A < 1.0 else 0.0
     return (
-        force, slope, along * f * by_x, along * f * by_y,
-        by_f * by_a, -by_f * rail.B * s * reference * falling,
-    )  # fmt: skip
+        force,
+        slope,
+        longitudinal * f * by_x,
+        longitudinal * f * by_y,
+        by_f * by_a,
+        -by_f * rail.B * s * reference * falling,
+    )
 
 
 def _creepage(s_x: float, patch: Patch) -> tuple[float, float, float]:
@@ -133,19 +137,22 @@ def _law(
 
 
 def _force(
-    at: tuple[float, float, float], reference: float, rail: Condition, patch: Patch,
+    creepage: tuple[float, float, float],
+    reference: float,
+    rail: Condition,
+    patch: Patch,
     law: tuple[float, float, float, float, float, float],
-) -> tuple[float, float]:  # fmt: skip
+) -> tuple[float, float]:
     """Force and slope, from what `_creepage` and `_law` give."""
-    s_x, s, stiffness = at
+    s_x, s, stiffness = creepage
     falling, f, e, x, y, g = law
     df = -rail.B * reference * falling
     dg = rail.k_a * (1.0 - x * x) / (1.0 + x * x) ** 2 + rail.k_s / (1.0 + y * y)
     scale = 2.0 * patch.load / math.pi
     per_creep = scale * f * g / s  # total force over total creepage
     slope = scale * (df * g + dg * (stiffness - e * df))
-    along = s_x / s
-    return per_creep * s_x, (per_creep + along * along * (slope - per_creep)) / reference
+    direction = s_x / s
+    return per_creep * s_x, (per_creep + direction * direction * (slope - per_creep)) / reference
 
 
 @cache
@@ -166,7 +173,7 @@ def condition(name: str | Condition) -> Condition:
     """
     if isinstance(name, Condition):
         return name
-    known = conditions()
-    if name not in known:
-        raise unknown("rail condition", name, list(known))
-    return known[name]
+    by_name = conditions()
+    if name not in by_name:
+        raise unknown("rail condition", name, list(by_name))
+    return by_name[name]

@@ -46,11 +46,11 @@ from ..core.model import Quantity
 
 _FADE = 5.0  # growth of both corners when the point has moved by L
 _BEND = 1.4  # distance, in λ, over which the slope is expected to change
-_FAR = 7.0  # distance, in λ, from which what was seen counts half
+_MEMORY_DISTANCE = 7.0  # distance, in λ, from which what was seen counts half
 
 REGIONS = ("unknown", "below", "optimal", "beyond")  # by the code that `region` gives
 # As people read them. The AND-test is also true on a flat part of the curve far beyond its peak.
-SHOWN = ("unknown", "below", "flat", "beyond")
+REGION_TITLES = ("unknown", "below", "flat", "beyond")
 
 
 class Params(NamedTuple):
@@ -84,17 +84,20 @@ class Bands(NamedTuple):
     slope_high: Annotated[float, Quantity("-", "largest slope of the band", -1e3, 1e3)] = 1.0
 
 
-def checked(b: Bands, section: str) -> Bands:
+def check_bands(b: Bands, section: str) -> Bands:
     """The bands that `section` of the settings states.
 
     Raises:
         UserError: a band without width.
     """
-    for name, low, high in (
-        ("slip", b.slip_low, b.slip_high), ("slope", b.slope_low, b.slope_high),
-    ):  # fmt: skip
-        if low >= high:
-            text = f"{section}.{name}_low = {low:g} is not below {section}.{name}_high = {high:g}"
+    for name, lower, upper in (
+        ("slip", b.slip_low, b.slip_high),
+        ("slope", b.slope_low, b.slope_high),
+    ):
+        if lower >= upper:
+            text = (
+                f"{section}.{name}_low = {lower:g} is not below {section}.{name}_high = {upper:g}"
+            )
             raise UserError(text, "a band is from low to high", code=2)
     return b
 
@@ -141,45 +144,54 @@ def step(  # noqa: PLR0913 (a compiled step on plain floats)
     """
     if not (math.isfinite(slip) and math.isfinite(mu) and math.isfinite(s.slip)):
         return init(p, slip if math.isfinite(mu) else math.nan, mu)
-    per = 1.0 / math.hypot(slip, p.knee)  # dx/ds
-    least = (p.least * p.least + p.guard * p.guard * slip_noise * slip_noise) * per * per
-    come = s.dx * s.dx / max(p.straight * p.straight, least)  # (Δx/L)²
-    faster = 1.0 + _FADE * come
-    delta, rho = p.delta * faster, p.rho * faster
+    scale = 1.0 / math.hypot(slip, p.knee)  # dx/ds
+    noise_floor = (p.least * p.least + p.guard * p.guard * slip_noise * slip_noise) * scale * scale
+    distance = s.dx * s.dx / max(p.straight * p.straight, noise_floor)  # (Δx/L)²
+    growth = 1.0 + _FADE * distance
+    delta, rho = p.delta * growth, p.rho * growth
     decay = math.exp(-delta * h)
     ramp = -math.expm1(-delta * h) / (delta * h) if h > 0.0 else 1.0
-    was, at = math.asinh(s.slip / p.knee), math.asinh(slip / p.knee)  # x
-    dx = decay * s.dx + ramp * (at - was)  # Δx
-    q = decay * s.dsquare + ramp * (at * at - was * was)  # Δ(x²)
+    x_before, x = math.asinh(s.slip / p.knee), math.asinh(slip / p.knee)  # x
+    dx = decay * s.dx + ramp * (x - x_before)  # Δx
+    q = decay * s.dsquare + ramp * (x * x - x_before * x_before)  # Δ(x²)
     y = decay * s.dmu + ramp * (mu - s.mu)  # Δμ
-    keep = math.exp(-rho * h)
-    new = -math.expm1(-rho * h) / rho  # ∫ w over the interval
-    S = keep * s.S + new * _mean(s.dx, dx, s.dx, dx)
-    U = keep * s.U + new * _mean(s.dx, dx, s.dsquare, q)
-    V = keep * s.V + new * _mean(s.dsquare, q, s.dsquare, q)
-    C = keep * s.C + new * _mean(s.dx, dx, s.dmu, y)
-    N = keep * s.N + new * _mean(s.dsquare, q, s.dmu, y)
-    M = keep * s.M + new * _mean(s.dmu, y, s.dmu, y)
-    Z = keep * s.Z + new * least
-    Y = keep * s.Y + new * mu_noise * mu_noise
+    memory = math.exp(-rho * h)
+    weight = -math.expm1(-rho * h) / rho  # ∫ w over the interval
+    S = memory * s.S + weight * _mean(s.dx, dx, s.dx, dx)
+    U = memory * s.U + weight * _mean(s.dx, dx, s.dsquare, q)
+    V = memory * s.V + weight * _mean(s.dsquare, q, s.dsquare, q)
+    C = memory * s.C + weight * _mean(s.dx, dx, s.dmu, y)
+    N = memory * s.N + weight * _mean(s.dsquare, q, s.dmu, y)
+    M = memory * s.M + weight * _mean(s.dmu, y, s.dmu, y)
+    Z = memory * s.Z + weight * noise_floor
+    Y = memory * s.Y + weight * mu_noise * mu_noise
     confidence, slope = 0.0, math.nan
     if Z < S and slip != 0.0:
-        T = U - 2.0 * at * S
-        B = max(V - 4.0 * at * U + 4.0 * at * at * S, 0.0)
-        D = N - 2.0 * at * C
-        none = (p.small / per) ** 2  # κ0²
+        T = U - 2.0 * x * S
+        B = max(V - 4.0 * x * U + 4.0 * x * x * S, 0.0)
+        D = N - 2.0 * x * C
+        kappa0_squared = (p.small / scale) ** 2  # κ0²
         chord = C / S
-        r = (max(M - chord * C, 0.0) + Y) * (_BEND * p.straight) ** 2 / (chord * chord + none)
+        r = (
+            (max(M - chord * C, 0.0) + Y)
+            * (_BEND * p.straight) ** 2
+            / (chord * chord + kappa0_squared)
+        )
         E = S - T * T / (B + r) if B + r > 0.0 else S
         if Z < E:
             c = (D - T * chord) / (B + r - T * T / S) if B + r > 0.0 else 0.0
             kappa = (C - T * c) / S  # [S3]
-            left = (max(M - kappa * C - c * D, 0.0) + Y) / E
-            known = kappa * kappa + none
-            near = 1.0 + B / (4.0 * S * (_FAR * p.straight) ** 2)
-            confidence = (1.0 - Z / E) * known / (known + p.doubt * left) / near
+            unexplained = (max(M - kappa * C - c * D, 0.0) + Y) / E
+            kappa_squared = kappa * kappa + kappa0_squared
+            bend_factor = 1.0 + B / (4.0 * S * (_MEMORY_DISTANCE * p.straight) ** 2)
+            confidence = (
+                (1.0 - Z / E)
+                * kappa_squared
+                / (kappa_squared + p.doubt * unexplained)
+                / bend_factor
+            )
             if confidence >= p.surest:
-                slope = kappa * per
+                slope = kappa * scale
     return State(slip, mu, dx, q, y, S, U, V, C, N, M, Z, Y, confidence, slope)
 
 

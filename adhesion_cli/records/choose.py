@@ -13,9 +13,15 @@ Key = tuple[Meaning, int | None]  # what a channel means, and of which axle; Non
 Channels = dict[Key, Channel]
 SHORTEST = 3  # samples: fewer give no derivative with an error
 _LEAVE_OUT = {
-    "axle-incomplete", "speed-outlier", "speed-stuck", "speed-unusable", "pressure-negative",
-    "pressure-outlier", "pressure-stuck", "pressure-unusable",
-}  # fmt: skip
+    "axle-incomplete",
+    "speed-outlier",
+    "speed-stuck",
+    "speed-unusable",
+    "pressure-negative",
+    "pressure-outlier",
+    "pressure-stuck",
+    "pressure-unusable",
+}
 
 
 class AxleKeys(NamedTuple):

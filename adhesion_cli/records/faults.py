@@ -42,9 +42,12 @@ class View(NamedTuple):
         return inside
 
     def report(
-        self, fault: Fault, channel: Channel,
-        values: Mapping[str, float] | None = None, names: Mapping[str, str] | None = None,
-    ) -> list[Finding]:  # fmt: skip
+        self,
+        fault: Fault,
+        channel: Channel,
+        values: Mapping[str, float] | None = None,
+        names: Mapping[str, str] | None = None,
+    ) -> list[Finding]:
         """The finding of a fault; none where the window holds no sample of it.
 
         Args:
@@ -62,10 +65,15 @@ class View(NamedTuple):
         spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
         return [
             Finding(
-                fault.code, fault.severity, channel=channel.title, count=int(mask.sum()),
-                spans=spans, values=values or {}, names=names or {},
+                fault.code,
+                fault.severity,
+                channel=channel.title,
+                count=int(mask.sum()),
+                spans=spans,
+                values=values or {},
+                names=names or {},
             )
-        ]  # fmt: skip
+        ]
 
 
 def remove_samples(channel: Channel, excluded: Bools) -> Channel:

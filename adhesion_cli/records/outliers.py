@@ -82,9 +82,7 @@ def wheel_faults(p: Params, speed: Channel) -> list[Fault]:
 
 def train_faults(p: Params, speed: Channel) -> list[Fault]:
     """Faults of a train speed [m/s]."""
-    limits = Limits(
-        p.train_changes, p.train_changes, p.train_steps, p.train_least, np.inf, p.rests
-    )  # fmt: skip
+    limits = Limits(p.train_changes, p.train_changes, p.train_steps, p.train_least, np.inf, p.rests)
     return [_fault("train-speed-outlier", "train-speed-unusable", _excursions(speed, limits))]
 
 

@@ -77,7 +77,12 @@ def _axle(
     rows = slice(None) if in_segment.all() else in_segment  # all of them need no copy
     limit, unit = screened.ranges.get(keys.brake), units.unit(speed.measured_in)
     record = AxleRecord(
-        keys.axle, speed.data.t[rows], K[rows], smooth[rows], speed.data.value[rows], segments,
+        keys.axle,
+        speed.data.t[rows],
+        K[rows],
+        smooth[rows],
+        speed.data.value[rows],
+        segments,
         wheel_speed_step=speed.step,
         pressure=sampled.last_value[rows] if is_pressure else None,
         train_speed=_interpolated(speed, train)[rows] if train else None,
@@ -89,7 +94,7 @@ def _axle(
         of_rim=unit is not None and to_si.is_rim(unit),
         saturated=sampled.last_value[in_segment] >= limit if limit is not None else None,
         wheel_period_step=speed.period_step,
-    )  # fmt: skip
+    )
     return AxleChannels(record, speed, brake, train), findings
 
 

@@ -108,10 +108,15 @@ def _remove_repeats(channels: Channels, view: View) -> tuple[Channels, list[Find
             start, stop = view.seconds(c.data.t[[0, -1]])
             repeats = len(c.data.t) - len(measured[key].data.t)
             findings.append(
-                Finding("speed-repeated" if of_speed else "pressure-repeated", "info",
-                        channel=c.title, count=repeats, spans=((float(start), float(stop)),),
-                        values={"interval_s": interval})
-            )  # fmt: skip
+                Finding(
+                    "speed-repeated" if of_speed else "pressure-repeated",
+                    "info",
+                    channel=c.title,
+                    count=repeats,
+                    spans=((float(start), float(stop)),),
+                    values={"interval_s": interval},
+                )
+            )
     return measured, findings
 
 
@@ -138,9 +143,13 @@ def _stuck_brake(
 
 
 def _stuck_wheel(
-    p: Thresholds, channels: Channels, key: Key, c: Channel, axles: dict[Key, AxleKeys],
+    p: Thresholds,
+    channels: Channels,
+    key: Key,
+    c: Channel,
+    axles: dict[Key, AxleKeys],
     vehicle: Vehicle,
-) -> list[Fault]:  # fmt: skip
+) -> list[Fault]:
     if key not in axles or not (brake := channels.get(axles[key].brake)):
         return []
     other_speeds = [

@@ -70,9 +70,12 @@ def train_faults(p: Params, train: Channel, wheels: Sequence[Channel]) -> list[F
 
 
 def stuck(
-    p: Params, speed: Channel, clamping: Floats, other_speeds: Sequence[Channel] = (),
+    p: Params,
+    speed: Channel,
+    clamping: Floats,
+    other_speeds: Sequence[Channel] = (),
     among: Callable[..., Floats] = np.nanmedian,
-) -> Bools:  # fmt: skip
+) -> Bools:
     """Samples at which a stuck speed sensor repeats its last value, shape (n,).
 
     The speed should have changed as much as the other axles and the train. Where the log has none,

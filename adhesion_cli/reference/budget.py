@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
 from ..core.physics import faded, wheelset
 from ..core.signals import coverage_factor
-from .force import moves
+from .force import contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
 
@@ -55,7 +55,7 @@ class Budget(NamedTuple):
         return coverage_factor(self.freedom)
 
 
-def of_coefficient(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
+def coefficient_u95(u95: float, force: float, vehicle: Vehicle, together: float) -> float:
     """Expanded uncertainty of F/(m g), times the stated m g: the mass has a tolerance, too [N].
 
     Args:
@@ -69,7 +69,7 @@ def of_coefficient(u95: float, force: float, vehicle: Vehicle, together: float) 
     return math.sqrt(max(u95**2 + Z95**2 * added, 0.0))
 
 
-def by_parameter(
+def contributions_by_parameter(
     record: AxleRecord, vehicle: Vehicle, reference: Reference
 ) -> Mapping[str, Floats]:
     """By how much each parameter's tolerance moves the force of an axle [N]; (n,) each.
@@ -82,40 +82,45 @@ def by_parameter(
     w = wheelset(vehicle, record.axle)
     record = faded(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
-    return moves(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
+    return contributions(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
 
 
-def of_mean(
-    axle: AxleResult, vehicle: Vehicle, columns: Mapping[str, Floats],
-    mean: Callable[[Floats], float], samples: int,
-) -> Budget:  # fmt: skip
+def mean_budget(
+    axle: AxleResult,
+    vehicle: Vehicle,
+    columns: Mapping[str, Floats],
+    mean: Callable[[Floats], float],
+    samples: int,
+) -> Budget:
     """The budget of the mean force of a brake application.
 
     Args:
         axle: with its reference.
         vehicle: with its tolerances.
-        columns: of the axle, from `by_parameter`.
+        columns: of the axle, from `contributions_by_parameter`.
         mean: over the application's samples with a force, of a column of shape (n,).
         samples: how many these are.
     """
-    moved = {name: mean(column) for name, column in columns.items()}
+    contributions = {name: mean(column) for name, column in columns.items()}
     noise = mean(axle.reference.sigma)
-    variance = max(vehicle.covariance(moved, moved), 0.0) + noise**2
+    variance = max(vehicle.covariance(contributions, contributions), 0.0) + noise**2
     rows = [Row(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
-    for name, by in moved.items():
+    for name, contribution in contributions.items():
         q = vehicle.radius(axle.record.axle) if name == "wheel_radius" else getattr(vehicle, name)
         if q.tolerance > 0.0:
-            share = _share(vehicle.covariance({name: by}, moved), variance)
+            share = _share(vehicle.covariance({name: contribution}, contributions), variance)
             unit = quantities(Vehicle)[name].unit
-            sensitivity = by / q.tolerance
-            rows.append(Row(name, q.value, unit, "B", q.tolerance, sensitivity, abs(by), share))
+            sensitivity = contribution / q.tolerance
+            rows.append(
+                Row(name, q.value, unit, "B", q.tolerance, sensitivity, abs(contribution), share)
+            )
     rows.sort(key=lambda row: -row.share)
     u = math.sqrt(variance)
     return Budget(tuple(rows), u, freedom(noise, u, samples))
 
 
-def _share(part: float, whole: float) -> float:
-    return part / whole if whole else 0.0
+def _share(variance: float, total: float) -> float:
+    return variance / total if total else 0.0
 
 
 def freedom(noise: float, u: float, samples: int) -> float:

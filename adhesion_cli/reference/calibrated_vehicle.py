@@ -37,7 +37,7 @@ from . import force
 
 _CHAIN = ("discs", "efficiency", "lever_ratio", "radius_ratio")
 # 1 sigma from log to log, assumed: of the friction by heat and wear, of the pressure's zero.
-AGAIN = {model.SCALE: 0.02, model.OFFSET: 0.005}
+LOG_TO_LOG = {model.SCALE: 0.02, model.OFFSET: 0.005}
 _SOURCES = {
     "force_over_mass": "stated tolerances",
     "friction": "stated tolerances of φ, n, η, i, d",
@@ -67,15 +67,15 @@ class Evidence(NamedTuple):
 
     design: Design | None  # None where no brake application has wheels that roll
     spans: tuple[tuple[float, float], ...]  # brake applications in the design's time [s]
-    late: float  # delay of the pressure that the checks found [s]
+    delay: float  # delay of the pressure that the checks found [s]
 
-    def braked(self) -> list[tuple[tuple[float, float], Any]]:
+    def applications(self) -> list[tuple[tuple[float, float], Any]]:
         """Each brake application with its samples in the design, where they are enough."""
         if self.design is None:
             return []
         t = self.design.t[self.design.samples]
-        of = [(span, np.flatnonzero((t >= span[0]) & (t <= span[1]))) for span in self.spans]
-        return [(span, at) for span, at in of if len(at) >= FEWEST]
+        pairs = [(span, np.flatnonzero((t >= span[0]) & (t <= span[1]))) for span in self.spans]
+        return [(span, indices) for span, indices in pairs if len(indices) >= FEWEST]
 
 
 class Calibrated(NamedTuple):
@@ -103,13 +103,15 @@ def evidence(
         return Evidence(None, (), 0.0)
     seconds = (record.t - scene.grid.start_ns) * 1e-9
     spans = tuple((float(seconds[s.start]), float(seconds[s.stop - 1])) for s in applications)
-    why = scene.explanation
+    explanation = scene.explanation
     return Evidence(
-        model.along_track(why.design) if why.design else None, spans, why.pressure_delay.value
+        model.along_track(explanation.design) if explanation.design else None,
+        spans,
+        explanation.pressure_delay.value,
     )
 
 
-def narrowed(
+def band_shares(
     scene: Scene | None, record: AxleRecord, applications: Sequence[slice], vehicle: Vehicle
 ) -> tuple[float, float] | None:
     """Half-width of the force's 95 % band over the force, as stated and calibrated by one log.
@@ -118,21 +120,23 @@ def narrowed(
     """
     if len(applications) < 2 or min(vehicle.friction.tolerance, vehicle.axle_mass.tolerance) <= 0.0:
         return None
-    found = evidence(scene, record, applications, vehicle)
-    if found.design is None or len(found.braked()) < 2:
+    log_evidence = evidence(scene, record, applications, vehicle)
+    if log_evidence.design is None or len(log_evidence.applications()) < 2:
         return None
-    designs = model.join_designs([found.design], vehicle)
-    before = prior(designs, vehicle, found.late)
-    of = calibrated(vehicle, record, designs, before, model.joint(designs, before))
-    return of.band[0] / of.force[0], of.band[1] / of.force[1]
+    designs = model.join_designs([log_evidence.design], vehicle)
+    log_prior = prior(designs, vehicle, log_evidence.delay)
+    calibration = calibrate_vehicle(
+        vehicle, record, designs, log_prior, model.joint(designs, log_prior)
+    )
+    return calibration.band[0] / calibration.force[0], calibration.band[1] / calibration.force[1]
 
 
-def calibrated(
+def calibrate_vehicle(
     vehicle: Vehicle,
     record: AxleRecord,
     designs: Sequence[Design],
     prior: dict[int, Parameter],
-    found: model.Posterior,
+    posterior: model.Posterior,
 ) -> Calibrated:
     """The vehicle of a posterior, which the next log's error from log to log widens.
 
@@ -141,16 +145,16 @@ def calibrated(
         record: any of the logs.
         designs: of the logs, from `longitudinal.joined`.
         prior: of the shared parameters, from `prior`.
-        found: their posterior.
+        posterior: their posterior.
     """
-    covariance = found.covariance.copy()
-    for i, sigma in AGAIN.items():  # the next log differs, and each of these did
+    covariance = posterior.covariance.copy()
+    for i, sigma in LOG_TO_LOG.items():  # the next log differs, and each of these did
         covariance[i, i] += sigma**2 * (1.0 + 1.0 / len(designs))
-    found, radius = found._replace(covariance=covariance), any(d.creeps for d in designs)
-    after, rows, correlation = _vehicle(vehicle, designs[0], prior, found, radius)
-    of = point(designs), record, designs[0]
-    newtons, band = zip(*(_band(v, vehicle, *of) for v in (vehicle, after)), strict=True)
-    return Calibrated(after, rows, correlation, newtons, band)
+    posterior, radius = posterior._replace(covariance=covariance), any(d.creeps for d in designs)
+    calibrated, rows, correlation = _vehicle(vehicle, designs[0], prior, posterior, radius)
+    common = force_gradient(designs), record, designs[0]
+    newtons, band = zip(*(_band(v, vehicle, *common) for v in (vehicle, calibrated)), strict=True)
+    return Calibrated(calibrated, rows, correlation, newtons, band)
 
 
 def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
@@ -160,40 +164,40 @@ def _shares(vehicle: Vehicle, radius: bool) -> dict[str, float]:
     shares = {name: getattr(v, name).tolerance / getattr(v, name).value for name in names}
     R, w = v.radius(1), wheelset(v, 1).rolling
     factors = {"axle_mass": -w, "wheelset_inertia": w - 1.0, "cylinder_diameter": 2.0}
-    turned = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
+    radius_factor = 2.0 * (1.0 - w) - radius  # a rim speed is ω times the radius that is stated
     return {n: factors.get(n, 1.0) * x for n, x in shares.items()} | {
-        "wheel_radius": turned * R.tolerance / R.value
+        "wheel_radius": radius_factor * R.tolerance / R.value
     }
 
 
-def prior(designs: Sequence[Design], vehicle: Vehicle, late: float) -> dict[int, Parameter]:
+def prior(designs: Sequence[Design], vehicle: Vehicle, delay: float) -> dict[int, Parameter]:
     """Stated tolerances and published ranges; a delay that the checks found widens its prior."""
     shares = _shares(vehicle, any(d.creeps for d in designs))
-    known = model.stated_prior(designs[0], vehicle)
-    known[model.SCALE] = Parameter(0.0, math.sqrt(float(vehicle.covariance(shares, shares))))
+    priors = model.stated_prior(designs[0], vehicle)
+    priors[model.SCALE] = Parameter(0.0, math.sqrt(float(vehicle.covariance(shares, shares))))
     interval = max(d.interval for d in designs)
     usual = model.stated_prior(designs[0]._replace(interval=interval), vehicle)[
         model.DELAY
     ].tolerance
-    known[model.DELAY] = Parameter(0.0, max(usual, late))
-    return known
+    priors[model.DELAY] = Parameter(0.0, max(usual, delay))
+    return priors
 
 
-def point(designs: Sequence[Design]) -> Floats:
+def force_gradient(designs: Sequence[Design]) -> Floats:
     """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
-    on = [np.maximum(d.K[d.samples], 0.0) > FREE for d in designs]
-    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, on, strict=True)])
+    braked = [np.maximum(d.K[d.samples], 0.0) > FREE for d in designs]
+    K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, braked, strict=True)])
     faster = np.concatenate(
-        [d.relative_speed[d.samples][x] for d, x in zip(designs, on, strict=True)]
+        [d.relative_speed[d.samples][x] for d, x in zip(designs, braked, strict=True)]
     )
-    found = np.zeros(len(model.UNITS))
+    gradient = np.zeros(len(model.UNITS))
     if len(K):
-        found[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / K.mean(), faster.mean()
-    return found
+        gradient[[model.SCALE, model.OFFSET, model.FADE]] = 1.0, -1.0 / K.mean(), faster.mean()
+    return gradient
 
 
 def _vehicle(
-    v: Vehicle, d: Design, prior: dict[int, Parameter], found: model.Posterior, radius: bool
+    v: Vehicle, d: Design, prior: dict[int, Parameter], posterior: model.Posterior, radius: bool
 ) -> tuple[Vehicle, dict[str, Row], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 
@@ -201,24 +205,26 @@ def _vehicle(
         v: as stated.
         d: any design of the fit.
         prior: of the shared parameters.
-        found: the posterior of these.
+        posterior: the posterior of these.
         radius: whether wheel speeds were used.
     """
     n, shares = len(model.UNITS), _shares(v, radius)
     mass = {"axle_mass": v.axle_mass.tolerance / v.axle_mass.value}
-    known = ("axle_mass", "wheelset_inertia", "wheel_radius")
-    chain = {name: x for name, x in shares.items() if name not in known}
-    S, spread = found.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
-    both = np.array([[v.covariance(a, b) for a in (chain, mass)] for b in (chain, mass)])
-    gain = np.array([v.covariance(chain, shares), v.covariance(mass, shares)]) / spread
+    apart = ("axle_mass", "wheelset_inertia", "wheel_radius")
+    chain = {name: x for name, x in shares.items() if name not in apart}
+    S, scale_variance = posterior.mean[model.SCALE], prior[model.SCALE].tolerance ** 2
+    stated_covariance = np.array(
+        [[v.covariance(a, b) for a in (chain, mass)] for b in (chain, mass)]
+    )
+    gain = np.array([v.covariance(chain, shares), v.covariance(mass, shares)]) / scale_variance
     # Of (shared, C, M): what the logs say of s, and what is left of C and M where s is known.
     A = np.vstack([np.eye(n), np.zeros((2, n))])
     A[n:, model.SCALE] = gain
-    joint = A @ found.covariance[:n, :n] @ A.T
-    joint[n:, n:] += both - spread * np.outer(gain, gain)
+    joint = A @ posterior.covariance[:n, :n] @ A.T
+    joint[n:, n:] += stated_covariance - scale_variance * np.outer(gain, gain)
     C, M = gain * S
     piston = d.top / force_line(v).per_pascal * math.pi * v.cylinder_diameter.value**2 / 4.0
-    x = found.mean
+    x = posterior.mean
     speed, fade0 = d.mean, prior[model.FADE]
     phi = v.friction.value * model.friction_share(v, speed)
     friction, m = phi * math.exp(C), v.axle_mass.value * math.exp(M)
@@ -226,34 +232,56 @@ def _vehicle(
     kappa0, kappa = (math.exp(y) for y in (prior[model.STIFFNESS].value, x[model.STIFFNESS]))
     # name: place in `joint`, factor to its unit, prior, 1 sigma of it, posterior
     table: dict[str, tuple[int, float, float, float, float, str]] = {
-        "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(spread), math.exp(S), "-"),
-        "friction": (n, friction, phi, phi * math.sqrt(both[0, 0]), friction, "-"),
+        "force_over_mass": (0, math.exp(S), 1.0, math.sqrt(scale_variance), math.exp(S), "-"),
+        "friction": (n, friction, phi, phi * math.sqrt(stated_covariance[0, 0]), friction, "-"),
         "axle_mass": (n + 1, m, *v.axle_mass, m, "kg"),
         "spring_force": (
-            model.OFFSET, piston, v.spring_force.value, piston * prior[model.OFFSET].tolerance,
-            spring, "N",
+            model.OFFSET,
+            piston,
+            v.spring_force.value,
+            piston * prior[model.OFFSET].tolerance,
+            spring,
+            "N",
         ),
         "friction_fade": (model.FADE, 1.0, *fade0, float(x[model.FADE]), "s/m"),
         "pressure_delay": (model.DELAY, 1.0, *prior[model.DELAY], float(x[model.DELAY]), "s"),
         "creep_stiffness": (
-            model.STIFFNESS, kappa, kappa0, kappa0 * prior[model.STIFFNESS].tolerance, kappa, "-",
+            model.STIFFNESS,
+            kappa,
+            kappa0,
+            kappa0 * prior[model.STIFFNESS].tolerance,
+            kappa,
+            "-",
         ),
         "running_resistance": (
-            model.RESISTANCE, 1.0, *prior[model.RESISTANCE], float(x[model.RESISTANCE]), "m/s²",
+            model.RESISTANCE,
+            1.0,
+            *prior[model.RESISTANCE],
+            float(x[model.RESISTANCE]),
+            "m/s²",
         ),
         "air_drag": (model.DRAG, 1.0, *prior[model.DRAG], float(x[model.DRAG]), "1/m"),
-    }  # fmt: skip
+    }
     places = [place for place, *_ in table.values()]
     sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))
     correlation = (joint / np.outer(sigma, sigma))[np.ix_(places, places)]
     rows = {
-        name: Row(before, before_u, after, factor * float(sigma[place]), unit, _SOURCES[name])
-        for name, (place, factor, before, before_u, after, unit) in table.items()
+        name: Row(
+            prior_value,
+            prior_u,
+            posterior_value,
+            factor * float(sigma[place]),
+            unit,
+            _SOURCES[name],
+        )
+        for name, (place, factor, prior_value, prior_u, posterior_value, unit) in table.items()
     }
-    return _stated(v, rows, correlation, speed), rows, correlation
+    return _posterior_vehicle(v, rows, correlation, speed), rows, correlation
 
 
-def _stated(v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float) -> Vehicle:
+def _posterior_vehicle(
+    v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float
+) -> Vehicle:
     """The vehicle of the posterior."""
     names = ("friction", "axle_mass", "spring_force", "friction_fade")
     places = {name: i for i, name in enumerate(rows)}
@@ -262,26 +290,28 @@ def _stated(v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float)
         for i, a in enumerate(names)
         for b in names[i + 1 :]
     )
-    found: dict[str, Any] = {
+    determined: dict[str, Any] = {
         name: Parameter(rows[name].posterior, rows[name].posterior_u) for name in names
     }
     exact: dict[str, Any] = {
         n: Parameter(getattr(v, n).value, 0.0) for n in (*_CHAIN, "cylinder_diameter")
     }
-    at = Parameter(speed, 0.0)
-    return replace(v, **found, **exact, friction_speed=at, correlation=related)
+    friction_speed = Parameter(speed, 0.0)
+    return replace(v, **determined, **exact, friction_speed=friction_speed, correlation=related)
 
 
 def _band(
-    v: Vehicle, stated: Vehicle, point: Floats, record: AxleRecord, d: Design
+    v: Vehicle, stated_vehicle: Vehicle, point: Floats, record: AxleRecord, d: Design
 ) -> tuple[float, float]:
     """Force of a rolling axle at the mean brake and the half-width of its 95 % band [N]."""
     share, faster = -1.0 / point[model.OFFSET], float(point[model.FADE])
-    at, w = d.mean + faster - v.friction_speed.value, wheelset(v, record.axle)
-    old, new = force_line(stated), force_line(v)
-    K = share * d.top - (new.at_zero - old.at_zero)
-    K *= 1.0 + v.friction_fade.value * at
+    speed_difference, w = d.mean + faster - v.friction_speed.value, wheelset(v, record.axle)
+    stated_line, line = force_line(stated_vehicle), force_line(v)
+    K = share * d.top - (line.at_zero - stated_line.at_zero)
+    K *= 1.0 + v.friction_fade.value * speed_difference
     F = w.phi * K * w.rolling
     dw = -w.a * w.phi * K * (1.0 - w.rolling)
-    moved = force.moves(record, v, *(np.array([x]) for x in (K, dw, d.mean + faster)))
-    return float(F), Z95 * math.sqrt(float(v.covariance(moved, moved)[0]))
+    contributions = force.contributions(
+        record, v, *(np.array([x]) for x in (K, dw, d.mean + faster))
+    )
+    return float(F), Z95 * math.sqrt(float(v.covariance(contributions, contributions)[0]))

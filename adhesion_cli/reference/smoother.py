@@ -37,8 +37,10 @@ class Run(NamedTuple):
     y: Floats  # measured level
     u: Floats  # known part of the rate
     s: Floats  # what δ may follow: see `Regimes.follow` and `Noise.coupling`
-    lost: Floats  # variance of ∫u from the sample before, which u at the samples does not show
-    known: Floats  # variance of y's own that adds to the fitted noise
+    input_variance: (
+        Floats  # variance of ∫u from the sample before, which u at the samples does not show
+    )
+    own_variance: Floats  # variance of y's own that adds to the fitted noise
     span: Floats  # y is the mean over this time about t [s]; 0 where it is the level at t
 
 
@@ -46,7 +48,7 @@ class Regimes(NamedTuple):
     """What the regimes are; M of them, the first is the calm one."""
 
     follow: Floats  # (M,) share of −Δs that δ takes up: 1 where the whole rate minus s is smooth
-    leave: Floats  # (M, M) rate of switching from row to column [1/s]
+    rates: Floats  # (M, M) rate of switching from row to column [1/s]
     start: Floats  # (M,) probability at the first sample
     spread: float  # standard deviation of δ at the first sample
 
@@ -83,7 +85,7 @@ class Smooth(NamedTuple):
 
 
 def fit(
-    runs: Sequence[Run], regimes: Regimes, prior: Prior, near: Noise | None = None
+    runs: Sequence[Run], regimes: Regimes, prior: Prior, start_noise: Noise | None = None
 ) -> tuple[Noise, float]:
     """The most likely noise levels and their log posterior.
 
@@ -91,7 +93,7 @@ def fit(
         runs: what was measured.
         regimes: the regimes.
         prior: what is known beforehand.
-        near: levels that fit nearly the same measurements, as a start; else the guess is.
+        start_noise: levels that fit nearly the same measurements, as a start; else the guess is.
     """
     width, guess, floor = np.array(prior.decades) * math.log(10.0), prior.guess, prior.floor
 
@@ -106,15 +108,15 @@ def fit(
         return Noise(floor + float(e[0]), float(e[1]), e[2:])
 
     def posterior(x: Floats) -> float:
-        free = width > 0.0
-        known = -0.5 * float(np.sum(((x - centre)[free] / width[free]) ** 2))
-        return known + sum(_forward(run, regimes, noise(x), None) for run in runs)
+        fitted = width > 0.0
+        log_prior = -0.5 * float(np.sum(((x - centre)[fitted] / width[fitted]) ** 2))
+        return log_prior + sum(_forward(run, regimes, noise(x), None) for run in runs)
 
-    if near is None:
+    if start_noise is None:
         best, value = _climb(posterior, centre, width / 2.0)
     else:
-        best, value = _climb(posterior, logarithms(near), width / 8.0)
-    return noise(_loosened(posterior, best, value, width, prior.slack)), value
+        best, value = _climb(posterior, logarithms(start_noise), width / 8.0)
+    return noise(_loosen(posterior, best, value, width, prior.slack)), value
 
 
 def likelihood(runs: Sequence[Run], regimes: Regimes, noise: Noise) -> float:
@@ -132,32 +134,32 @@ def innovations(run: Run, regimes: Regimes, noise: Noise) -> Floats:
 def smooth(run: Run, regimes: Regimes, noise: Noise) -> Smooth:
     """Level and rate at every sample, from all samples."""
     n, M = len(run.t), len(regimes.follow)
-    kept = np.empty((n, M, 6))
-    _forward(run, regimes, noise, kept)
-    out = np.empty((n, 4))
-    compiled.function(_backward)(*_arguments(run, regimes, noise), kept, out)
-    return Smooth(out[:, 0], out[:, 1], run.u + out[:, 2], out[:, 3])
+    states = np.empty((n, M, 6))
+    _forward(run, regimes, noise, states)
+    smoothed = np.empty((n, 4))
+    compiled.function(_backward)(*_arguments(run, regimes, noise), states, smoothed)
+    return Smooth(smoothed[:, 0], smoothed[:, 1], run.u + smoothed[:, 2], smoothed[:, 3])
 
 
 def _climb(f: Callable[[Floats], float], start: Floats, steps: Floats) -> tuple[Floats, float]:
     """Maximum of f by search along the axes, with steps halved down to 0.2."""
-    at = cache(lambda *x: f(np.array(x)))  # a fifth of the points occur twice
-    x, best = start.copy(), at(*start)
+    value_at = cache(lambda *x: f(np.array(x)))  # a fifth of the points occur twice
+    x, best = start.copy(), value_at(*start)
     while steps.max() > 0.2:
-        moved = False
+        improved = False
         for i in np.flatnonzero(steps):
             for sign in (1.0, -1.0):
                 trial = x.copy()
                 trial[i] += sign * steps[i]
-                while (value := at(*trial)) > best:
-                    x, best, moved = trial.copy(), value, True
+                while (value := value_at(*trial)) > best:
+                    x, best, improved = trial.copy(), value, True
                     trial[i] += sign * steps[i]
-        if not moved:
+        if not improved:
             steps = steps / 2.0
     return x, best
 
 
-def _loosened(
+def _loosen(
     f: Callable[[Floats], float], x: Floats, best: float, width: Floats, slack: Sequence[float]
 ) -> Floats:
     """The point x with larger coupling, then larger roughness of each regime, as `slack` allows.
@@ -179,22 +181,33 @@ def _loosened(
 
 def _arguments(run: Run, regimes: Regimes, noise: Noise) -> tuple[Floats | float, ...]:
     return (
-        run.t, run.u, run.s, run.lost, noise.rough, noise.coupling,
-        regimes.follow, regimes.leave,
-    )  # fmt: skip
+        run.t,
+        run.u,
+        run.s,
+        run.input_variance,
+        noise.rough,
+        noise.coupling,
+        regimes.follow,
+        regimes.rates,
+    )
 
 
 def _forward(
-    run: Run, regimes: Regimes, noise: Noise, kept: Floats | None, scores: Floats | None = None
+    run: Run, regimes: Regimes, noise: Noise, states: Floats | None, scores: Floats | None = None
 ) -> float:
-    """Log-likelihood of the run; fills `kept` (n, M, 6) and `scores` (n,) where given."""
-    table = np.empty((0, len(regimes.follow), 6)) if kept is None else kept
+    """Log-likelihood of the run; fills `states` (n, M, 6) and `scores` (n,) where given."""
+    table = np.empty((0, len(regimes.follow), 6)) if states is None else states
     scores = np.empty(0) if scores is None else scores
     value: float = compiled.function(_filter)(
-        *_arguments(run, regimes, noise), run.y, noise.measurement + run.known,
-        run.span**3 / 320.0, regimes.start, regimes.spread**2, table,
+        *_arguments(run, regimes, noise),
+        run.y,
+        noise.measurement + run.own_variance,
+        run.span**3 / 320.0,
+        regimes.start,
+        regimes.spread**2,
+        table,
         scores,
-    )  # fmt: skip
+    )
     return value
 
 
@@ -206,18 +219,26 @@ def _switching(leave: Floats, h: float, T: Floats) -> None:
     """Fill T (M, M): probability of each regime after a step h, at most one switch."""
     M = len(leave)
     for i in range(M):
-        out = 0.0
+        total_rate = 0.0
         for j in range(M):
-            out += leave[i, j]
-        stay = math.exp(-out * h)
+            total_rate += leave[i, j]
+        p_stay = math.exp(-total_rate * h)
         for j in range(M):
-            T[i, j] = stay if i == j else leave[i, j] / out * (1.0 - stay)
+            T[i, j] = p_stay if i == j else leave[i, j] / total_rate * (1.0 - p_stay)
 
 
 def _predict(  # noqa: PLR0913 (numba: plain arrays and floats)
-    m0: float, m1: float, P00: float, P01: float, P11: float,
-    h: float, gain: float, ds: float, c: float, q: float,
-) -> tuple[float, float, float, float, float]:  # fmt: skip
+    m0: float,
+    m1: float,
+    P00: float,
+    P01: float,
+    P11: float,
+    h: float,
+    gain: float,
+    ds: float,
+    c: float,
+    q: float,
+) -> tuple[float, float, float, float, float]:
     """One step of ẋ = u + δ in the regime with follow c and roughness q."""
     return (
         m0 + h * m1 + gain - 0.5 * h * c * ds,
@@ -229,23 +250,40 @@ def _predict(  # noqa: PLR0913 (numba: plain arrays and floats)
 
 
 def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
-    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
-    follow: Floats, leave: Floats,
-    y: Floats, r: Floats, blur: Floats, start: Floats, spread: float, kept: Floats, scores: Floats,
-) -> float:  # fmt: skip
+    t: Floats,
+    u: Floats,
+    s: Floats,
+    input_variance: Floats,
+    rough: Floats,
+    coupling: float,
+    follow: Floats,
+    leave: Floats,
+    y: Floats,
+    r: Floats,
+    blur: Floats,
+    start: Floats,
+    spread: float,
+    states: Floats,
+    scores: Floats,
+) -> float:
     """Forward pass; returns the log-likelihood.
 
-    It fills `kept` with every state, and `scores` with every innovation, where these have the
+    It fills `states` with every state, and `scores` with every innovation, where these have the
     length.
     """
     n, M = len(t), len(follow)
-    now, new, pair, W = np.empty((M, 6)), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
-    T, off, far = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
+    mixture, updated, pair, W = (
+        np.empty((M, 6)),
+        np.empty((M, 6)),
+        np.empty((M, M, 5)),
+        np.empty((M, M)),
+    )
+    T, nu, half_chi2 = np.empty((M, M)), np.empty((M, M)), np.empty((M, M))
     for j in range(M):
-        now[j, 0], now[j, 1] = y[0], 0.0
-        now[j, 2], now[j, 3], now[j, 4], now[j, 5] = r[0], 0.0, spread, start[j]
-    if len(kept) == n:
-        _store(now, kept, 0)
+        mixture[j, 0], mixture[j, 1] = y[0], 0.0
+        mixture[j, 2], mixture[j, 3], mixture[j, 4], mixture[j, 5] = r[0], 0.0, spread, start[j]
+    if len(states) == n:
+        _store(mixture, states, 0)
     total, last_h = 0.0, -1.0
     for k in range(1, n):
         h, ds = t[k] - t[k - 1], s[k] - s[k - 1]
@@ -253,63 +291,72 @@ def _filter(  # noqa: PLR0913 (numba: plain arrays and floats)
         if h != last_h:
             _switching(leave, h, T)
             last_h = h
-        least = math.inf
+        smallest = math.inf
         for i in range(M):
             # Loaded once: what is stored below might change `now`, for all the compiler knows.
-            f0, f1, F00, F01, F11 = now[i, 0], now[i, 1], now[i, 2], now[i, 3], now[i, 4]
-            p = now[i, 5]
+            f0, f1, F00, F01, F11 = (
+                mixture[i, 0],
+                mixture[i, 1],
+                mixture[i, 2],
+                mixture[i, 3],
+                mixture[i, 4],
+            )
+            p = mixture[i, 5]
             for j in range(M):
                 q = rough[j] + (coupling * abs(ds) / h if j == 0 else 0.0)
                 m0, m1, P00, P01, P11 = _predict(f0, f1, F00, F01, F11, h, gain, ds, follow[j], q)
-                P00 += lost[k]
+                P00 += input_variance[k]
                 noise = r[k] + q * blur[k]  # a mean's, about the middle of a random walk's integral
                 e, precision = y[k] - m0, 1.0 / (P00 + noise)
                 g0, g1 = P00 * precision, P01 * precision
                 pair[i, j, 0], pair[i, j, 1] = m0 + g0 * e, m1 + g1 * e
                 pair[i, j, 2], pair[i, j, 3], pair[i, j, 4] = g0 * noise, g1 * noise, P11 - g1 * P01
-                off[i, j], far[i, j] = e, 0.5 * e * e * precision
+                nu[i, j], half_chi2[i, j] = e, 0.5 * e * e * precision
                 W[i, j] = p * T[i, j] * math.sqrt(precision) / ROOT_TAU
-                least = min(least, far[i, j])
+                smallest = min(smallest, half_chi2[i, j])
         if len(scores) == n:
-            scores[k] = _scored(now, T, off, far)
+            scores[k] = _normal_score(mixture, T, nu, half_chi2)
         mass = 1e-300
         for i in range(M):
             for j in range(M):
-                W[i, j] *= math.exp(least - far[i, j])
+                W[i, j] *= math.exp(smallest - half_chi2[i, j])
                 mass += W[i, j]
-        total += math.log(mass) - least
+        total += math.log(mass) - smallest
         for j in range(M):
-            _merge(pair, W, j, new)
-            new[j, 5] /= mass
-        now, new = new, now
-        if len(kept) == n:
-            _store(now, kept, k)
+            _merge(pair, W, j, updated)
+            updated[j, 5] /= mass
+        mixture, updated = updated, mixture
+        if len(states) == n:
+            _store(mixture, states, k)
     return total
 
 
-def _store(now: Floats, kept: Floats, k: int) -> None:
-    """Copies the regimes (M, 6) into row k of `kept`; `kept[k] = now` takes 2 s to compile."""
-    for j in range(len(now)):
+def _store(mixture: Floats, states: Floats, k: int) -> None:
+    """Copies the regimes (M, 6) into row k of `states`; `kept[k] = now` takes 2 s to compile."""
+    for j in range(len(mixture)):
         for i in range(6):
-            kept[k, j, i] = now[j, i]
+            states[k, j, i] = mixture[j, i]
 
 
-def _scored(now: Floats, T: Floats, off: Floats, far: Floats) -> float:
+def _normal_score(mixture: Floats, T: Floats, nu: Floats, half_chi2: Floats) -> float:
     """The reading as a standard normal value, by every regime before and after the step.
 
-    It is `off` (M, M) from each prediction; `far` is half the square of that over its variance.
+    It is `nu` (M, M) from each prediction; `half_chi2` is half the square of that over its
+    variance.
     """
-    below = above = 0.0
+    p_below = p_above = 0.0
     for i in range(len(T)):
         for j in range(len(T)):
-            share = 0.5 * now[i, 5] * T[i, j]
-            tail = math.erfc(math.sqrt(far[i, j]))  # the other one is 2 less it, to the last digit
-            below += share * (tail if off[i, j] < 0.0 else 2.0 - tail)
-            above += share * (2.0 - tail if off[i, j] < 0.0 else tail)
-    return score(below, above)
+            share = 0.5 * mixture[i, 5] * T[i, j]
+            tail = math.erfc(
+                math.sqrt(half_chi2[i, j])
+            )  # the other one is 2 less it, to the last digit
+            p_below += share * (tail if nu[i, j] < 0.0 else 2.0 - tail)
+            p_above += share * (2.0 - tail if nu[i, j] < 0.0 else tail)
+    return score(p_below, p_above)
 
 
-def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:
+def _merge(components: Floats, w: Floats, j: int, merged: Floats) -> None:
     """Replace column j of a mixture (k, M, 5) with weights w (k, M) by its mean and covariance.
 
     They go into row j, with p = sum of the weights. Whole arrays: a view costs a third more time.
@@ -320,25 +367,38 @@ def _merge(parts: Floats, w: Floats, j: int, into: Floats) -> None:
     m0 = m1 = P00 = P01 = P11 = 0.0
     for i in range(len(w)):
         share = w[i, j] / p
-        m0 += share * parts[i, j, 0]
-        m1 += share * parts[i, j, 1]
+        m0 += share * components[i, j, 0]
+        m1 += share * components[i, j, 1]
     for i in range(len(w)):
         share = w[i, j] / p
-        d0, d1 = parts[i, j, 0] - m0, parts[i, j, 1] - m1
-        P00 += share * (parts[i, j, 2] + d0 * d0)
-        P01 += share * (parts[i, j, 3] + d0 * d1)
-        P11 += share * (parts[i, j, 4] + d1 * d1)
-    into[j, 0], into[j, 1], into[j, 2] = m0, m1, P00
-    into[j, 3], into[j, 4], into[j, 5] = P01, P11, p
+        d0, d1 = components[i, j, 0] - m0, components[i, j, 1] - m1
+        P00 += share * (components[i, j, 2] + d0 * d0)
+        P01 += share * (components[i, j, 3] + d0 * d1)
+        P11 += share * (components[i, j, 4] + d1 * d1)
+    merged[j, 0], merged[j, 1], merged[j, 2] = m0, m1, P00
+    merged[j, 3], merged[j, 4], merged[j, 5] = P01, P11, p
 
 
 def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
-    t: Floats, u: Floats, s: Floats, lost: Floats, rough: Floats, coupling: float,
-    follow: Floats, leave: Floats, kept: Floats, out: Floats,
-) -> None:  # fmt: skip
+    t: Floats,
+    u: Floats,
+    s: Floats,
+    input_variance: Floats,
+    rough: Floats,
+    coupling: float,
+    follow: Floats,
+    leave: Floats,
+    states: Floats,
+    smoothed: Floats,
+) -> None:
     """Backward pass over what `_filter` kept; fills out (n, 4): level, its sigma, δ, its sigma."""
     n, M = len(t), len(follow)
-    now, new, pair, W = kept[n - 1].copy(), np.empty((M, 6)), np.empty((M, M, 5)), np.empty((M, M))
+    mixture, updated, pair, W = (
+        states[n - 1].copy(),
+        np.empty((M, 6)),
+        np.empty((M, M, 5)),
+        np.empty((M, M)),
+    )
     T = np.empty((M, M))
     last_h = -1.0
     for k in range(n - 1, -1, -1):
@@ -353,19 +413,29 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                 top = -math.inf
                 for i in range(M):  # before it
                     f0, f1, F00, F01, F11 = (
-                        kept[k, i, 0], kept[k, i, 1], kept[k, i, 2], kept[k, i, 3], kept[k, i, 4],
-                    )  # fmt: skip
+                        states[k, i, 0],
+                        states[k, i, 1],
+                        states[k, i, 2],
+                        states[k, i, 3],
+                        states[k, i, 4],
+                    )
                     m0, m1, P00, P01, P11 = _predict(
                         f0, f1, F00, F01, F11, h, gain, ds, follow[j], q
                     )
-                    P00 += lost[k + 1]
+                    P00 += input_variance[k + 1]
                     det = P00 * P11 - P01 * P01
                     c0, c1 = F00 + h * F01, F01 + h * F11  # covariance with the predicted level
                     G00, G01 = (c0 * P11 - F01 * P01) / det, (F01 * P00 - c0 * P01) / det
                     G10, G11 = (c1 * P11 - F11 * P01) / det, (F11 * P00 - c1 * P01) / det
-                    e0, e1 = now[j, 0] - m0, now[j, 1] - m1
-                    D00, D01, D11 = _gained(
-                        now[j, 2] - P00, now[j, 3] - P01, now[j, 4] - P11, P00, P01, P11, det
+                    e0, e1 = mixture[j, 0] - m0, mixture[j, 1] - m1
+                    D00, D01, D11 = _without_growth(
+                        mixture[j, 2] - P00,
+                        mixture[j, 3] - P01,
+                        mixture[j, 4] - P11,
+                        P00,
+                        P01,
+                        P11,
+                        det,
                     )
                     pair[j, i, 0] = f0 + G00 * e0 + G01 * e1
                     pair[j, i, 1] = f1 + G10 * e0 + G11 * e1
@@ -374,9 +444,9 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                         F01 + G00 * G10 * D00 + (G00 * G11 + G01 * G10) * D01 + G01 * G11 * D11
                     )
                     pair[j, i, 4] = F11 + G10 * G10 * D00 + 2.0 * G10 * G11 * D01 + G11 * G11 * D11
-                    off = (e0 * e0 * P11 - 2.0 * e0 * e1 * P01 + e1 * e1 * P00) / det
-                    W[j, i] = math.log(kept[k, i, 5] * T[i, j] + 1e-300) - 0.5 * (
-                        math.log(det) + off
+                    chi2 = (e0 * e0 * P11 - 2.0 * e0 * e1 * P01 + e1 * e1 * P00) / det
+                    W[j, i] = math.log(states[k, i, 5] * T[i, j] + 1e-300) - 0.5 * (
+                        math.log(det) + chi2
                     )
                     top = max(top, W[j, i])
                 mass = 0.0
@@ -384,27 +454,27 @@ def _backward(  # noqa: PLR0913 (numba: plain arrays and floats)
                     W[j, i] = math.exp(W[j, i] - top)
                     mass += W[j, i]
                 for i in range(M):
-                    W[j, i] *= now[j, 5] / mass
+                    W[j, i] *= mixture[j, 5] / mass
             for i in range(M):
-                _merge(pair, W, i, new)
-            now, new = new, now
-        _answer(now, out, k)
+                _merge(pair, W, i, updated)
+            mixture, updated = updated, mixture
+        _mixture_summary(mixture, smoothed, k)
 
 
-def _answer(now: Floats, out: Floats, k: int) -> None:
-    """Fills row k of `out` with the mixture's level, its sigma, δ and its sigma."""
-    M, mass = len(now), 0.0
+def _mixture_summary(mixture: Floats, smoothed: Floats, k: int) -> None:
+    """Fills row k of `smoothed` with the mixture's level, its sigma, δ and its sigma."""
+    M, mass = len(mixture), 0.0
     for j in range(M):
-        mass += now[j, 5]
+        mass += mixture[j, 5]
     for i in range(2):
         mean = 0.0
         for j in range(M):
-            mean += now[j, 5] / mass * now[j, i]
-        out[k, 2 * i] = mean
-        out[k, 2 * i + 1] = _half_width(now, i, mean, mass) / Z95
+            mean += mixture[j, 5] / mass * mixture[j, i]
+        smoothed[k, 2 * i] = mean
+        smoothed[k, 2 * i + 1] = _half_width(mixture, i, mean, mass) / Z95
 
 
-def _gained(  # noqa: PLR0913 (numba: plain arrays and floats)
+def _without_growth(  # noqa: PLR0913 (numba: plain arrays and floats)
     D00: float, D01: float, D11: float, P00: float, P01: float, P11: float, det: float
 ) -> tuple[float, float, float]:
     """What later samples change of the covariance P (its determinant `det`): D without growth.
@@ -413,35 +483,42 @@ def _gained(  # noqa: PLR0913 (numba: plain arrays and floats)
     still be wider, and would grow without end where y shows little. So the positive part of
     D = λ₁PvvᵀP + λ₂PwwᵀP is removed.
     """
-    half = (P11 * D00 - 2.0 * P01 * D01 + P00 * D11) / (2.0 * det)
-    root = math.sqrt(max(half * half - (D00 * D11 - D01 * D01) / det, 0.0))
-    high, low = half + root, half - root
-    if high <= 0.0:
+    mean_lambda = (P11 * D00 - 2.0 * P01 * D01 + P00 * D11) / (2.0 * det)
+    difference = math.sqrt(max(mean_lambda * mean_lambda - (D00 * D11 - D01 * D01) / det, 0.0))
+    lambda_1, lambda_2 = mean_lambda + difference, mean_lambda - difference
+    if lambda_1 <= 0.0:
         return D00, D01, D11
-    part = min(low, 0.0) / (high - low + 1e-300)
-    return part * (high * P00 - D00), part * (high * P01 - D01), part * (high * P11 - D11)
+    factor = min(lambda_2, 0.0) / (lambda_1 - lambda_2 + 1e-300)
+    return (
+        factor * (lambda_1 * P00 - D00),
+        factor * (lambda_1 * P01 - D01),
+        factor * (lambda_1 * P11 - D11),
+    )
 
 
-def _half_width(now: Floats, i: int, mean: float, mass: float) -> float:
+def _half_width(mixture: Floats, i: int, mean: float, mass: float) -> float:
     """Half-width about `mean` that holds 95 % of the mixture's level (i 0) or δ (i 1)."""
-    M = len(now)
-    low, high = math.inf, 0.0
+    M = len(mixture)
+    narrow, wide_limit = math.inf, 0.0
     for j in range(M):
-        if now[j, 5] > 1e-4 * mass:
-            width = Z95 * math.sqrt(max(now[j, 4 if i else 2], 0.0))
-            low, high = min(low, width), max(high, width + abs(now[j, i] - mean))
-    while high > 1.01 * low and high > 0.0:
-        middle, outside = math.sqrt(low * high) if low > 0.0 else 0.5 * high, 0.0
+        if mixture[j, 5] > 1e-4 * mass:
+            width = Z95 * math.sqrt(max(mixture[j, 4 if i else 2], 0.0))
+            narrow, wide_limit = (
+                min(narrow, width),
+                max(wide_limit, width + abs(mixture[j, i] - mean)),
+            )
+    while wide_limit > 1.01 * narrow and wide_limit > 0.0:
+        middle, outside = math.sqrt(narrow * wide_limit) if narrow > 0.0 else 0.5 * wide_limit, 0.0
         for j in range(M):
-            scale = math.sqrt(2.0 * max(now[j, 4 if i else 2], 1e-300))
-            d = now[j, i] - mean
+            scale = math.sqrt(2.0 * max(mixture[j, 4 if i else 2], 1e-300))
+            d = mixture[j, i] - mean
             outside += (
                 0.5
                 * (math.erfc((middle - d) / scale) + math.erfc((middle + d) / scale))
-                * (now[j, 5] / mass)
+                * (mixture[j, 5] / mass)
             )
         if outside > 0.05:
-            low = middle
+            narrow = middle
         else:
-            high = middle
-    return high
+            wide_limit = middle
+    return wide_limit

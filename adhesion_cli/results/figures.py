@@ -11,14 +11,14 @@ from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.stop import Stop
 from ..rail.fit import RailFit, curve
 from ..rail.slip import Summary
-from ..rail.slope import SHOWN, Bands
+from ..rail.slope import REGION_TITLES, Bands
 from .charts import Band, Line, Panel
 from .palette import BLACK, BLUE, GREEN, GREY, ORANGE, RED, of_method
 
 if TYPE_CHECKING:
     from ..wsp.sweep import Row  # with the whole closed loop, which `slip` has no use for
 
-_OF_REGION = dict(zip(SHOWN, (GREY, BLUE, GREEN, RED), strict=True))
+_OF_REGION = dict(zip(REGION_TITLES, (GREY, BLUE, GREEN, RED), strict=True))
 _OF_VALVE = (("apply", APPLY, GREEN), ("hold", HOLD, ORANGE), ("dump", DUMP, RED))
 _SLIP, _TIME = "slip [%]", "time [s]"
 _MU = "adhesion coefficient µ [-]"
@@ -54,11 +54,11 @@ def _axle(
     ]
     spans, curves = [], []
     if summary.rail and (v := record.train_speed) is not None:
-        speeds = np.concatenate([v[x.where] for x in summary.slides])
+        speeds = np.concatenate([v[x.samples] for x in summary.slides])
         most = max(x.max_slip for x in summary.slides)
         curves = list(_fitted(summary.rail, speeds, vehicle, most))
         if peak := summary.rail.peak_slip:
-            spans = [Band("peak, 95 %", 100.0 * peak.low, 100.0 * peak.high, ORANGE)]
+            spans = [Band("peak, 95 %", 100.0 * peak.lower, 100.0 * peak.upper, ORANGE)]
     told, whole = Line("slope dµ/ds", t, slope, BLACK), (float(t[0]), float(t[-1]))
     return [
         Panel(f"{name}: µ over slip, by region", _SLIP, _MU, [*points, *curves], bands=spans),

@@ -425,7 +425,7 @@ def _stop_events(stop: Stop, i: int) -> Iterator[Told]:
     """What truly happened to an axle of a stop, counted from 0, and the regions judged."""
     whole, s, wheel = slice(0, len(stop.t)), stop.slip[:, i], stop.sliding()[:, i]
     slides = events.slides(whole, stop.t, stop.train_speed, s, s, stop.force[:, i], False)
-    for x in events.of_axle(i + 1, slides, [whole], stop.t, stop.region[:, i]):
+    for x in events.axle_events(i + 1, slides, [whole], stop.t, stop.region[:, i]):
         yield Told(x.t, x.code, "info", i + 1, x.message)
     for first, past in signals.true_runs(wheel == LOCKED):
         begin, end = stop.t[[first, min(past, len(stop.t) - 1)]].tolist()

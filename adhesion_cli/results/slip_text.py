@@ -35,12 +35,12 @@ def _spread(x: tuple[float, float, float] | None, digits: int, factor: float = 1
 def rail_row(rail: RailFit) -> dict[str, str]:
     """What the slides show of the curve's peak, and a dash for what they do not."""
     peak = _spread(rail.peak_slip, 2, 100.0)
-    if rail.below and not rail.peak_slip:
-        peak = f"below {number(100.0 * rail.below, 2)}"
+    if rail.peak_slip_limit and not rail.peak_slip:
+        peak = f"below {number(100.0 * rail.peak_slip_limit, 2)}"
     return {
         "peak slip [%]": peak,
         "peak µ": _spread(rail.peak_mu, 3),
-        "speed [m/s]": number(rail.speed if rail.below else None, 1),
+        "speed [m/s]": number(rail.speed if rail.peak_slip_limit else None, 1),
         "utilisation": _spread(rail.utilisation, 3),
     }
 
@@ -48,9 +48,9 @@ def rail_row(rail: RailFit) -> dict[str, str]:
 def constants(rails: Sequence[RailFit]) -> list[list[str]]:
     """A row for each constant that is known of some rail."""
     return [
-        [shown, *(_spread(rail.told.get(name), 3) for rail in rails)]
+        [shown, *(_spread(rail.constants.get(name), 3) for rail in rails)]
         for shown, name in _CONSTANTS.items()
-        if any(name in rail.told for rail in rails)
+        if any(name in rail.constants for rail in rails)
     ]
 
 
@@ -60,13 +60,15 @@ def slide_rows(summaries: Sequence[Summary], start_ns: int) -> list[dict[str, st
         {
             "axle": str(s.axle),
             "start [s]": number((x.start - start_ns) / 1e9, 2),
-            "duration [s]": at_least(x.duration, 2, x.at_least),
-            "distance [m]": at_least(x.distance, 1, x.at_least),
+            "duration [s]": at_least(x.duration, 2, x.is_lower_bound),
+            "distance [m]": at_least(x.distance, 1, x.is_lower_bound),
             # of a locked wheel it is 100 %, whatever the train speed's error
             "max slip [%]": (
-                at_least(100.0 * x.max_slip, 1, x.at_least) if x.max_slip < _LOCKED else "100.0"
+                at_least(100.0 * x.max_slip, 1, x.is_lower_bound)
+                if x.max_slip < _LOCKED
+                else "100.0"
             ),
-            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.at_least),
+            "energy [kJ]": at_least(x.energy and x.energy / 1e3, 1, x.is_lower_bound),
         }
         for s in summaries
         for x in s.slides

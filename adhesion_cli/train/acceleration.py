@@ -196,9 +196,16 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
     compiled.function(_smooth)(s, moments, smoothed)
     v, b, variance = smoothed.T
     return Integrated(
-        t, g.start_ns, v - gain, np.sqrt(variance), b, sample_t, sign * area, sign,
+        t,
+        g.start_ns,
+        v - gain,
+        np.sqrt(variance),
+        b,
+        sample_t,
+        sign * area,
+        sign,
         g.step * float(anchored.sum()),
-    )  # fmt: skip
+    )
 
 
 def _sign(g: Grid, gain: Floats, released: Bools, standstill: Bools) -> int:
@@ -246,12 +253,20 @@ def _samples(g: Grid, gain: Floats, a: Channel, released: Bools, standstill: Boo
     rolling_wheels = released & erode(steady, g.half_width) & (g.rim > CRAWL)
     rim = np.where(rolling_wheels, g.rim, np.nan)
     median_rim = finite_median(rim)
-    ratio = [np.median(x[rolling] / median_rim[rolling]) if rolling.any() else 1.0
-             for x, rolling in zip(rim, rolling_wheels, strict=True)]  # fmt: skip
+    ratio = [
+        np.median(x[rolling] / median_rim[rolling]) if rolling.any() else 1.0
+        for x, rolling in zip(rim, rolling_wheels, strict=True)
+    ]
     level = np.zeros(n)
     for start, stop in true_runs(standstill):
         level[start:stop] = np.mean(step_gain[start:stop]) / h
     return _Samples(
-        h, step_gain, walk, drift, rim / np.array(ratio)[:, None],
-        (_WHEEL_SIGMA**2 + (_CREEP * mean * rim) ** 2) * _CORRELATION_TIME / h, standstill, level,
-    )  # fmt: skip
+        h,
+        step_gain,
+        walk,
+        drift,
+        rim / np.array(ratio)[:, None],
+        (_WHEEL_SIGMA**2 + (_CREEP * mean * rim) ** 2) * _CORRELATION_TIME / h,
+        standstill,
+        level,
+    )

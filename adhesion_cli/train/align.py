@@ -76,14 +76,18 @@ def _integrated(
         speed, sigma = v.interpolate(x.record.t)
         highest = max(highest, float(np.nanmax(sigma, initial=0.0)))
         record = replace(
-            x.record, train_speed=speed, train_speed_sigma=sigma,
+            x.record,
+            train_speed=speed,
+            train_speed_sigma=sigma,
             train_speed_late=Parameter(0.0, acceleration.FILTER_DELAY_SIGMA),
-        )  # fmt: skip
+        )
         integrated_axles.append(x._replace(record=record))
     values = {
-        "sigma_mps": highest, "bias_low_mps2": float(v.bias.min()),
-        "bias_high_mps2": float(v.bias.max()), "anchored_s": v.anchored,
-    }  # fmt: skip
+        "sigma_mps": highest,
+        "bias_low_mps2": float(v.bias.min()),
+        "bias_high_mps2": float(v.bias.max()),
+        "anchored_s": v.anchored,
+    }
     names = {"axis": "forwards" if v.sign > 0 else "backwards"}
     finding = Finding("train-speed-integrated", "info", channel=a.title, values=values, names=names)
     return integrated_axles, [finding]
@@ -127,10 +131,14 @@ def _clock_findings(
     start, stop = (float(s) for s in view.seconds(train.data.t[[0, -1]]))
     return [
         Finding(
-            code, "info" if code == _CORRECTED else "warning", channel=train.title,
-            count=train.rows, spans=((start, stop),), values=values,
+            code,
+            "info" if code == _CORRECTED else "warning",
+            channel=train.title,
+            count=train.rows,
+            spans=((start, stop),),
+            values=values,
         )
-    ]  # fmt: skip
+    ]
 
 
 def _same_samples(channel: Channel, other_channel: Channel) -> bool:

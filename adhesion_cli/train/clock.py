@@ -74,7 +74,7 @@ class _Samples(NamedTuple):
 
     def select(self, axles: Bools) -> "_Samples":
         """Those of some axles."""
-        of_axles = ("rim", "free", "known", "fast", "factors", "products")
+        of_axles = ("rim", "released", "usable", "fast", "factors", "products")
         return self._replace(**{name: getattr(self, name)[axles] for name in of_axles})
 
 
@@ -147,9 +147,17 @@ def _samples(g: Grid, t: Floats, stride: int, noise: float, correlated: float) -
     q = np.where(usable, rim * np.maximum(slowing, 0.0), 0.0)
     fast = np.array([x > 0.3 * np.nanmax(x) for x in rim])
     return _Samples(
-        t, rim, g.clamping[:, ::stride] <= 0.0, train_slows, noise, correlated, usable, fast,
-        np.stack([c, q], axis=1), np.stack([c * c, c * q, q * q], axis=1),
-    )  # fmt: skip
+        t,
+        rim,
+        g.clamping[:, ::stride] <= 0.0,
+        train_slows,
+        noise,
+        correlated,
+        usable,
+        fast,
+        np.stack([c, q], axis=1),
+        np.stack([c * c, c * q, q * q], axis=1),
+    )
 
 
 def _likeliest(

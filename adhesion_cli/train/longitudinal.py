@@ -51,9 +51,14 @@ from .explanation import AS_STATED, Design, Explanation, Line, Piece
 from .grid import FEWEST, Grid, erode, grid
 
 UNITS = {
-    "scale": "ln", "offset": "-", "delay": "s", "stiffness": "ln", "fade": "s/m",
-    "resistance": "m/s²", "drag": "1/m",
-}  # fmt: skip
+    "scale": "ln",
+    "offset": "-",
+    "delay": "s",
+    "stiffness": "ln",
+    "fade": "s/m",
+    "resistance": "m/s²",
+    "drag": "1/m",
+}
 SCALE, OFFSET, DELAY, STIFFNESS, FADE, RESISTANCE, DRAG = range(len(UNITS))
 _SHARED = len(UNITS)
 CREEP = Parameter(math.log(22.0), 0.6)  # ln of 8 to 60 per unit of slip
@@ -756,9 +761,12 @@ def _explain(d: Design, vehicle: Vehicle) -> Explanation:
 
 
 def _best(
-    brake: Brake, sample_counts: Sequence[Floats], prior: Mapping[int, Parameter],
-    starts: Sequence[Floats], inside: Sequence[_Likeliest],
-) -> _Likeliest:  # fmt: skip
+    brake: Brake,
+    sample_counts: Sequence[Floats],
+    prior: Mapping[int, Parameter],
+    starts: Sequence[Floats],
+    inside: Sequence[_Likeliest],
+) -> _Likeliest:
     """The best fit from the best of `starts` and from each fit with fewer unknowns.
 
     A model is never less likely than one that it contains; one search may end where it is. Of few
@@ -782,9 +790,12 @@ def _gradients(d: Design, p: Posterior) -> tuple[Piece, ...]:
 
 
 def _judge(
-    d: Design, sample_counts: Sequence[Floats], fits: Mapping[str, _Likeliest], vehicle: Vehicle,
+    d: Design,
+    sample_counts: Sequence[Floats],
+    fits: Mapping[str, _Likeliest],
+    vehicle: Vehicle,
     clear_gain: float,
-) -> Explanation:  # fmt: skip
+) -> Explanation:
     """What the likelihoods of all causes say together.
 
     Args:

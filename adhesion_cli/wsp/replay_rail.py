@@ -51,8 +51,8 @@ def under(
     Raises:
         UserError: the slides show no rail, with the reason.
     """
-    whole = slip.Whole(axle, vehicle)
-    rail, findings = slip.fitted(whole, found)
+    whole = slip.AxleContext(axle, vehicle)
+    rail, findings = slip.fit_rail(whole, found)
     better: int | None = None
     if rail is None:
         if findings[0].code not in ("slides-too-short", "rail-changes"):
@@ -61,13 +61,13 @@ def under(
     more = _more(axle, vehicle, rail)
     if better is not None:
         more |= (axle.record.t >= better) & (
-            axle.record.t < axle.record.t[found[-1].where.stop - 1]
+            axle.record.t < axle.record.t[found[-1].samples.stop - 1]
         )
     return Under(rail, _spans(axle, more, begin, end)), findings
 
 
 def _short(
-    whole: slip.Whole, found: Sequence[Slide]
+    whole: slip.AxleContext, found: Sequence[Slide]
 ) -> tuple[fit.RailFit, int | None, list[Finding]]:
     """A fit to the slides up to where the rail gets better, and when that is [ns].
 
@@ -80,10 +80,10 @@ def _short(
     better = None if past == len(points.t) else int(record.t[0] + round(points.t[past] * 1e9))
     points = fit.Points._make(x[:past] for x in points)
     seconds = fit.clear_time(points)
-    if seconds < fit.LEAST:
+    if seconds < fit.SHORTEST_FIT:
         text = f"its slides show {seconds:.1f} s of slip above the noise of the speeds"
         hint = "Log train and wheel speed at a higher rate or with less noise."
-        raise UserError(f"{text}; {fit.LEAST:g} s are needed", hint)
+        raise UserError(f"{text}; {fit.SHORTEST_FIT:g} s are needed", hint)
     rail = fit.fit(points, whole.vehicle, radius.tolerance / radius.value, mu_error)
     if rail is None:
         text = "its slides lie on different rails: no single adhesion curve fits them"
@@ -139,7 +139,7 @@ def _spans(axle: AxleResult, more: Bools, begin: int, end: int) -> list[tuple[in
     record, spans = axle.record, list[tuple[int, int | None]]()
     t, creeping = record.t, np.zeros(len(record), dtype=np.bool_)
     assert axle.slip is not None
-    for x in (*slip.creeps(record, axle.slip), *(x.where for x in slip.slides(axle))):
+    for x in (*slip.find_creep(record, axle.slip), *(x.samples for x in slip.slides(axle))):
         creeping[x] = True
     runs = [(int(t[a]), int(t[b - 1])) for a, b in true_runs(more) if t[a] < end]
     at = begin

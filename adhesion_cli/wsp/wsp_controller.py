@@ -351,4 +351,4 @@ def bands(settings: Settings) -> slope.Bands:
     """
     p = validated(controllers()["patent"], settings.get("patent", {}))
     found = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
-    return slope.checked(found, "patent")
+    return slope.check_bands(found, "patent")

@@ -5,14 +5,14 @@ import re
 from adhesion_cli.cli.slip import table
 from adhesion_cli.rail.events import Slide
 from adhesion_cli.rail.slip import Summary
-from adhesion_cli.rail.slope import REGIONS, SHOWN
+from adhesion_cli.rail.slope import REGION_TITLES, REGIONS
 from adhesion_cli.results.slip_text import note
 
 SHARES = dict(zip(REGIONS, (0.1, 0.5, 0.3, 0.1), strict=True))
 
 
 def slide(max_slip: float, energy: float | None) -> Slide:
-    return Slide(slice(0, 9), 12_500_000_000, 4.0, 60.0, max_slip, energy, at_least=True)
+    return Slide(slice(0, 9), 12_500_000_000, 4.0, 60.0, max_slip, energy, is_lower_bound=True)
 
 
 SLID = Summary(2, SHARES, [slide(1.0, None), slide(0.15, 2e3)], None, None, None)
@@ -21,8 +21,10 @@ ROLLED = Summary(1, SHARES, [], None, None, None)
 
 def test_every_region_is_explained_where_it_is_shown() -> None:
     lines = table([ROLLED], 0).splitlines()
-    assert all(f"{region} [%]" in lines[0] for region in SHOWN)
-    assert all(any(re.match(f"  {region} +[a-zµ]", line) for line in lines) for region in SHOWN)
+    assert all(f"{region} [%]" in lines[0] for region in REGION_TITLES)
+    assert all(
+        any(re.match(f"  {region} +[a-zµ]", line) for line in lines) for region in REGION_TITLES
+    )
 
 
 def test_a_flat_part_far_beyond_the_peak_is_not_called_optimal() -> None:

@@ -23,7 +23,7 @@ from adhesion_cli.core.units import ATMOSPHERE
 from adhesion_cli.diagnostics import diagnosis, registry
 from adhesion_cli.diagnostics.scene import Scene
 from adhesion_cli.formats.open import open_source
-from adhesion_cli.rail.applications import of_axle
+from adhesion_cli.rail.applications import find_applications
 from adhesion_cli.train.explanation import AS_STATED
 from adhesion_cli.train.grid import Grid
 from adhesion_cli.wsp import simulate
@@ -569,7 +569,9 @@ def test_a_force_less_sure_than_large_is_not_shown(tmp_path: Path) -> None:
     assert (told.count, told.channel) == (1, "axle 1")
     (axle,) = result.axles
     assert all(s.rmse_n is None for s in axle.scores)
-    assert [a.force for a in of_axle(axle, result.vehicle)] == [None]  # its slides are still shown
+    assert [a.force for a in find_applications(axle, result.vehicle)] == [
+        None
+    ]  # its slides are still shown
     braked = axle.record.clamping_force > 1000.0
     assert not np.isfinite(axle.reference.force[braked]).any()
 

@@ -10,7 +10,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core.model import Result
 from adhesion_cli.core.physics import G
-from adhesion_cli.rail.applications import of_axle
+from adhesion_cli.rail.applications import find_applications
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
@@ -22,11 +22,11 @@ def low() -> Result:
 
 def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:
     for axle in low.axles:
-        (one,) = of_axle(axle, low.vehicle)
+        (one,) = find_applications(axle, low.vehicle)
         assert axle.record.truth is not None
         assert one.force is not None
-        true = axle.record.truth[one.where]
-        t = axle.record.t[one.where] * 1e-9
+        true = axle.record.truth[one.samples]
+        t = axle.record.t[one.samples] * 1e-9
         known = np.isfinite(true)
         mean = np.trapezoid(true[known], t[known]) / np.ptp(t[known])
         assert abs(one.force.mean - mean) < one.force.mean_u95
@@ -35,7 +35,7 @@ def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:
 
 
 def test_the_coefficient_has_the_tolerance_of_the_mass_too(low: Result) -> None:
-    (one,) = of_axle(low.axles[2], low.vehicle)
+    (one,) = find_applications(low.axles[2], low.vehicle)
     assert one.force is not None
     assert one.coefficient is not None
     mass = low.vehicle.axle_mass
@@ -47,11 +47,11 @@ def test_the_coefficient_has_the_tolerance_of_the_mass_too(low: Result) -> None:
 
 
 def test_slides_belong_to_the_application_in_which_they_begin(low: Result) -> None:
-    slid, rolled = (of_axle(low.axles[i], low.vehicle)[0] for i in (0, 2))
+    slid, rolled = (find_applications(low.axles[i], low.vehicle)[0] for i in (0, 2))
     assert len(slid.slides) > 1
     assert not rolled.slides
     assert slid.utilisation is not None
-    assert slid.utilisation.low < slid.utilisation.value < slid.utilisation.high
+    assert slid.utilisation.lower < slid.utilisation.value < slid.utilisation.upper
     assert 0.9 < slid.utilisation.value < 1.0
     assert rolled.utilisation is None
 
@@ -59,18 +59,18 @@ def test_slides_belong_to_the_application_in_which_they_begin(low: Result) -> No
 def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force() -> None:
     result = analyze(SAMPLES / "service-brake.csv", settings.load, ["td"])
     (axle,) = result.axles
-    (one,) = of_axle(axle, result.vehicle)
-    middle = (one.where.start + one.where.stop) // 2
+    (one,) = find_applications(axle, result.vehicle)
+    middle = (one.samples.start + one.samples.stop) // 2
     ref = axle.reference
     force, sigma = ref.force.copy(), ref.sigma.copy()
     force[middle], sigma[middle] = 3.0 * force[middle], 2.0 * force[middle]
     noisy = replace(
         axle,
         reference=replace(ref, force=force, sigma=sigma),
-        applications=(slice(one.where.start, middle), slice(middle, one.where.stop)),
+        applications=(slice(one.samples.start, middle), slice(middle, one.samples.stop)),
     )
-    first, second = of_axle(noisy, result.vehicle)
-    assert first.end <= second.start
+    first, second = find_applications(noisy, result.vehicle)
+    assert first.end_ns <= second.start_ns
     for part in (first, second):
         assert part.force is not None
         assert one.force is not None
@@ -79,13 +79,15 @@ def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force(
 
 def test_a_wheel_that_locks_for_a_time_has_one_application(low: Result) -> None:
     axle = low.axles[2]
-    (whole,) = of_axle(axle, low.vehicle)
-    middle = (whole.where.start + whole.where.stop) // 2
-    parts = slice(whole.where.start, middle), slice(middle + 200, whole.where.stop)
+    (whole,) = find_applications(axle, low.vehicle)
+    middle = (whole.samples.start + whole.samples.stop) // 2
+    parts = slice(whole.samples.start, middle), slice(middle + 200, whole.samples.stop)
     apart = replace(axle, applications=parts)
-    (one,) = of_axle(apart, low.vehicle)
-    assert (one.start, one.end) == (whole.start, whole.end)
-    first, second = (of_axle(replace(axle, applications=(x,)), low.vehicle)[0] for x in parts)
+    (one,) = find_applications(apart, low.vehicle)
+    assert (one.start_ns, one.end_ns) == (whole.start_ns, whole.end_ns)
+    first, second = (
+        find_applications(replace(axle, applications=(x,)), low.vehicle)[0] for x in parts
+    )
     assert one.force
     assert first.force
     assert second.force
@@ -95,4 +97,4 @@ def test_a_wheel_that_locks_for_a_time_has_one_application(low: Result) -> None:
     released = axle.record.clamping_force.copy()
     released[middle : middle + 200] = 0.0
     record = replace(axle.record, clamping_force=released)
-    assert len(of_axle(replace(apart, record=record), low.vehicle)) == 2
+    assert len(find_applications(replace(apart, record=record), low.vehicle)) == 2

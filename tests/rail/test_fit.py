@@ -83,12 +83,12 @@ def test_the_intervals_hold(rails: int) -> None:
             continue
         slip, mu = peak(condition, found.speed)
         true = {**condition._asdict(), "peak slip": slip, "peak mu": mu}
-        told = {**found.told, "peak slip": found.peak_slip, "peak mu": found.peak_mu}
+        told = {**found.constants, "peak slip": found.peak_slip, "peak mu": found.peak_mu}
         for name, x in told.items():
             if x is not None:
-                held.setdefault(name, []).append(x.low <= true[name] <= x.high)
-        if found.below is not None:
-            held.setdefault("below", []).append(slip < found.below)
+                held.setdefault(name, []).append(x.lower <= true[name] <= x.upper)
+        if found.peak_slip_limit is not None:
+            held.setdefault("below", []).append(slip < found.peak_slip_limit)
     print({name: f"{sum(hits)} of {len(hits)}" for name, hits in sorted(held.items())})
     for name, hits in held.items():
         assert likely(hits), name
@@ -108,7 +108,7 @@ def test_the_draws_of_short_slides_hold(seconds: float, rails: int) -> None:
         some = fit.Points._make(x[first : first + n] for x in points)
         found = fit.fit(some, Vehicle(), radius, scale, 60)
         if found is None:
-            assert fit.clear_time(some) < fit.LEAST
+            assert fit.clear_time(some) < fit.SHORTEST_FIT
             continue
         slips = np.geomspace(1e-3, 0.5, 60)
         true, *draws = (
@@ -185,11 +185,11 @@ def test_the_peak_holds_on_rails_of_other_laws(
         curve = mu(s, found.speed)
         slip, tall = s[np.argmax(curve)], curve.max()
         if found.peak_slip is not None:
-            slips.append(found.peak_slip.low <= slip <= found.peak_slip.high)
-        if found.below is not None:
-            slips.append(slip < found.below)
+            slips.append(found.peak_slip.lower <= slip <= found.peak_slip.upper)
+        if found.peak_slip_limit is not None:
+            slips.append(slip < found.peak_slip_limit)
         if found.peak_mu is not None:
-            heights.append(found.peak_mu.low <= tall <= found.peak_mu.high)
+            heights.append(found.peak_mu.lower <= tall <= found.peak_mu.upper)
     print(f"slip {sum(slips)} of {len(slips)}, μ {sum(heights)} of {len(heights)}")
     assert slips
     assert likely(slips)

@@ -121,15 +121,15 @@ def test_peak_and_rail_lie_in_their_intervals(axle: int, cleaning: float) -> Non
     assert s.rail.peak_slip is not None
     assert s.rail.peak_mu is not None
     peak, mu = true_curve("low", cleaning, s.rail.speed)
-    assert s.rail.peak_slip.low < peak < s.rail.peak_slip.high
-    assert s.rail.peak_slip.high < 1.5 * s.rail.peak_slip.low
+    assert s.rail.peak_slip.lower < peak < s.rail.peak_slip.upper
+    assert s.rail.peak_slip.upper < 1.5 * s.rail.peak_slip.lower
     assert s.rail.peak_mu.value == pytest.approx(mu, rel=0.01)
     true = creep_law.condition("low")
     for name, value in true._replace(f0=true.f0 * cleaning)._asdict().items():
-        if name in s.rail.told:
-            _, low, high = s.rail.told[name]
+        if name in s.rail.constants:
+            _, low, high = s.rail.constants[name]
             assert 0.98 * low < value < 1.02 * high, name
-    assert {"f0", "B"} <= set(s.rail.told)
+    assert {"f0", "B"} <= set(s.rail.constants)
     force = simulation("low-adhesion").adhesion_force[:, axle - 1]
     t = simulation("low-adhesion").t
     used = np.concatenate(
@@ -145,11 +145,11 @@ def test_a_wheel_of_known_radius_tells_the_whole_rail() -> None:
     loose, sure = (told("roller-rig", 1, *more).rail for more in ((), (exact,)))
     assert loose is not None
     assert sure is not None
-    assert set(loose.told) <= set(sure.told)
-    for name, interval in loose.told.items():
-        assert interval.low < getattr(creep_law.condition("wet"), name) < interval.high, name
-    assert {"k_a", "k_s", "f0", "B"} <= set(sure.told)
-    for name, interval in sure.told.items():
+    assert set(loose.constants) <= set(sure.constants)
+    for name, interval in loose.constants.items():
+        assert interval.lower < getattr(creep_law.condition("wet"), name) < interval.upper, name
+    assert {"k_a", "k_s", "f0", "B"} <= set(sure.constants)
+    for name, interval in sure.constants.items():
         assert interval.value == pytest.approx(getattr(creep_law.condition("wet"), name), rel=0.05)
 
 
@@ -173,8 +173,8 @@ def test_points_on_one_side_of_the_peak_tell_no_peak() -> None:
     assert found is not None
     assert found.peak_slip is None
     assert found.peak_mu is None
-    assert found.below is None
-    assert not {"A", "B"} & set(found.told)
+    assert found.peak_slip_limit is None
+    assert not {"A", "B"} & set(found.constants)
 
 
 @pytest.mark.parametrize("name", ["low", "dry"])
@@ -192,10 +192,10 @@ def test_points_beyond_the_peak_alone_bound_it(name: str) -> None:
     assert found is not None
     assert found.peak_slip is None
     at, height = true_curve(name, 1.0, speed)
-    assert found.below is not None
-    assert at < found.below < creep.max()
+    assert found.peak_slip_limit is not None
+    assert at < found.peak_slip_limit < creep.max()
     assert found.peak_mu is not None
-    assert found.peak_mu.low < height < found.peak_mu.high < 1.2 * found.peak_mu.low
+    assert found.peak_mu.lower < height < found.peak_mu.upper < 1.2 * found.peak_mu.lower
 
 
 def swinging(deepest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -223,7 +223,7 @@ def test_forces_known_to_err_where_the_brake_turns_move_no_peak() -> None:
     assert found is not None
     assert found.peak_slip is not None
     at, _ = true_curve("low", 1.0, found.speed)
-    assert found.peak_slip.low < at < found.peak_slip.high
+    assert found.peak_slip.lower < at < found.peak_slip.upper
     assert found.peak_slip.value == pytest.approx(at, rel=0.1)
 
 
@@ -238,8 +238,8 @@ def test_utilisation_knows_that_slides_may_begin_and_end_elsewhere() -> None:
     assert found.utilisation is not None
     true = mu[creep > 0.01].mean() / true_curve("low", 1.0, 15.0)[1]
     assert abs(mu[sliding].mean() / mu[creep > 0.01].mean() - 1.0) > 0.02
-    assert found.utilisation.low < true < found.utilisation.high
-    assert found.utilisation.high < 1.2 * found.utilisation.low
+    assert found.utilisation.lower < true < found.utilisation.upper
+    assert found.utilisation.upper < 1.2 * found.utilisation.lower
 
 
 def test_a_rail_that_changes_has_no_curve() -> None:
@@ -267,15 +267,15 @@ def test_a_wheel_that_swings_about_the_peak_tells_it(
         assert found.rail is not None
         at, height = true_curve("low", 1.0, found.rail.speed)
         assert found.rail.peak_slip is not None
-        assert found.rail.peak_slip.low < at < found.rail.peak_slip.high
+        assert found.rail.peak_slip.lower < at < found.rail.peak_slip.upper
         assert found.rail.peak_mu is not None
-        assert found.rail.peak_mu.low < height < found.rail.peak_mu.high
+        assert found.rail.peak_mu.lower < height < found.rail.peak_mu.upper
 
 
 def test_wheel_diameters_come_from_coasting() -> None:
     result = analysed("four-axles")
     for axle in result.axles:
-        radius, _ = slip.calibrated(axle.record, result.vehicle)
+        radius, _ = slip.calibrate_radius(axle.record, result.vehicle)
         true = simulation("four-axles").scenario.vehicle.radius(axle.record.axle).value
         assert abs(radius.value - true) < 3.0 * radius.tolerance + 1e-3
     calibrated = [f.channel for f in result.findings if f.code == "wheel-calibrated"]
@@ -334,7 +334,7 @@ def test_a_speed_made_of_the_axles_tells_no_wheel_from_itself() -> None:
     y, K = np.full(len(t), 25.0 / 0.42), np.zeros(len(t))
     records = [AxleRecord(n, t, K, K, y, (slice(0, len(t)),)) for n in (1, 2)]
     made, _ = slip.with_reference_speed(records, records, Vehicle(), 0)
-    assert slip.calibrated(made[0], Vehicle())[1] == []
+    assert slip.calibrate_radius(made[0], Vehicle())[1] == []
 
 
 def test_without_a_train_speed_the_fastest_axle_is_the_train() -> None:
@@ -375,11 +375,11 @@ def test_all_axles_sliding_is_told() -> None:
         force = np.full(len(t), 1500.0)
         ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
         axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
-        axle, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+        axle, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
         summary, _ = slip.summary(axle, Vehicle())
         shown.append((summary.slides[0], table([summary], 0)))
     (bound, text), (whole, plain) = shown
-    assert (bound.at_least, whole.at_least) == (True, False)
+    assert (bound.is_lower_bound, whole.is_lower_bound) == (True, False)
     for name in ("duration", "distance", "max_slip", "energy"):
         assert getattr(bound, name) < getattr(whole, name), name
     assert f"≥ {100.0 * bound.max_slip:.1f}" in text
@@ -396,7 +396,7 @@ def test_a_locked_wheel_slides_at_an_unknown_force() -> None:
     force = np.where(creep < 1.0, 1500.0, np.nan)
     ref = Reference("none", "none", force, 0.0 * force, 0.0 * force)
     axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
-    axle, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+    axle, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
     (slide,) = slip.slides(axle)
     assert slide.energy is None
     assert slide.max_slip == 1.0
@@ -428,7 +428,7 @@ def test_a_rolling_wheel_has_no_slope_of_noise(noise: float, rate: float) -> Non
     force = mu * Vehicle().axle_mass.value * G
     ref = Reference("none", "none", force, 0.0 * force + 5.0, 0.0 * force)
     axle = AxleResult(record, ref, {}, (), (slice(100, len(t)),))
-    done, _ = slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
+    done, _ = slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())
     told = done.slope[np.isfinite(done.slope)]
     assert (told > steep / 2.0).all()
 
@@ -461,7 +461,7 @@ def test_a_late_train_speed_is_shifted(seconds: float) -> None:
     assert found.rail is not None
     assert found.rail.peak_slip is not None
     peak, _ = true_curve("low", 1.0, found.rail.speed)
-    assert found.rail.peak_slip.low < peak < found.rail.peak_slip.high
+    assert found.rail.peak_slip.lower < peak < found.rail.peak_slip.upper
 
 
 def test_a_train_speed_on_time_is_left_alone() -> None:
@@ -506,8 +506,8 @@ def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: f
     assert found.rail is None
     assert axle.record.true_slip is not None
     for x in found.slides:
-        assert x.at_least
-        assert x.max_slip < np.nanmax(axle.record.true_slip[x.where]) + 0.01
+        assert x.is_lower_bound
+        assert x.max_slip < np.nanmax(axle.record.true_slip[x.samples]) + 0.01
 
 
 def seen(t: np.ndarray, v: np.ndarray, rim: np.ndarray, K: np.ndarray) -> AxleResult:
@@ -518,7 +518,7 @@ def seen(t: np.ndarray, v: np.ndarray, rim: np.ndarray, K: np.ndarray) -> AxleRe
     )  # fmt: skip
     ref = Reference("none", "none", np.full(len(t), 1e3), np.full(len(t), 5.0), np.zeros(len(t)))
     axle = AxleResult(record, ref, {}, (), (slice(0, len(t)),))
-    return slip.observed(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())[0]
+    return slip.observe_slip(axle, Vehicle(), 1.0, slope.Params(), slope.Bands())[0]
 
 
 def test_a_wheel_that_no_brake_slows_does_not_slide() -> None:
@@ -612,7 +612,9 @@ def test_the_command(tmp_path: Path) -> None:
         "stop.slip.mcap", "stop.slip.rrd", "slip.svg",
     ]  # fmt: skip
     picture = (tmp_path / "slip.svg").read_text()
-    assert all(text in picture for text in (*slope.SHOWN, "peak, 95 %", "axle 1: confidence"))
+    assert all(
+        text in picture for text in (*slope.REGION_TITLES, "peak, 95 %", "axle 1: confidence")
+    )
     assert run(log.name, "--force", "--figure", "slip.txt").returncode == 2
     refused = run(log.name, log.name, "--figure", "two.svg")
     assert refused.returncode == 2

@@ -10,7 +10,7 @@ from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
 from adhesion_cli.core import physics
 from adhesion_cli.core.model import Z95, Floats, Parameter, Result, Vehicle, quantities
-from adhesion_cli.rail.applications import of_axle
+from adhesion_cli.rail.applications import find_applications
 from adhesion_cli.reference import budget
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
@@ -40,9 +40,9 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
     def mean(x: Floats) -> float:
         return float(x[at].mean())
 
-    moved = budget.by_parameter(record, vehicle, ref)
+    moved = budget.contributions_by_parameter(record, vehicle, ref)
     of = replace(axle, record=record, reference=ref)
-    found = budget.of_mean(of, vehicle, moved, mean, len(at))
+    found = budget.mean_budget(of, vehicle, moved, mean, len(at))
     assert np.isinf(found.freedom)
     assert found.k == Z95
     assert record.pressure is not None
@@ -61,7 +61,7 @@ def test_first_order_is_what_drawn_vehicles_give(result: Result, of_rim: bool) -
 
 
 def test_a_budget_adds_up_and_gives_the_expanded_uncertainty(result: Result) -> None:
-    (one,) = of_axle(result.axles[0], result.vehicle)
+    (one,) = find_applications(result.axles[0], result.vehicle)
     assert one.budget
     assert one.force
     rows = one.budget.rows
@@ -77,7 +77,9 @@ def test_a_budget_adds_up_and_gives_the_expanded_uncertainty(result: Result) -> 
 def test_correlated_tolerances_add_up_to_the_whole(result: Result) -> None:
     pair = ("friction", "spring_force", 0.8)
     vehicle = replace(result.vehicle, correlation=(pair,))
-    alone, together = (of_axle(result.axles[0], v)[0].budget for v in (result.vehicle, vehicle))
+    alone, together = (
+        find_applications(result.axles[0], v)[0].budget for v in (result.vehicle, vehicle)
+    )
     assert alone
     assert together
     by = {row.quantity: row.u * row.sensitivity for row in together.rows}

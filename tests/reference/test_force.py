@@ -234,7 +234,7 @@ def test_a_wheel_that_rolls_shows_the_pressure_between_its_samples(name: str) ->
 def test_a_long_level_beside_dither_counts_once() -> None:
     """A wheel that turns back near the edge of a step: its level of a second is no white noise."""
     y = np.repeat([18.0, 19.0, 20.0, 19.0, 20.0, 19.0, 18.0], [30, 57, 2, 1, 26, 44, 20])
-    level, variance = force._unstepped(np.arange(len(y)) * 0.005, y, np.ones(len(y)))
+    level, variance = force._remove_steps(np.arange(len(y)) * 0.005, y, np.ones(len(y)))
     for run in (slice(30, 87), slice(90, 116)):
         assert np.isfinite(variance[run]).sum() <= force._KNOTS + 2
     assert np.abs(level - y).max() <= 0.5
@@ -267,8 +267,10 @@ def test_a_counts_interval_ends_at_its_stamp_and_a_totals_lies_about_it() -> Non
     record, _ = logged("service-brake", 20.0, teeth=60)
     t, zero = record.t * 1e-9, np.zeros(len(record))
     whole = smoother.Run(t, zero, zero, zero, zero, zero, zero)
-    ends = force._pulsed(record, zero, whole, 2)
-    about = force._pulsed(replace(record, of_totals=True), zero, whole._replace(t=t - 0.025), 2)
+    ends = force._pulse_means(record, zero, whole, 2)
+    about = force._pulse_means(
+        replace(record, of_totals=True), zero, whole._replace(t=t - 0.025), 2
+    )
     assert about.t == pytest.approx(ends.t)
     assert ends.t[:2] == pytest.approx([0.0, 0.1])
     for run in (ends, about):
@@ -295,7 +297,7 @@ def test_a_mean_lies_beside_the_middle_of_a_random_walks_integral() -> None:
 )  # fmt: skip
 def test_a_pulse_counter_is_known_by_its_pulses(sensor: dict[str, float], counts: bool) -> None:
     for name in ("service-brake", "leaf-film"):
-        assert (force._counted(logged(name, 100.0, **sensor)[0]) > 0) == counts
+        assert (force._counts_together(logged(name, 100.0, **sensor)[0]) > 0) == counts
 
 
 def share_inside(F: Reference, truth: Floats, used: Bools) -> float:
@@ -333,7 +335,7 @@ def test_sigma_covers_what_a_slow_pressure_does_not_show(pressure_rate: float) -
 def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, way: float) -> None:
     t = np.cumsum(np.random.default_rng(1).uniform(0.5, 1.5, 300))
     ramp = 100.0 + start + way * rise * t
-    level, variance = force._unstepped(t, np.round(ramp), np.ones(len(ramp)))
+    level, variance = force._remove_steps(t, np.round(ramp), np.ones(len(ramp)))
     told = np.isfinite(variance)
     assert np.all(np.abs(level - ramp)[told] <= 0.5 + 1e-9)
     sharp = variance < 1.0 / 12.0
@@ -346,7 +348,7 @@ def test_a_rounded_ramp_is_known_within_its_motion(rise: float, start: float, wa
 def test_a_pulse_counter_is_not_a_staircase() -> None:
     """5 5 6 5 5 6: the mean is 5.33, not half way between the two levels."""
     y = np.tile([5.0, 5.0, 6.0], 50)
-    level, variance = force._unstepped(np.arange(150.0), y, np.ones(150))
+    level, variance = force._remove_steps(np.arange(150.0), y, np.ones(150))
     assert np.average(level, weights=1.0 / variance) == pytest.approx(y.mean(), abs=0.02)
 
 
@@ -729,7 +731,7 @@ def test_later_samples_never_widen_a_path(seed: int) -> None:
     A, B = random.normal(size=(2, 2, 2))
     P, N = A @ A.T + 0.01 * np.eye(2), B @ B.T
     D = N - P
-    d00, d01, d11 = smoother._gained(
+    d00, d01, d11 = smoother._without_growth(
         D[0, 0], D[0, 1], D[1, 1], P[0, 0], P[0, 1], P[1, 1], float(np.linalg.det(P))
     )
     kept = np.array([[d00, d01], [d01, d11]])
@@ -741,13 +743,13 @@ def test_compiled_and_plain_loops_agree() -> None:
     run, _ = random_run(5, 30, 0.01, 0.5)
     leave = np.array([[0.0, 0.3], [1.0, 0.0]])
     two = smoother.Regimes(np.array([0.0, 1.0]), leave, np.array([0.5, 0.5]), 10.0)
-    run = run._replace(s=np.cos(run.t), lost=np.full(30, 1e-5), span=np.full(30, 0.05))
+    run = run._replace(s=np.cos(run.t), input_variance=np.full(30, 1e-5), span=np.full(30, 0.05))
     noise = smoother.Noise(0.01, 0.2, np.array([0.1, 2.0]))
     plain_kept, plain, scores = np.empty((30, 2, 6)), np.empty((30, 4)), np.empty(30)
     arguments = smoother._arguments(run, two, noise)
     smoother._filter(
-        *arguments, run.y, 0.01 + run.known, run.span**3 / 320.0, two.start, 100.0, plain_kept,
-        scores,
+        *arguments, run.y, 0.01 + run.own_variance, run.span**3 / 320.0, two.start, 100.0,
+        plain_kept, scores,
     )  # fmt: skip
     smoother._backward(*arguments, plain_kept, plain)
     found = smoother.smooth(run, two, noise)

@@ -37,7 +37,7 @@ def test_run_out_is_found_and_taken_out(
     """Whatever its phase, through a slide, and with a radius that is not the logger's."""
     t, y, angle = braked(rate, 1)
     added = share * y * np.sin(angle + phase)
-    part, found = run_out.found(t, radius * (y + added))
+    part, found = run_out.find_run_out(t, radius * (y + added))
     assert found == pytest.approx(share, rel=0.15)
     assert np.std(part / radius - added) < 0.3 * np.std(added)
 
@@ -49,7 +49,7 @@ def test_noise_brakes_slides_and_rounding_are_no_run_out(
     seed: int, rate: float, step: float
 ) -> None:
     t, y, _ = braked(rate, seed)
-    part, share = run_out.found(t, np.round(y / step) * step if step else y)
+    part, share = run_out.find_run_out(t, np.round(y / step) * step if step else y)
     assert share == 0.0
     assert not part.any()
 

@@ -11,7 +11,7 @@ from made_results import result
 from adhesion_cli.core.controller import registry
 from adhesion_cli.core.stop import Stop
 from adhesion_cli.rail import slip
-from adhesion_cli.rail.slope import SHOWN, Bands
+from adhesion_cli.rail.slope import REGION_TITLES, Bands
 from adhesion_cli.results import charts, figures
 from adhesion_cli.wsp import closed_loop, scenario, wsp_controller
 from adhesion_cli.wsp.sweep import Compared, Row
@@ -76,9 +76,9 @@ def test_points_of_slip_have_the_colour_of_their_region() -> None:
     panels = figures.of_slip(made, of, Bands())
     assert len(panels) == 6  # none slid: all are drawn
     _, lines = by_title(panels, "axle 1: µ over slip, by region")
-    assert set(lines) == set(SHOWN)
+    assert set(lines) == set(REGION_TITLES)
     braked = np.concatenate([np.arange(s.start, s.stop) for s in axles[0].applications])
-    for i, region in enumerate(SHOWN):
+    for i, region in enumerate(REGION_TITLES):
         at = np.flatnonzero(np.isfinite(lines[region].x))
         assert at.tolist() == [k for k in braked.tolist() if k % 4 == i]
         np.testing.assert_allclose(lines[region].x[at], 100.0 * axles[0].slip[at])

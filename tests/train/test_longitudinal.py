@@ -64,7 +64,7 @@ def axle(
     y = np.interp(t, fine, train * (1.0 - creep * slows * w.radius))
     y += noise * np.random.default_rng(seed).standard_normal(len(t))
     y = np.round(y / step) * step if step else y
-    p = np.interp(t - fault.pressure_delay, fine, true)
+    p = np.interp(t - fault.late, fine, true)
     ns = np.round(t * 1e9).astype(np.int64)
 
     def channel(meaning: str, x: Floats, step: float = 0.0) -> Channel:
@@ -222,12 +222,12 @@ def seeded(seed: int) -> None:
     )  # fmt: skip
     e = told(one)
     if e.pressure_delay.value and not e.delay_or_line:
-        assert fault.pressure_delay
+        assert fault.late
         close = max(0.03, 0.5 / rate, 5.0 * e.pressure_delay.tolerance)
-        assert e.pressure_delay.value == pytest.approx(fault.pressure_delay, abs=close)
+        assert e.pressure_delay.value == pytest.approx(fault.late, abs=close)
     if e.line and not e.delay_or_line:
         assert fault.scale != 1.0 or fault.offset
-    if abs(fault.pressure_delay) > max(0.2, 2.0 / rate) or not 0.6 < fault.scale < 1.7:
+    if abs(fault.late) > max(0.2, 2.0 / rate) or not 0.6 < fault.scale < 1.7:
         assert e != AS_STATED
 
 

@@ -186,7 +186,7 @@ def test_a_refusal_says_what_is_missing_and_what_helps(
         with monkeypatch.context() as m:
             if axle.record.axle == 1:
                 m.setattr(fit, "SHORTEST", 1e3)
-                m.setattr(fit, "LEAST", 1e3)
+                m.setattr(fit, "SHORTEST_FIT", 1e3)
             return under(axle, *of)
 
     monkeypatch.setattr(replay.replay_rail, "under", refused)

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from ...core.finding import Words, catalogue
 from ...core.text import by_uncertainty
-from ...rail.events import UNSEEN
+from ...rail.events import HIDDEN_TIME
 from .run import Axle, Run
 
 Mark = Literal["good", "slid", "locked", "unknown"]
@@ -67,7 +67,7 @@ def slides_known(axle: Axle) -> bool:
 
 def _seen(axle: Axle, one: Mapping[str, Any]) -> bool:
     """Whether a slide in this brake application would have been seen."""
-    return slides_known(axle) and one.get("slip_unknown_s", 0.0) < UNSEEN
+    return slides_known(axle) and one.get("slip_unknown_s", 0.0) < HIDDEN_TIME
 
 
 def headline(run: Run) -> tuple[Mark, str]:

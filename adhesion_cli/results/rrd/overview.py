@@ -34,7 +34,7 @@ def listed(slides: Slides, start_ns: int) -> str:
     found.sort(key=lambda of: -of[1].max_slip)
     lines = ["| axle | at [s] | for [s] | distance [m] | max slip [%] |", "|---|---|---|---|---|"]
     for axle, x in found[:_MOST]:
-        at, bound = (x.start - start_ns) / 1e9, "≥ " * x.at_least
+        at, bound = (x.start - start_ns) / 1e9, "≥ " * x.is_lower_bound
         numbers = f"{x.duration:.2f}", f"{x.distance:.1f}", f"{100.0 * min(x.max_slip, 1.0):.1f}"
         lines.append(f"| {axle} | {at:.2f} | {' | '.join(bound + n for n in numbers)} |")
     if len(found) > _MOST:

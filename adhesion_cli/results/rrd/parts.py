@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.model import Floats, Times
 from ...core.text import printable
-from ...rail.slope import SHOWN, Bands
+from ...rail.slope import REGION_TITLES, Bands
 from .. import names
 from ..verified import verified
 from .piped import Piped
@@ -147,7 +147,7 @@ _State = tuple[str, int]  # name and colour
 OFF = 0x4A4E54FF  # of a state in which nothing is the matter
 BRAKE: tuple[_State, ...] = (("released", OFF), ("applied", 0x4C78A8FF))
 REGION_STATES: tuple[_State, ...] = tuple(
-    zip(SHOWN, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
+    zip(REGION_TITLES, (OFF, 0x4C78A8FF, 0x54A24BFF, 0xE45756FF), strict=True)
 )
 WHEELS: tuple[_State, ...] = (("rolls", OFF), ("slides", 0xF2A33AFF), ("locked", 0xE45756FF))
 VALVES: tuple[_State, ...] = (("apply", 0x54A24BFF), ("hold", 0xF2A33AFF), ("vent", 0xE45756FF))
