@@ -11,7 +11,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import TYPE_CHECKING, NoReturn
 
-from .core.errors import UserError, as_told
+from .core.errors import UserError, as_user_error
 from .core.text import drop_output, printable, utf8
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def _told(error: BaseException) -> int:
     if isinstance(error, BrokenPipeError):  # whoever read our output is gone
         drop_output()
         return 1
-    told = as_told(error)
+    told = as_user_error(error)
     return _failed(told.text, told.hint, told.code)
 
 

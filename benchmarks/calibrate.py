@@ -33,7 +33,7 @@ from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
-from adhesion_cli.core.physics import faded, force_line, wheelset
+from adhesion_cli.core.physics import force_line, wheelset, with_fade
 from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
@@ -69,11 +69,11 @@ def judged(
     found = Held(0.0, 0.0, [], [], [])
     by_true = prepare(read(open_source(path, ReadOptions()), (), exact), exact).records
     for record, other in zip(prepare(log, vehicle).records, by_true, strict=True):
-        ref = force.compute(faded(record, vehicle), vehicle)
-        of_true = ref if vehicle is exact else force.compute(faded(other, exact), exact)
+        ref = force.compute(with_fade(record, vehicle), vehicle)
+        of_true = ref if vehicle is exact else force.compute(with_fade(other, exact), exact)
         own = drawn.STEP * np.arange(true_of.shape[1])
         true = np.interp(record.t * 1e-9, own, true_of[record.axle - 1])
-        for s in metrics.applications(record):
+        for s in metrics.find_applications(record):
             known = np.isfinite(ref.force[s]) & np.isfinite(of_true.force[s])
             if known.sum() < 2:
                 continue

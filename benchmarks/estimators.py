@@ -129,7 +129,7 @@ def rows() -> Iterator[Row]:
     t, K, y = log(100_000, N)
     starts = np.zeros(1, np.int64)
     for name, est in estimator.registry().items():
-        p = methods.validated(est, {})
+        p = methods.validate(est, {})
         yield from export_rows(est, p, w)
         (ns,) = quickest(partial(compiled.batch, est, p, w, t, K, y, starts))
         yield Row(f"estimator {name}", ns, TARGET, "ns/sample", "the target", most=1.0)

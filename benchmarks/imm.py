@@ -154,10 +154,10 @@ def compared(
     }  # fmt: skip
     imm, sigma, _ = F["imm"]
     assert sigma is not None
-    braked, applications = np.zeros(len(r), bool), metrics.applications(r)
+    braked, applications = np.zeros(len(r), bool), metrics.find_applications(r)
     for s in applications:
         braked[s] = True
-    for s in metrics.started(r, applications):
+    for s in metrics.find_start_ups(r, applications):
         braked[s] = False
     braked &= np.isfinite(reference) & np.isfinite(passed)
     for sliding in (False, True):

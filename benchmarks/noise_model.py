@@ -105,7 +105,7 @@ def axles(seed: int, change: Change | None = None) -> Iterator[Judged]:
         source = open_source(drawn.log_of(test, Path(folder)), ReadOptions())
         records = prepare(read(source, (), test.vehicle), test.vehicle).records
     for r in records:
-        w, faded = physics.wheelset(test.vehicle, r.axle), physics.faded(r, test.vehicle)
+        w, faded = physics.wheelset(test.vehicle, r.axle), physics.with_fade(r, test.vehicle)
         starts = np.array([s.start for s in r.segments])
         columns = r.t, faded.clamping_force, r.wheel_speed, starts
         squares = compiled.batch(IMM, IMM.Params(), w, *columns).nis

@@ -62,7 +62,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         tell(f"{path.name}: axle {record.axle}")
         return analyze_axle(record, settings, estimators, start_ns)
 
-    results, findings_by_axle = zip(*threads.each(analyzed, records), strict=True)
+    results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)
     axle_findings = [f for of_axle in findings_by_axle for f in of_axle]
 
     defaults = default_parameters(settings, any(r.pressure is not None for r in records))

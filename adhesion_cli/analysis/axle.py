@@ -30,7 +30,7 @@ def analyze_axle(
         start_ns: the log's start, from which spans count [ns].
     """
     vehicle = settings.vehicle
-    w, faded = physics.wheelset(vehicle, record.axle), physics.faded(record, vehicle)
+    w, faded = physics.wheelset(vehicle, record.axle), physics.with_fade(record, vehicle)
     reference = force.compute(faded, vehicle, settings.analysis.reference)
     starts = np.array([s.start for s in record.segments], dtype=np.int64)
     K, y = faded.clamping_force, record.wheel_speed
@@ -40,7 +40,7 @@ def analyze_axle(
     forces = {name: e.force for name, e in estimates.items()}
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
-    applications = metrics.applications(record)
+    applications = metrics.find_applications(record)
     findings = list(of_axle(record, vehicle, reference, applications, start_ns))
     findings += noise_model.check(
         settings.checks["noise_model"],
@@ -52,7 +52,7 @@ def analyze_axle(
         reference, finding = _without(record, reference, drowned, start_ns)
         findings.append(finding)
     known = tuple(s for s in applications if s not in drowned)
-    scores = metrics.scores(record, reference, forces, known, sigmas)
+    scores = metrics.score_estimates(record, reference, forces, known, sigmas)
     scores = tuple(replace(s, nis=nis.get(s.algo)) for s in scores)
     result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
     if record.train_speed is None:

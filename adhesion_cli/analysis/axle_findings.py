@@ -39,7 +39,7 @@ def of_axle(
     name = f"axle {record.axle}"
     masks = {**_without_value(record, vehicle, ref), **_wrong(record, vehicle, ref)}
     begins = np.zeros(len(record), dtype=np.bool_)
-    begins[[s.start for s in metrics.started(record, applications)]] = True
+    begins[[s.start for s in metrics.find_start_ups(record, applications)]] = True
     masks["started-braked"] = ("info", begins)
     highest = float(physics.coefficient(np.nan_to_num(np.abs(ref.force)), vehicle).max(initial=0.0))
     values = {
@@ -105,14 +105,17 @@ def _wrong(
     record: AxleRecord, vehicle: Vehicle, ref: Reference
 ) -> dict[str, tuple[Severity, Bools]]:
     """Where the force is one that no rail and no brake gives."""
-    force, surely = np.nan_to_num(np.abs(ref.force)), np.nan_to_num(np.abs(ref.force) - ref.half)
+    force, surely = (
+        np.nan_to_num(np.abs(ref.force)),
+        np.nan_to_num(np.abs(ref.force) - ref.half_width),
+    )
     high = physics.coefficient(force, vehicle) > 1.0
     high |= physics.coefficient(surely, vehicle) > _HIGHEST
     # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
     most = float(K.max(initial=0.0))
     negative = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
-    negative &= (physics.FREE * most < K) & ~high
+    negative &= (physics.RELEASED_SHARE * most < K) & ~high
     slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
     locks = slowing > physics.LOCKING
     return {

@@ -119,7 +119,7 @@ def _used(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings
     log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
     made = prepare(log, vehicle, checks=settings.checks)
     record, findings = made.records[0], (*log.findings, *made.findings)
-    applications = metrics.applications(record)
+    applications = metrics.find_applications(record)
     found = reference.evidence(made.scene, record, applications, vehicle)
     short = replace(log, channels=())
     return settings, Used(short, record, found, tuple(dict.fromkeys(findings)))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ..channels.log import needed, survey, without_empty
 from ..channels.meaning import name
-from ..core.errors import UserError, as_told
+from ..core.errors import UserError, as_user_error
 from ..core.finding import Finding, Severity
 from ..core.model import Log
 from ..formats.memory import Signals
@@ -53,7 +53,7 @@ def inspect(path: Path, load: Callable[..., Settings], debug: bool = False) -> S
     except Exception as error:  # an internal error in one log must not stop the others
         if debug:
             traceback.print_exc()
-        told = as_told(error)
+        told = as_user_error(error)
         known = {"format": found} if (found := kind(path)) else {}
         wrong = {"status": "error", "error": told.text, "hint": told.hint, **known}
         return Seen(_blank(path) | wrong, told.code)

@@ -146,7 +146,7 @@ def _axle(axle: AxleResult, result: Result, braked: Sequence[BrakeApplication]) 
         "reference": {
             "method": ref.method,
             "sigma_n": _median(ref.sigma[where]),
-            "band_n": _median(ref.half[where]),
+            "band_n": _median(ref.half_width[where]),
             "nis": ref.nis and asdict(ref.nis),
         },
         "applications": [

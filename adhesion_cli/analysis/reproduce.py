@@ -323,11 +323,11 @@ def _analysed(path: Path, scenario: Scenario, settings: Settings) -> Result:
 def _field_test(result: Result) -> dict[str, Any]:
     """NESO against the reference over the brake application, as in the paper's figure 6."""
     (axle,) = result.axles
-    found = metrics.compared(
+    found = metrics.compare(
         axle.record, axle.estimates["neso"], axle.reference.force, axle.applications
     )
     assert found is not None
-    values = metrics.measured(found)
+    values = metrics.measure(found)
     mean = float(np.mean(np.abs(np.concatenate(found.target))))
     assert values["rmse_n"] is not None
     return {

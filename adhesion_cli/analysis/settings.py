@@ -57,7 +57,7 @@ class Analysis:
     )
     slowest: Annotated[float, Quantity("m/s", "no slip below this train speed")] = 1.0
     max_gap: Annotated[
-        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", high=1e6)
+        float, Quantity("s", "longer intervals are gaps; 0: five times the usual one", maximum=1e6)
     ] = 0.0
 
 
@@ -86,7 +86,7 @@ class Settings:
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
-        return methods.validated(est, self.overrides.get(est.name, {}))
+        return methods.validate(est, self.overrides.get(est.name, {}))
 
 
 Stated = Path | Tree[str, Any]  # a settings file, or its tables
@@ -369,7 +369,7 @@ class _Section(NamedTuple):
 def _numbers(of: methods.Tunable, stated: Any) -> dict[str, float]:
     """The numbers that a section states, checked against their ranges."""
     numbers = {k: _number(f"{of.name}.{k}", v) for k, v in _table_of(of.name, stated).items()}
-    methods.validated(of, numbers)
+    methods.validate(of, numbers)
     return numbers
 
 
@@ -431,8 +431,8 @@ def _parameter(key: str, stated: Any, default: Parameter) -> Parameter:
     value = of.check(name, given.get("value", default.value))
     share = default.tolerance / default.value if default.value else 0.0
     tolerance = given.get("tolerance", share * abs(value))
-    if not 0.0 <= tolerance <= of.high:
-        hint = f"1 sigma, in the parameter's unit: {replace(of, low=0.0).range}"
+    if not 0.0 <= tolerance <= of.maximum:
+        hint = f"1 sigma, in the parameter's unit: {replace(of, minimum=0.0).range}"
         raise UserError(f"{name}: tolerance = {tolerance:g} is out of range", hint, code=2)
     return Parameter(value, tolerance)
 

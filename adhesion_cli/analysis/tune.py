@@ -165,7 +165,7 @@ def _refuse_one(logs: int, which: str = "") -> None:
 def _axle(axle: AxleResult, result: Result) -> Axle | None:
     """What a search needs of an axle; None without a sample that counts."""
     record = axle.record
-    target, applications = metrics.judged(record, axle.reference, axle.applications)[1:]
+    target, applications = metrics.choose_target(record, axle.reference, axle.applications)[1:]
     some = np.zeros(len(record), dtype=np.bool_)
     for s in applications:
         some[s] = np.isfinite(target[s])
@@ -173,7 +173,7 @@ def _axle(axle: AxleResult, result: Result) -> Axle | None:
         return None
     return Axle(
         physics.wheelset(result.vehicle, record.axle), record.t,
-        physics.faded(record, result.vehicle).clamping_force, record.wheel_speed,
+        physics.with_fade(record, result.vehicle).clamping_force, record.wheel_speed,
         np.array([s.start for s in record.segments], dtype=np.int64), target, some,
     )  # fmt: skip
 
@@ -197,9 +197,9 @@ class _Space:
         of = quantities(est.Params)
         free = [name for name in of if getattr(est.Params(), name) != 0.0]
         self._est, self._before = est, before
-        self._highest = {name: of[name].high for name in free}
-        self._wide = {name: of[name].high > 1.0 for name in free}  # else a share
-        self.low = self._coded({n: max(of[n].low, 1e-12 * self._wide[n]) for n in free})
+        self._highest = {name: of[name].maximum for name in free}
+        self._wide = {name: of[name].maximum > 1.0 for name in free}  # else a share
+        self.low = self._coded({n: max(of[n].minimum, 1e-12 * self._wide[n]) for n in free})
         self.high = self._coded(self._highest)
         self.start = np.clip(
             self._coded({n: max(getattr(before, n), 1e-12) for n in free}), self.low, self.high
@@ -216,7 +216,7 @@ class _Space:
             name: min(float(f"{10.0**v if wide else v:.{_DIGITS}g}"), self._highest[name])
             for (name, wide), v in zip(self._wide.items(), x.tolist(), strict=True)
         }
-        return methods.validated(self._est, self._before._asdict() | values)
+        return methods.validate(self._est, self._before._asdict() | values)
 
 
 def _search(est: Estimator, before: Any, errors: Callable[[Sequence[Any]], Floats]) -> Any:

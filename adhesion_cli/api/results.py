@@ -30,7 +30,7 @@ from ..core.model import (
     Vehicle,
     quantities,
 )
-from ..evaluation.metrics import overall
+from ..evaluation.metrics import pool_scores
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS
 from ..reference.calibrated_vehicle import Row
@@ -264,7 +264,7 @@ class Analysis(_Tables):
     def estimators(self) -> tuple[Score, ...]:
         """How well each online estimator follows, over all axles; best first."""
         scores = [a.scores for a in self.result.axles]
-        return scores[0] if len(scores) == 1 else overall(scores)
+        return scores[0] if len(scores) == 1 else pool_scores(scores)
 
     @property
     def document(self) -> dict[str, Any]:
@@ -357,7 +357,7 @@ class Comparison(_Tables):
     def estimators(self) -> tuple[Score, ...]:
         """Scores over all axles of all logs, best first."""
         scores = [a.scores for one in self.analyses for a in one.result.axles]
-        return scores[0] if len(scores) == 1 else overall(scores)
+        return scores[0] if len(scores) == 1 else pool_scores(scores)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..core import time_axis, toml, units
 from ..core.errors import UserError
 from ..core.finding import Finding, Severity, catalogue
-from ..core.model import AS_INPUT, MADE, Channel, Column, Log, Meaning, Vehicle
+from ..core.model import AS_INPUT, NOT_MEASURED, Channel, Column, Log, Meaning, Vehicle
 from ..formats.memory import MemorySource
 from ..formats.source import Source
 from .meaning import Mapping, Meant, name, understood
@@ -158,7 +158,7 @@ def _check_unit(m: Meant, chosen: Collection[Meant], path: Path) -> None:
             f"{path}: channel {m.title!r} looks like the {m.words}, but {_lacks(m)}",
             f"state it, as {_option(m, chosen)}; units: {', '.join(units.known_units(m.meaning))}",
         )
-    unit = units.stated(m.unit, m.meaning, m.title)
+    unit = units.stated_unit(m.unit, m.meaning, m.title)
     if unit.dimension in ("pulse rate", "count") and not m.teeth:
         raise UserError(
             f"{path}: channel {m.title!r} counts pulses ({m.unit}), pulses per turn unknown",
@@ -197,7 +197,7 @@ def _understood(source: Source, mappings: Sequence[Mapping]) -> tuple[list[Meant
     """`understood`; mappings are for raw logs, a result of this program needs none."""
     fields = [f for f in source.fields if f.message_type != "adhesion.Event"]  # not measured
     told = source.metadata.get("adhesion.provenance", {}).get("train_speed")
-    if told in (MADE, AS_INPUT):
+    if told in (NOT_MEASURED, AS_INPUT):
         trains = [f for f in fields if f.path == "train_speed"]
         kept = trains[:1] if told == AS_INPUT else []  # what was made of the axles will be again
         fields = [f for f in fields if f not in trains or f in kept]

@@ -147,10 +147,10 @@ class _Name:
         base, unit = units.in_name(field.channel if field.path else field.label or field.channel)
         path, path_unit = units.in_name(re.sub(r"\[\d+\]", "", field.path))
         label, label_unit = units.in_name(field.label)
-        bare = base if unit else units.without_others(base)
-        other = bare != base or not units.without_others(f"[{field.unit}]").strip()
+        bare = base if unit else units.without_other_units(base)
+        other = bare != base or not units.without_other_units(f"[{field.unit}]").strip()
         base = bare
-        label = label if label_unit else units.without_others(label)
+        label = label if label_unit else units.without_other_units(label)
         self.unit, self.unit_from = field.unit, field.unit_from
         if not self.unit:
             counted = units.unit(field.path)
@@ -180,7 +180,7 @@ class _Name:
         may_be: tuple[str, ...] = ()
         if measured:
             may_be = _QUANTITY.get(measured.dimension, ())
-        elif rare := units.of(self.rare_unit, "true_slip") or units.of(
+        elif rare := units.unit_for(self.rare_unit, "true_slip") or units.unit_for(
             self.rare_unit, "train_speed"
         ):
             may_be = _QUANTITY[rare.dimension]

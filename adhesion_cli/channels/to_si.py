@@ -31,7 +31,7 @@ def channel(
     findings = list(axis.findings)
     values = column.value if column.valid.all() else column.value[column.valid]
     data, starts, step, tick = axis.data, axis.starts, quantum(values), 0.0
-    unit = units.of(m.unit, m.meaning) if m.meaning else None
+    unit = units.unit_for(m.unit, m.meaning) if m.meaning else None
     factor = scale(m, unit, vehicle) if unit else 1.0
     if unit and is_total(unit):
         turn = factor

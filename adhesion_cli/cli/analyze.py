@@ -102,7 +102,7 @@ def _show(
     result: "Result", entry: dict[str, Any], by_axle: bool, budget: bool, quiet: bool
 ) -> None:
     """One log: brake applications, findings, scores, files."""
-    from ..evaluation.metrics import overall
+    from ..evaluation.metrics import pool_scores
     from . import applications, terminal
 
     print(f"{terminal.of_log(entry)}\n\n{applications.tables(entry['axles'])}\n", flush=True)
@@ -113,7 +113,7 @@ def _show(
     if by_axle:
         print("\n".join(map(terminal.of_reference, entry["axles"])))
     elif len(result.axles) > 1:
-        rows = [("all", s) for s in overall(a.scores for a in result.axles)]
+        rows = [("all", s) for s in pool_scores(a.scores for a in result.axles)]
     if rows:
         print(f"Estimators {terminal.scores(rows)}")
     print(terminal.wrote(*entry["outputs"].values()))

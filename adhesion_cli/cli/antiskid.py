@@ -220,7 +220,7 @@ def _tells_of_compiling(shared: Shared) -> None:
     from ..core import compiled
     from . import terminal
 
-    compiled.tell = functools.cache(lambda text: terminal.message(text, shared.quiet))
+    compiled.report = functools.cache(lambda text: terminal.message(text, shared.quiet))
 
 
 def _paths(shared: Shared, name: str) -> list[Path]:

@@ -28,7 +28,7 @@ def command(
     from ..analysis.json_documents import document, dumps, entry
     from ..analysis.outputs import write_comparison
     from ..core.text import printable
-    from ..evaluation.metrics import overall
+    from ..evaluation.metrics import pool_scores
     from . import terminal
 
     if not logs:
@@ -47,7 +47,7 @@ def command(
             print(terminal.scores(rows, Path(r.log.path).name))
         groups = [a.scores for r in analysed for a in r.axles]
         if len(groups) > 1:
-            print(terminal.scores([("all", s) for s in overall(groups)], "all axles"))
+            print(terminal.scores([("all", s) for s in pool_scores(groups)], "all axles"))
         for r in analysed:
             name = f"{printable(r.log.path)}:\n" if len(analysed) > 1 else ""
             terminal.show(r.findings, shared.quiet, name)

@@ -57,7 +57,7 @@ def _entry(e: "Estimator", values: dict[str, float]) -> dict[str, object]:
             {
                 "name": name, "unit": q.unit, "text": q.text,
                 "value": values[name], "default": default,
-                "low": finite(q.low), "high": finite(q.high),
+                "low": finite(q.minimum), "high": finite(q.maximum),
             }
             for name, q, default in parameters(e)
         ],

@@ -11,7 +11,7 @@ import typer
 from .options import Shared, completes, shared
 
 if TYPE_CHECKING:
-    from ..core.finding import Words
+    from ..core.finding import CatalogueEntry
 
 _PARTS = ("cause", "effect", "remedy", "limits")
 
@@ -53,7 +53,7 @@ def command(
     return 0
 
 
-def entry(words: "Words") -> dict[str, object]:
+def entry(words: "CatalogueEntry") -> dict[str, object]:
     """An entry as people read it, with "…" for what each finding states itself."""
     texts = ("title", "message", *_PARTS)
     shown = {name: _plain(getattr(words, name)) for name in texts}
@@ -86,7 +86,7 @@ def _thresholds(code: str) -> list[dict[str, object]]:
     ]
 
 
-def _entry_of(code: str) -> "Words":
+def _entry_of(code: str) -> "CatalogueEntry":
     """The entry of a code.
 
     Raises:
@@ -105,7 +105,7 @@ def _plain(text: str) -> str:
     return re.sub(r"\{\w+(:[^{}]*)?\}", "…", text).replace("{{", "{").replace("}}", "}")
 
 
-def _text(words: "Words") -> str:
+def _text(words: "CatalogueEntry") -> str:
     from .terminal import folded
 
     names = {"limits": "Cannot see"}
@@ -124,7 +124,7 @@ def _text(words: "Words") -> str:
     return "\n".join(lines)
 
 
-def _listed(found: "list[Words]") -> str:
+def _listed(found: "list[CatalogueEntry]") -> str:
     width = max(len(words.code) for words in found)
     parts = [
         "\n".join([f"{section}:", *(f"  {w.code:{width}}  {w.title}" for w in of)])

@@ -63,7 +63,7 @@ def analysed_or_failed(
     Raises:
         UserError: as `analysed`; for a log that fails with --strict; where every log fails.
     """
-    from ..core.errors import as_told
+    from ..core.errors import as_user_error
 
     analyze = _analyzer(shared, logs, paths, train_speed=True)
     found: list[Result | Failed] = []
@@ -77,7 +77,7 @@ def analysed_or_failed(
             if shared.debug:
                 traceback.print_exc()
             errors.append(error)
-            told = as_told(error)
+            told = as_user_error(error)
             found.append(Failed(log, told.text, told.hint))
     if len(errors) == len(logs):
         show_failed([] if shared.json else [f for f in found[1:] if isinstance(f, Failed)])

@@ -49,9 +49,9 @@ def _silent(text: str) -> None:
     """Reports nothing."""
 
 
-tell: Callable[[str], None] = _silent  # reports what takes seconds; a program sets it
+report: Callable[[str], None] = _silent  # reports what takes seconds; a program sets it
 
-_KEEP = 64  # cache folders that stay, those used last: one per loop, of a few versions
+_KEPT_FOLDERS = 64  # cache folders that stay, those used last: one per loop, of a few versions
 
 _WRAPPER = """
 def call({arguments}):
@@ -175,7 +175,7 @@ def _compiled(
 
     folder = _folder(_key(x for _, x in (*names, *stand_ins)))
     if not any(folder.glob(f"__pycache__/{name}.call-*.nbi")):
-        tell("compiling, for the first run with these methods ...")
+        report("compiling, for the first run with these methods ...")
     path = folder / f"{name}.py"
     has_file = _write_source(path, text)
     module = sys.modules[name] = ModuleType(name)  # where numba looks for its globals
@@ -227,7 +227,7 @@ class _Cache:
         try:
             return self._numba_cache.load_overload(*signature)
         except Exception:  # whatever bytes are there: any error of pickle, or of numba
-            tell("the cache of compiled code is damaged: compiling anew ...")
+            report("the cache of compiled code is damaged: compiling anew ...")
             with suppress(OSError):
                 self._numba_cache.flush()
             return None
@@ -237,7 +237,7 @@ class _Cache:
         try:
             self._numba_cache.save_overload(*signature)
         except OSError as error:
-            tell(f"the cache of compiled code cannot be written: {error}")
+            report(f"the cache of compiled code cannot be written: {error}")
 
 
 def _key(roots: Iterable[Any]) -> str:
@@ -246,12 +246,12 @@ def _key(roots: Iterable[Any]) -> str:
     These are the files of functions and types, and the values of constants from any file.
     """
     files, constants = set[Path](), set[str]()
-    waiting, seen = list(roots), set[int]()
+    waiting, visited = list(roots), set[int]()
     while waiting:
         code = waiting.pop()
-        if id(code) in seen:
+        if id(code) in visited:
             continue
-        seen.add(id(code))
+        visited.add(id(code))
         files.add(Path(sys.modules[code.__module__].__file__ or "").resolve())
         for name in code.__code__.co_names if isinstance(code, FunctionType) else ():
             value = code.__globals__.get(name)
@@ -259,8 +259,8 @@ def _key(roots: Iterable[Any]) -> str:
                 waiting.append(value)
             elif isinstance(value, int | float | tuple):
                 constants.add(f"{name} {value!r}")
-    parts = [*map(_source, sorted(files)), *(text.encode() for text in sorted(constants))]
-    return sha256(b"\0".join(parts)).hexdigest()[:16]
+    contents = [*map(_source, sorted(files)), *(text.encode() for text in sorted(constants))]
+    return sha256(b"\0".join(contents)).hexdigest()[:16]
 
 
 def _folder(key: str) -> Path:
@@ -281,14 +281,14 @@ def _folder(key: str) -> Path:
 
 def _root() -> Path:
     """Where the cache is, unless it cannot be written."""
-    stated = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    return Path(stated or Path.home() / ".cache") / "adhesion-cli"
+    from_environment = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return Path(from_environment or Path.home() / ".cache") / "adhesion-cli"
 
 
 @cache
 def _temporary_root() -> Path:
     """Where this process keeps its code if the cache cannot be written; it goes with it."""
-    tell("the cache of compiled code cannot be written: every run compiles anew")
+    report("the cache of compiled code cannot be written: every run compiles anew")
     folder = Path(tempfile.mkdtemp(prefix="adhesion-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -302,8 +302,8 @@ def _source(path: Path) -> bytes:
 def _prune(root: Path) -> None:
     with suppress(OSError):  # another process may do the same
         folders = sorted(root.iterdir(), key=lambda p: p.stat().st_mtime, reverse=True)
-        for old in folders[_KEEP:]:
-            shutil.rmtree(old, ignore_errors=True)
+        for folder in folders[_KEPT_FOLDERS:]:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _write_source(path: Path, text: str) -> bool:
@@ -311,15 +311,15 @@ def _write_source(path: Path, text: str) -> bool:
 
     It is written whole, with one fixed time: numba then accepts the copy of every process.
     """
-    part = path.with_suffix(f".{os.getpid()}")
+    temporary = path.with_suffix(f".{os.getpid()}")
     try:
         if not path.exists() or path.read_text("utf-8", "replace") != text:
-            part.write_text(text, encoding="utf-8")
-            os.utime(part, (0, 0))
-            os.replace(part, path)
+            temporary.write_text(text, encoding="utf-8")
+            os.utime(temporary, (0, 0))
+            os.replace(temporary, path)
     except OSError as error:
         with suppress(OSError):
-            part.unlink(missing_ok=True)
-        tell(f"the cache of compiled code cannot be written: {error}")
+            temporary.unlink(missing_ok=True)
+        report(f"the cache of compiled code cannot be written: {error}")
         return False
     return True

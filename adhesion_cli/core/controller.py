@@ -47,9 +47,13 @@ class Drives(Protocol):
 
 
 KIND = Kind(
-    "wsp/controllers", "a controller", About, ("judged", "valve"),
-    "the slip it decided on and the command", "core.controller",
-)  # fmt: skip
+    "wsp/controllers",
+    "a controller",
+    About,
+    ("judged", "valve"),
+    "the slip it decided on and the command",
+    "core.controller",
+)
 
 
 def registry() -> dict[str, Method]:

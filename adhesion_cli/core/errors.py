@@ -4,8 +4,11 @@ from difflib import get_close_matches
 
 # What libraries say where memory, or address space for their code, is missing.
 _OUT_OF_MEMORY = (
-    "Allocation error", "failed to map segment", "Cannot allocate memory", "Failed to spawn",
-)  # fmt: skip
+    "Allocation error",
+    "failed to map segment",
+    "Cannot allocate memory",
+    "Failed to spawn",
+)
 
 
 class UserError(Exception):
@@ -24,19 +27,19 @@ class UserError(Exception):
             self.add_note(f"hint: {hint}")  # a traceback shows it
 
 
-def unknown(kind: str, name: str, known: list[str], listed_by: str = "") -> UserError:
+def unknown(kind: str, name: str, names: list[str], listed_by: str = "") -> UserError:
     """The error for an unknown name, with the nearest known one as the hint.
 
     Args:
         kind: what the name stands for.
         name: the unknown name.
-        known: the known names.
+        names: the known names.
         listed_by: what shows the known names, where there are too many for a line.
     """
-    near = get_close_matches(name, known, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    rest = listed_by or f"known: {', '.join(known)}"
-    return UserError(f"unknown {kind} {name!r}", hint + rest, code=2)
+    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+    listing = listed_by or f"known: {', '.join(names)}"
+    return UserError(f"unknown {kind} {name!r}", hint + listing, code=2)
 
 
 def installed_by(extra: str) -> str:
@@ -44,7 +47,7 @@ def installed_by(extra: str) -> str:
     return f"pip install 'adhesion-cli[{extra}]', or in a clone: pip install '.[{extra}]'"
 
 
-def as_told(error: BaseException) -> UserError:
+def as_user_error(error: BaseException) -> UserError:
     """An error as the user sees it: a `UserError` as it is, else the text of system or program."""
     if isinstance(error, UserError):
         return error

@@ -84,12 +84,20 @@ def registry(*extra_folders: Path) -> dict[str, Estimator]:
     """
     return {
         name: Estimator(
-            m.name, m.title, m.source, m.Params, m.State, m.init, m.step, m.path,
-            module.ABOUT.claims, getattr(module, "longest_step", _any_step),
+            m.name,
+            m.title,
+            m.source,
+            m.Params,
+            m.State,
+            m.init,
+            m.step,
+            m.path,
+            module.ABOUT.claims,
+            getattr(module, "longest_step", _any_step),
             getattr(module, "nis", None),
         )
         for name, (m, module) in methods.scan(KIND, *extra_folders).items()
-    }  # fmt: skip
+    }
 
 
 def online(
@@ -107,14 +115,14 @@ def online(
         UserError: at an interval at which these parameters are unstable.
     """
     state: Any = None
-    before = 0
+    previous_ns = 0
     for t, K, y in samples:
-        state = advanced(est, p, w, state, (t - before) * 1e-9, K, y)
-        before = t
+        state = advance(est, p, w, state, (t - previous_ns) * 1e-9, K, y)
+        previous_ns = t
         yield state.F
 
 
-def advanced(  # noqa: PLR0913 (a step, and whose)
+def advance(  # noqa: PLR0913 (a step, and whose)
     est: Estimator, p: Any, w: Wheelset, state: Any, h: float, K: float, y: float
 ) -> Any:
     """The state after a sample; `state` is None before the first of a segment, and `h` no matter.

@@ -17,7 +17,7 @@ Span = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class CatalogueEntry:
     """What the catalogue says of a code."""
 
     code: str
@@ -32,10 +32,10 @@ class Words:
 
 
 @cache
-def catalogue() -> dict[str, Words]:
+def catalogue() -> dict[str, CatalogueEntry]:
     """Every code with its words, in the order of the file."""
     text = Path(__file__).with_name("findings.toml").read_text("utf-8")
-    return {code: Words(code, **entry) for code, entry in tomllib.loads(text).items()}
+    return {code: CatalogueEntry(code, **entry) for code, entry in tomllib.loads(text).items()}
 
 
 class _NotStated:
@@ -54,8 +54,8 @@ class _Fields(dict[str, Any]):
 
 def is_lossy(code: str, severity: str) -> bool:
     """Whether a finding sets exit code 3; a code that the catalogue does not know counts."""
-    words = catalogue().get(code)
-    return severity != "info" and not (words and words.keeps_data)
+    entry = catalogue().get(code)
+    return severity != "info" and not (entry and entry.keeps_data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,22 +101,22 @@ class Finding:
         return _Fields({**self.values, **self.names})
 
 
-def merged(spans: Sequence[Span], most: int = 20) -> tuple[Span, ...]:
-    """The spans in the order of time, those with the least between them joined to at most `most`.
+def merge_spans(spans: Sequence[Span], limit: int = 20) -> tuple[Span, ...]:
+    """The spans in the order of time, those with the least between them joined to at most `limit`.
 
     Args:
         spans: from and to [s], in any order.
-        most: how many may be left.
+        limit: how many may be left.
     """
-    found: list[Span] = []
-    for begin, end in sorted(spans):
-        if found and begin <= found[-1][1]:
-            found[-1] = found[-1][0], max(found[-1][1], end)
+    merged: list[Span] = []
+    for start, stop in sorted(spans):
+        if merged and start <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(merged[-1][1], stop)
         else:
-            found.append((begin, end))
-    if len(found) <= most:
-        return tuple(found)
-    gaps = [(b[0] - a[1], i) for i, (a, b) in enumerate(pairwise(found), 1)]
-    kept = sorted(i for _, i in sorted(gaps, reverse=True)[: most - 1])
-    edges = [0, *kept, len(found)]
-    return tuple((found[i][0], found[j - 1][1]) for i, j in pairwise(edges))
+            merged.append((start, stop))
+    if len(merged) <= limit:
+        return tuple(merged)
+    gaps = [(b[0] - a[1], i) for i, (a, b) in enumerate(pairwise(merged), 1)]
+    cuts = sorted(i for _, i in sorted(gaps, reverse=True)[: limit - 1])
+    edges = [0, *cuts, len(merged)]
+    return tuple((merged[i][0], merged[j - 1][1]) for i, j in pairwise(edges))

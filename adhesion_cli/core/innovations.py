@@ -15,18 +15,18 @@ from .signals import coverage_factor
 
 _FEWEST = 40  # innovations that show a mean and its error
 _BLOCKS = 30  # parts of a log whose means show the error of the whole mean
-_PART = 20  # least innovations of such a part, if there are many
+_SMALLEST_PART = 20  # least innovations of such a part, if there are many
 
 _ROOT2, ROOT_TAU = math.sqrt(2.0), math.sqrt(2.0 * math.pi)
-_LEAST = 1e-300
+_SMALLEST_PROBABILITY = 1e-300
 _THIN, _NARROW = 1e-30, 1e-4  # a reading that is one value, or so improbable
 _ROUNDS = 8  # of Newton's method, at most; four give ten digits
 _SETTLED = 1e-8
 
 
-def score(below: float, above: float) -> float:
+def score(p_below: float, p_above: float) -> float:
     """Standard normal value with these probabilities below and above it; runs compiled."""
-    tail = max(min(below, above), _LEAST)
+    tail = max(min(p_below, p_above), _SMALLEST_PROBABILITY)
     wanted = math.log(tail)
     z = math.sqrt(-2.0 * wanted)  # never less than the solution, and so Newton's steps converge
     for _ in range(_ROUNDS):
@@ -35,18 +35,18 @@ def score(below: float, above: float) -> float:
         z += step
         if abs(step) < _SETTLED:  # the next step is about its square
             break
-    return z if above < below else -z
+    return z if p_above < p_below else -z
 
 
-def square(low: tuple[float, float], high: tuple[float, float]) -> float:
+def square(p_lower: tuple[float, float], p_upper: tuple[float, float]) -> float:
     """Mean of z² over a reading that is known to lie between two values; runs compiled.
 
     Args:
-        low: the probabilities below and above the smaller value.
-        high: the same for the larger one.
+        p_lower: the probabilities below and above the smaller value.
+        p_upper: the same for the larger one.
     """
-    a, b = score(low[0], low[1]), score(high[0], high[1])
-    inside = min(high[0] - low[0], 1.0) if low[0] < 0.5 else low[1] - high[1]
+    a, b = score(p_lower[0], p_lower[1]), score(p_upper[0], p_upper[1])
+    inside = min(p_upper[0] - p_lower[0], 1.0) if p_lower[0] < 0.5 else p_lower[1] - p_upper[1]
     if inside < _THIN or b - a < _NARROW:
         return 0.5 * (a * a + b * b)
     at_a, at_b = math.exp(-0.5 * a * a), math.exp(-0.5 * b * b)
@@ -65,11 +65,11 @@ def mean(squares: Floats) -> Nis | None:
     Returns:
         None for too few innovations, and where all are zero.
     """
-    known = squares[np.isfinite(squares)]
-    if len(known) < _FEWEST or not known.any():
+    used = squares[np.isfinite(squares)]
+    if len(used) < _FEWEST or not used.any():
         return None
-    parts = np.array_split(known, min(max(len(known) // _PART, 4), _BLOCKS))
-    found, means = float(known.mean()), [x.mean() for x in parts]
-    error = float(np.std(means, ddof=1)) / math.sqrt(len(parts))
-    half = coverage_factor(len(parts) - 1) * error / found
-    return Nis(found, max(1.0 - half, 0.0), 1.0 + half)
+    groups = np.array_split(used, min(max(len(used) // _SMALLEST_PART, 4), _BLOCKS))
+    overall, means = float(used.mean()), [x.mean() for x in groups]
+    error = float(np.std(means, ddof=1)) / math.sqrt(len(groups))
+    half_width = coverage_factor(len(groups) - 1) * error / overall
+    return Nis(overall, max(1.0 - half_width, 0.0), 1.0 + half_width)

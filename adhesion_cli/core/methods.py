@@ -55,7 +55,7 @@ class Kind(NamedTuple):
     """A kind of method: where its files lie and what they answer."""
 
     folder: str  # in the package
-    called: str  # "an estimator"
+    noun: str  # "an estimator"
     about: type[About]  # what `ABOUT` is
     answer: tuple[str, ...]  # last fields of State
     meaning: str  # of them
@@ -64,7 +64,7 @@ class Kind(NamedTuple):
     @property
     def remedy(self) -> str:
         """Where the contents of such a file are explained."""
-        return f"see `adhesion_cli.{self.module}` on what the file of {self.called} holds"
+        return f"see `adhesion_cli.{self.module}` on what the file of {self.noun} holds"
 
 
 def scan(kind: Kind, *extra_folders: Path) -> dict[str, tuple[Method, ModuleType]]:
@@ -73,18 +73,18 @@ def scan(kind: Kind, *extra_folders: Path) -> dict[str, tuple[Method, ModuleType
     Raises:
         UserError: for a folder that does not exist, a file without such a method, a repeated name.
     """
-    own = Path(__file__).parents[1] / kind.folder
-    found: dict[str, tuple[Method, ModuleType]] = {}
-    for folder in (own, *map(Path, extra_folders)):
+    packaged_folder = Path(__file__).parents[1] / kind.folder
+    methods: dict[str, tuple[Method, ModuleType]] = {}
+    for folder in (packaged_folder, *map(Path, extra_folders)):
         if not folder.is_dir():
             raise UserError(f"{folder}: no such folder of {Path(kind.folder).name}", code=2)
         for path in sorted(folder.glob("[!_]*.py")):
-            if path.stem in found:
-                first = found[path.stem][0].path
-                raise UserError(f"{path}: {path.stem!r} is already {first}", "rename the file")
-            module = _module(kind, path, packaged=folder is own)
-            found[path.stem] = _method(kind, path, module), module
-    return dict(sorted(found.items()))
+            if path.stem in methods:
+                existing = methods[path.stem][0].path
+                raise UserError(f"{path}: {path.stem!r} is already {existing}", "rename the file")
+            module = _module(kind, path, packaged=folder is packaged_folder)
+            methods[path.stem] = _method(kind, path, module), module
+    return dict(sorted(methods.items()))
 
 
 class Tunable(Protocol):
@@ -99,24 +99,24 @@ class Tunable(Protocol):
         """The parameters."""
 
 
-def parameters(of: Tunable) -> list[tuple[str, Quantity, float]]:
+def parameters(tunable: Tunable) -> list[tuple[str, Quantity, float]]:
     """Name, `Quantity` and default of every parameter, in the order of `Params`."""
-    defaults = of.Params._field_defaults
-    return [(name, q, defaults[name]) for name, q in quantities(of.Params).items()]
+    defaults = tunable.Params._field_defaults
+    return [(name, q, defaults[name]) for name, q in quantities(tunable.Params).items()]
 
 
-def validated(of: Tunable, overrides: Mapping[str, float]) -> Any:
+def validate(tunable: Tunable, overrides: Mapping[str, float]) -> Any:
     """`of.Params` with `overrides` in place of defaults.
 
     Raises:
         UserError: for a name that is no parameter, or a value outside its range.
     """
-    known = {name: quantity for name, quantity, _ in parameters(of)}
+    by_name = {name: quantity for name, quantity, _ in parameters(tunable)}
     for name, value in overrides.items():
-        if name not in known:
-            raise unknown(f"parameter of {of.name}", name, list(known))
-        known[name].check(f"{of.name}.{name}", value)
-    return of.Params(**{name: float(value) for name, value in overrides.items()})
+        if name not in by_name:
+            raise unknown(f"parameter of {tunable.name}", name, list(by_name))
+        by_name[name].check(f"{tunable.name}.{name}", value)
+    return tunable.Params(**{name: float(value) for name, value in overrides.items()})
 
 
 def _module(kind: Kind, path: Path, packaged: bool) -> ModuleType:
@@ -146,7 +146,7 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
     names = ("ABOUT", "Params", "State", "init", "step")
     missing = [name for name in names if not hasattr(module, name)]
     if missing:
-        raise UserError(f"{path}: not {kind.called}, lacks {', '.join(missing)}", kind.remedy)
+        raise UserError(f"{path}: not {kind.noun}, lacks {', '.join(missing)}", kind.remedy)
     about, P, S = module.ABOUT, module.Params, module.State
     if not isinstance(about, kind.about):
         text = f"{path}: ABOUT must be a `{kind.about.__module__}.{kind.about.__name__}`"
@@ -154,15 +154,15 @@ def _method(kind: Kind, path: Path, module: ModuleType) -> Method:
     if S._fields[-len(kind.answer) :] != kind.answer:
         text = f"{path}: State must end with {', '.join(kind.answer)}: {kind.meaning}"
         raise UserError(text, kind.remedy)
-    known = quantities(P)
+    annotated = quantities(P)
     for name in P._fields:
-        if name not in known or name not in P._field_defaults:
+        if name not in annotated or name not in P._field_defaults:
             text = f"{path}: Params.{name} lacks its Quantity or its default"
             raise UserError(text, kind.remedy)
     return Method(path.stem, about.title, about.source, P, S, module.init, module.step, path)
 
 
-def bound(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
+def bind(f: Callable[..., Any], stand_ins: Mapping[Any, Any]) -> Callable[..., Any]:
     """A plain function that calls others in place of some: `stand_ins` maps them."""
     assert isinstance(f, FunctionType)
     names = {

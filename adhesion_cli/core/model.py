@@ -22,13 +22,13 @@ Regions = NDArray[np.int8]
 
 Z95 = 1.959963984540054  # coverage factor of 95 % for a normal distribution
 
-MADE = "made"  # in the provenance of a result: the train speed was not measured
+NOT_MEASURED = "made"  # in the provenance of a result: the train speed was not measured
 AS_INPUT = "input"  # there: one channel for all axles, which every axle's input holds as it was
 RECOVERED = "adhesion.recovered"  # metadata of a file made from a damaged one: what was damaged
 
 Meaning = Literal[
     "time", "pressure", "wheel_speed", "train_speed", "clamping_force", "truth", "true_slip"
-]  # fmt: skip
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Quantity:
 
     unit: str
     text: str
-    low: float = 0.0
-    high: float = float("inf")
+    minimum: float = 0.0
+    maximum: float = float("inf")
     symbol: str = ""  # the papers' letter, spelled out: another name users may write
     optional: bool = False  # NaN says that it is not known
 
@@ -46,9 +46,9 @@ class Quantity:
     def range(self) -> str:
         """The values allowed, with their unit."""
         unit = "" if self.unit == "-" else f" {self.unit}"
-        if self.high == float("inf"):
-            return f"from {self.low:g}{unit}"
-        return f"{self.low:g} to {self.high:g}{unit}"
+        if self.maximum == float("inf"):
+            return f"from {self.minimum:g}{unit}"
+        return f"{self.minimum:g} to {self.maximum:g}{unit}"
 
     def check(self, name: str, value: float) -> float:
         """The value, if it is in the range.
@@ -56,14 +56,14 @@ class Quantity:
         Raises:
             UserError: names it, its meaning and its range; also for NaN.
         """
-        if not self.low <= value <= self.high:
+        if not self.minimum <= value <= self.maximum:
             raise UserError(f"{name} = {value:g} is out of range", f"{self.text}: {self.range}", 2)
         return value
 
 
-def quantities(of: type) -> dict[str, Quantity]:
+def quantities(annotated: type) -> dict[str, Quantity]:
     """The `Quantity` of each annotated field."""
-    hints = get_type_hints(of, include_extras=True)
+    hints = get_type_hints(annotated, include_extras=True)
     return {
         name: q
         for name, hint in hints.items()
@@ -147,13 +147,13 @@ class Log:
 
     def find(self, meaning: Meaning, axle: int) -> Channel | None:
         """The axle's channel, else the one without an axle: a train may have one pressure."""
-        own = [c for c in self.channels if c.meaning == meaning and len(c.data.t)]
-        return next((c for wanted in (axle, None) for c in own if c.axle == wanted), None)
+        candidates = [c for c in self.channels if c.meaning == meaning and len(c.data.t)]
+        return next((c for wanted in (axle, None) for c in candidates if c.axle == wanted), None)
 
     def start_ns(self) -> int:
         """First time stamp of any channel with a meaning, else of any channel [ns]."""
-        of = [c for c in self.channels if c.meaning] or list(self.channels)
-        return min((int(c.data.t.min()) for c in of if len(c.data.t)), default=0)
+        channels = [c for c in self.channels if c.meaning] or list(self.channels)
+        return min((int(c.data.t.min()) for c in channels if len(c.data.t)), default=0)
 
 
 class Parameter(NamedTuple):
@@ -203,7 +203,7 @@ class AxleRecord:
         """Quantisation step of each y, shape (n,) [rad/s]."""
         return np.maximum(self.wheel_speed_step, self.wheel_period_step * self.wheel_speed**2)
 
-    def cut(self, s: slice) -> "AxleRecord":
+    def extract(self, s: slice) -> "AxleRecord":
         """An uninterrupted part as a separate record."""
         changed: dict[str, Any] = {"segments": (slice(0, s.stop - s.start),)}
         for name in (f.name for f in fields(self)):
@@ -274,19 +274,21 @@ class Vehicle:
     ] = Parameter(0.0, 0.0)
     correlation: tuple[tuple[str, str, float], ...] = ()  # of the errors of two parameters
 
-    def covariance(self, one: Mapping[str, Any], other: Mapping[str, Any]) -> Any:
+    def covariance(self, a_terms: Mapping[str, Any], b_terms: Mapping[str, Any]) -> Any:
         """Covariance of two quantities by the tolerances. Source: JCGM 100, 5.2.2.
 
         Args:
-            one: by a parameter's name, the tolerance times the sensitivity; numbers or arrays.
-            other: the same of the other quantity; `one` again gives the variance.
+            a_terms: by a parameter's name, the tolerance times the sensitivity; numbers or arrays.
+            b_terms: the same of the other quantity; `a_terms` again gives the variance.
         """
         # In the order of the names: sums of floats in another order have other last bits.
-        total = sum((one[name] * other[name] for name in one if name in other), start=0.0)
+        total = sum(
+            (a_terms[name] * b_terms[name] for name in a_terms if name in b_terms), start=0.0
+        )
         for a, b, share in self.correlation:
             for i, j in ((a, b), (b, a)):
-                if i in one and j in other:
-                    total = total + share * one[i] * other[j]
+                if i in a_terms and j in b_terms:
+                    total = total + share * a_terms[i] * b_terms[j]
         return total
 
     def radius(self, axle: int) -> Parameter:
@@ -295,15 +297,15 @@ class Vehicle:
         Raises:
             UserError: where several are stated, but none for this axle.
         """
-        many = len(self.wheel_radius)
-        if 1 < many < axle:
+        count = len(self.wheel_radius)
+        if 1 < count < axle:
             option = f"--set vehicle.wheel_diameter={2.0 * self.wheel_radius[0].value:g}"
             raise UserError(
-                f"vehicle.wheel_radius has {many} values, the log has an axle {axle}",
+                f"vehicle.wheel_radius has {count} values, the log has an axle {axle}",
                 f"state one for all axles, as {option} does, or a list with one for each",
                 code=2,
             )
-        return self.wheel_radius[axle - 1 if many > 1 else 0]
+        return self.wheel_radius[axle - 1 if count > 1 else 0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,7 +329,7 @@ class Reference:
     force: Floats
     sigma: Floats  # standard uncertainty by noise
     tolerance: Floats  # standard uncertainty by the vehicle's tolerances
-    open: Bools | None = None  # the true pressure and force are higher by an unknown amount
+    saturated: Bools | None = None  # the true pressure and force are higher by an unknown amount
     runout: float = 0.0  # largest run-out that was removed, share of the wheel speed
     pulses: float = math.inf  # pulses while a slide may change, if they are few
     averaged: float = 0.0  # probability that the speed is the mean over its interval
@@ -335,27 +337,27 @@ class Reference:
     nis: Nis | None = None  # of the forward filter, None where the method has none
 
     @property
-    def half(self) -> Floats:
+    def half_width(self) -> Floats:
         """Half-width of the 95 % band, noise and vehicle tolerances [N]."""
         return Z95 * np.hypot(self.sigma, self.tolerance)
 
     @property
     def lower(self) -> Floats:
         """Lower edge of the 95 % band [N]."""
-        return self.force - self.half
+        return self.force - self.half_width
 
     @property
     def upper(self) -> Floats:
         """Upper edge of the 95 % band [N], NaN where the pressure is saturated."""
-        upper = self.force + self.half
-        return upper if self.open is None else np.where(self.open, np.nan, upper)
+        upper = self.force + self.half_width
+        return upper if self.saturated is None else np.where(self.saturated, np.nan, upper)
 
-    def rows(self, part: slice | NDArray[np.int64]) -> "Reference":
+    def rows(self, selection: slice | NDArray[np.int64]) -> "Reference":
         """Some rows of it."""
         changed: dict[str, Any] = {}
         for name in (f.name for f in fields(self)):
             if isinstance(column := getattr(self, name), np.ndarray):
-                changed[name] = column[part]
+                changed[name] = column[selection]
         return replace(self, **changed)
 
 
@@ -417,9 +419,9 @@ class AxleResult:
     def error(self, algo: str, rows: slice | NDArray[np.int64] = slice(None)) -> Floats:
         """Estimate minus truth or reference, whichever it is scored against [N], of these rows."""
         against = {s.algo: s.against for s in self.scores}.get(algo, "reference")
-        known = self.record.truth if against == "truth" else self.reference.force
-        assert known is not None  # only a known truth is scored against
-        difference: Floats = self.estimates[algo][rows] - known[rows]
+        target = self.record.truth if against == "truth" else self.reference.force
+        assert target is not None  # only a known truth is scored against
+        difference: Floats = self.estimates[algo][rows] - target[rows]
         return difference
 
 
@@ -441,8 +443,8 @@ class Result:
 
     def shared_train(self) -> Channel | None:
         """The speed or acceleration of the train that all axles have in common."""
-        first, *others = (self.log.find("train_speed", a.record.axle) for a in self.axles)
-        return first if all(other is first for other in others) else None
+        train, *other_trains = (self.log.find("train_speed", a.record.axle) for a in self.axles)
+        return train if all(channel is train for channel in other_trains) else None
 
     def inputs_hold(self, train: Channel) -> bool:
         """Whether the record of every axle has this speed of the train as it was logged."""

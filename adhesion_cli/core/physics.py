@@ -19,7 +19,7 @@ GRADIENT = 0.4  # deceleration by a gradient of 4 %, the steepest of ordinary li
 LOCKING = 30.0  # no brake decelerates a wheel harder, even without adhesion [m/s²]
 RISE = 3.0  # no train accelerates harder, but a wheel after a slide does [m/s²]
 CRAWL = 1.0  # below it a wheel may stand, and a slip is mostly an error of the speeds [m/s]
-FREE = 0.05  # share of the highest clamping force: less is no braking
+RELEASED_SHARE = 0.05  # share of the highest clamping force: less is no braking
 LEAST_SHARE = 0.1  # of friction that every pad keeps at any speed
 NO_FORCE = 60.0  # clamping force that does not brake: the pads just touch [N]
 
@@ -65,15 +65,16 @@ def friction_share(rim: Floats, vehicle: Vehicle) -> Floats:
     return np.maximum(1.0 + vehicle.friction_fade.value * faster, LEAST_SHARE)
 
 
-def faded(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
+def with_fade(record: AxleRecord, vehicle: Vehicle) -> AxleRecord:
     """The record with φ(v) / φ as a factor of K: both act as φK only. Source: (1)."""
     if not vehicle.friction_fade.value:
         return record
     share = friction_share(record.wheel_speed * vehicle.radius(record.axle).value, vehicle)
     return replace(
-        record, clamping_force=share * record.clamping_force,
+        record,
+        clamping_force=share * record.clamping_force,
         clamping_force_smooth=share * record.clamping_force_smooth,
-    )  # fmt: skip
+    )
 
 
 class ForceLine(NamedTuple):
@@ -101,9 +102,9 @@ def cylinder_pressure(line: ForceLine, K: Any) -> Any:
     return (K + line.at_zero) / line.per_pascal  # (15)
 
 
-def slip_over(v: Any, rim: Any, least: float) -> Any:
-    """Slip s [-] from v and ωR [m/s] over a speed of at least `least` [m/s]. Source: (2)."""
-    return (v - rim) / np.maximum(v, least)  # (2)
+def slip_over(v: Any, rim: Any, floor: float) -> Any:
+    """Slip s [-] from v and ωR [m/s] over a speed of at least `floor` [m/s]. Source: (2)."""
+    return (v - rim) / np.maximum(v, floor)  # (2)
 
 
 def slip(train_speed: Floats, wheel_speed: Floats, radius: float, slowest: float) -> Floats:
@@ -117,20 +118,20 @@ def braked(K: Any, w: Wheelset) -> Any:
     return rolling_deceleration(w) * w.radius * K
 
 
-def reference_speed(before: float, fastest: float, braking: float, h: float) -> float:
+def reference_speed(previous: float, fastest: float, braking: float, h: float) -> float:
     """Reference speed [m/s], one step later: the train speed as a WSP controller estimates it.
 
     The fastest axle is the train. It decelerates no harder than all brakes together on a gradient.
     Where every axle does, all slide. The speed then continues at that limit.
 
     Args:
-        before: the same at the step before [m/s].
+        previous: the same at the step before [m/s].
         fastest: largest rim speed of all axles [m/s].
         braking: deceleration by the axles' brakes, from `braked`, or by their forces [m/s²].
         h: interval [s].
     """
-    slowest = before - (HARDER * braking + GRADIENT) * h
-    return max(min(max(fastest, slowest), before + RISE * h), 0.0)
+    slowest = previous - (HARDER * braking + GRADIENT) * h
+    return max(min(max(fastest, slowest), previous + RISE * h), 0.0)
 
 
 def coefficient(force: Floats, vehicle: Vehicle) -> Floats:

@@ -25,10 +25,10 @@ def rounded(x: Floats, sigma: Floats | float) -> Floats:
     >>> rounded(np.array([1234.5678, 1234.5678]), np.array([100.0, 0.0]))
     array([1236.    , 1234.5678])
     """
-    known = np.isfinite(sigma) & np.isfinite(x) & (np.asarray(sigma) > 0.0)
-    _, power = np.frexp(np.where(known, 2.0 * SHARE * sigma, 1.0))
+    has_sigma = np.isfinite(sigma) & np.isfinite(x) & (np.asarray(sigma) > 0.0)
+    _, power = np.frexp(np.where(has_sigma, 2.0 * SHARE * sigma, 1.0))
     step = np.ldexp(1.0, power - 1)
-    return np.where(known, np.rint(x / step) * step, x)
+    return np.where(has_sigma, np.rint(x / step) * step, x)
 
 
 def digits(x: Floats) -> Floats:

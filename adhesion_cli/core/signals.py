@@ -10,10 +10,10 @@ from .model import Z95, AxleRecord, Bools, Floats, Times
 from .physics import GRADIENT, RISE
 from .stop import SLIDE
 
-_GONE = 0.2  # share of the largest clamping force: below it a brake is released
+_RELEASED_SHARE = 0.2  # share of the largest clamping force: below it a brake is released
 _CRAWL = 0.2  # a wheel slower than this may stand [rad/s]
 _HIGHEST = 2.5  # no sensor reads zero above it: 4 km/h [rad/s]
-_CUT_OFF = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
+_CUT_OFF_FACTOR = 1.25  # so much above a sensor's lowest speed, noise makes it read zero
 _STOP = 0.3  # and does, if it stays so for this long [s]
 _DRIVEN = 3.0  # a wheel after a slide has caught up after this long [s]
 
@@ -29,20 +29,22 @@ def median(x: Floats | Times) -> float:
 def finite_median(x: Floats) -> Floats:
     """Median over the rows that have a value, of x (k, n); NaN where none has."""
     ordered, count = np.sort(x, axis=0), len(x) - np.isnan(x).sum(axis=0)  # NaN comes last
-    column, last = np.arange(x.shape[1]), np.maximum(count - 1, 0)
-    middle = (ordered[last // 2, column] + ordered[(last + 1) // 2, column]) / 2.0
+    column, last_index = np.arange(x.shape[1]), np.maximum(count - 1, 0)
+    middle = (ordered[last_index // 2, column] + ordered[(last_index + 1) // 2, column]) / 2.0
     return np.where(np.isfinite(x).any(axis=0), middle, np.nan)
 
 
-def pressed(record: AxleRecord, application: slice) -> tuple[slice, bool]:
+def pressed_part(record: AxleRecord, application: slice) -> tuple[slice, bool]:
     """The samples of an application until its pressure is gone, and whether that is in the log.
 
     An application ends where the wheel stands, because (1) does not hold there. Its pressure lasts.
     """
-    K, last = record.clamping_force, application.stop - 1
-    past = next(s.stop for s in record.segments if s.start <= last < s.stop)
-    gone = np.flatnonzero(K[last:past] <= _GONE * np.nanmax(K[application]))
-    return slice(application.start, last + int(gone[0]) + 1 if len(gone) else past), len(gone) > 0
+    K, final = record.clamping_force, application.stop - 1
+    stop = next(s.stop for s in record.segments if s.start <= final < s.stop)
+    released = np.flatnonzero(K[final:stop] <= _RELEASED_SHARE * np.nanmax(K[application]))
+    return slice(application.start, final + int(released[0]) + 1 if len(released) else stop), len(
+        released
+    ) > 0
 
 
 def standing(record: AxleRecord) -> Bools:
@@ -50,15 +52,15 @@ def standing(record: AxleRecord) -> Bools:
 
     (1) does not hold there: the brake's friction is unknown, from 0 to φK.
     """
-    still = np.abs(record.wheel_speed) <= max(
-        _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF * _lowest(record)
+    is_slow = np.abs(record.wheel_speed) <= max(
+        _CRAWL, record.wheel_speed_step / 2.0, _CUT_OFF_FACTOR * _lowest(record)
     )
-    found = np.zeros(len(record), dtype=bool)
+    stands = np.zeros(len(record), dtype=bool)
     for s in record.segments:
-        for first, past in true_runs(still[s]):
-            first, past = s.start + first, s.start + past
-            found[first:past] = (record.t[past - 1] - record.t[first]) * 1e-9 >= _STOP
-    return found
+        for start, stop in true_runs(is_slow[s]):
+            start, stop = s.start + start, s.start + stop
+            stands[start:stop] = (record.t[stop - 1] - record.t[start]) * 1e-9 >= _STOP
+    return stands
 
 
 def _lowest(record: AxleRecord) -> float:
@@ -76,11 +78,11 @@ def _lowest(record: AxleRecord) -> float:
 
 def moving(record: AxleRecord) -> list[slice]:
     """The segments without the times in which the wheel stands."""
-    moves = ~standing(record)
+    is_moving = ~standing(record)
     return [
-        slice(s.start + first, s.start + past)
+        slice(s.start + start, s.start + stop)
         for s in record.segments
-        for first, past in true_runs(moves[s])
+        for start, stop in true_runs(is_moving[s])
     ]
 
 
@@ -90,24 +92,24 @@ def driven(record: AxleRecord, radius: float) -> Bools:
     The wheel then accelerates without brake, harder than on a gradient, for longer than after a
     slide, and not more slowly than the train. The motor's torque is not in (1).
     """
-    found = np.zeros(len(record), dtype=bool)
-    free = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
+    is_driven = np.zeros(len(record), dtype=bool)
+    released = (record.clamping_force <= 0.0) & (record.clamping_force_smooth <= 0.0)
     for s in record.segments:
         t = (record.t[s] - record.t[s.start]) * 1e-9
         rim = record.wheel_speed[s] * radius
-        for first, past in true_runs(free[s]):
-            own, rolls = t[first:past], rim[first:past]
-            before, after = np.maximum(own - 1.0, own[0]), np.minimum(own + 1.0, own[-1])
-            gained = np.interp(after, own, rolls) - np.interp(before, own, rolls)
-            gains = gained > GRADIENT * (after - before)
-            gains &= (gained < RISE * (after - before)) & (after - before >= 1.0)
+        for start, stop in true_runs(released[s]):
+            run_t, run_rim = t[start:stop], rim[start:stop]
+            earlier, later = np.maximum(run_t - 1.0, run_t[0]), np.minimum(run_t + 1.0, run_t[-1])
+            gain = np.interp(later, run_t, run_rim) - np.interp(earlier, run_t, run_rim)
+            is_gaining = gain > GRADIENT * (later - earlier)
+            is_gaining &= (gain < RISE * (later - earlier)) & (later - earlier >= 1.0)
             if record.train_speed is not None:
-                gains &= ~(rolls < (1.0 - SLIDE) * record.train_speed[s][first:past])
-            for a, b in true_runs(gains):
-                if own[b - 1] - own[a] >= _DRIVEN:
-                    near = (own >= own[a] - 1.0) & (own <= own[b - 1] + 1.0)
-                    found[s.start + first : s.start + past] |= near
-    return found
+                is_gaining &= ~(run_rim < (1.0 - SLIDE) * record.train_speed[s][start:stop])
+            for a, b in true_runs(is_gaining):
+                if run_t[b - 1] - run_t[a] >= _DRIVEN:
+                    around = (run_t >= run_t[a] - 1.0) & (run_t <= run_t[b - 1] + 1.0)
+                    is_driven[s.start + start : s.start + stop] |= around
+    return is_driven
 
 
 def true_runs(mask: Bools) -> list[tuple[int, int]]:
@@ -135,14 +137,14 @@ def white_noise(runs: Iterable[tuple[Floats | Times, Floats]]) -> float:
     blocks = []
     for t, x in runs:
         share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])  # of the later neighbour
-        off = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
-        square = off**2 / (1.0 + share**2 + (1.0 - share) ** 2)
-        whole = len(square) // 50 * 50
-        blocks.append(square[:whole].reshape(-1, 50).mean(axis=1))
-        if whole < len(square):
-            blocks.append(square[whole:].mean(keepdims=True))
-    found = np.concatenate(blocks) if blocks else np.empty(0)
-    return float(np.median(found)) if len(found) else 0.0
+        deviation = x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]
+        square = deviation**2 / (1.0 + share**2 + (1.0 - share) ** 2)
+        full_count = len(square) // 50 * 50
+        blocks.append(square[:full_count].reshape(-1, 50).mean(axis=1))
+        if full_count < len(square):
+            blocks.append(square[full_count:].mean(keepdims=True))
+    variances = np.concatenate(blocks) if blocks else np.empty(0)
+    return float(np.median(variances)) if len(variances) else 0.0
 
 
 def coverage_factor(freedom: float) -> float:

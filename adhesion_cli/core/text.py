@@ -42,13 +42,13 @@ def as_url(path: Path) -> str | None:
     >>> as_url(Path("s3://trains/2026"))
     's3://trains/2026'
     """
-    kind, *rest = path.parts or ("",)  # a path has lost one of the slashes
+    kind, *parts_after = path.parts or ("",)  # a path has lost one of the slashes
     if not _KIND_OF_URL.fullmatch(kind) or Path(kind).exists():
         return None
-    return f"{kind}//{'/'.join(rest)}"
+    return f"{kind}//{'/'.join(parts_after)}"
 
 
-def by_uncertainty(value: float, u: float, most: int = 15) -> tuple[str, str]:
+def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str, str]:
     """A value and its uncertainty, with the digits that the uncertainty allows.
 
     Two significant digits of the uncertainty are kept, and the value to the same decimal place
@@ -57,16 +57,18 @@ def by_uncertainty(value: float, u: float, most: int = 15) -> tuple[str, str]:
     Args:
         value: of any unit.
         u: in the same unit.
-        most: decimals at most, where a column has room for no more.
+        max_decimals: decimals at most, where a column has room for no more.
 
     >>> by_uncertainty(-7.398e-05, 0.00011)
     ('-0.00007', '0.00011')
     """
     if not 0.0 < u < math.inf:
         return f"{value:.4g}", f"{u:g}"
-    place = min(1 - int(f"{u:.1e}".partition("e")[2]), most)
-    first, second = (f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u))  # no "-0"
-    return first, second
+    place = min(1 - int(f"{u:.1e}".partition("e")[2]), max_decimals)
+    value_text, u_text = (
+        f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u)
+    )  # no "-0"
+    return value_text, u_text
 
 
 def distinct(names: list[str]) -> list[str]:
@@ -75,14 +77,14 @@ def distinct(names: list[str]) -> list[str]:
     >>> distinct(["a", "b", "a"])
     ['a', 'b', 'a (2)']
     """
-    taken, repeats, numbered = set(names), Counter[str](), []
+    used_names, repeats, numbered = set(names), Counter[str](), []
     for name in names:
         repeats[name] += 1
-        free = name
-        while repeats[name] > 1 and (free := f"{name} ({repeats[name]})") in taken:
+        candidate = name
+        while repeats[name] > 1 and (candidate := f"{name} ({repeats[name]})") in used_names:
             repeats[name] += 1
-        taken.add(free)
-        numbered.append(free)
+        used_names.add(candidate)
+        numbered.append(candidate)
     return numbered
 
 

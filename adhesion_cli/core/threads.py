@@ -12,42 +12,42 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-most = _processors or 1  # threads at once; a program sets it
+max_threads = _processors or 1  # threads at once; a program sets it
 
 
-def each(do: Callable[[T], R], of: Sequence[T]) -> list[R]:
-    """`do` of each, in order; the first error in that order is raised.
+def run_each(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+    """`function` of each, in order; the first error in that order is raised.
 
     Args:
-        do: must not change what another call uses.
-        of: what it is done for.
+        function: must not change what another call uses.
+        items: what it is done for.
     """
-    count = min(most, len(of))
+    count = min(max_threads, len(items))
     if count < 2:
-        return [do(x) for x in of]
+        return [function(x) for x in items]
     from concurrent.futures import ThreadPoolExecutor  # slow to import
 
     with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(do, of))  # on an error it starts no other
+        return list(pool.map(function, items))  # on an error it starts no other
 
 
-def ahead(do: Callable[[T], R], of: Iterable[T]) -> Iterator[R]:
-    """`do` of each, in order; while one is used, the next are being made.
+def run_ahead(function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
+    """`function` of each, in order; while one is used, the next are being made.
 
     Args:
-        do: must not change what another call uses.
-        of: what it is done for; as many as there are processors are in work.
+        function: must not change what another call uses.
+        items: what it is done for; as many as there are processors are in work.
     """
-    if most < 2:
-        yield from map(do, of)
+    if max_threads < 2:
+        yield from map(function, items)
         return
     from concurrent.futures import Future, ThreadPoolExecutor  # slow to import
 
-    with ThreadPoolExecutor(most) as pool:
-        made: deque[Future[R]] = deque()
-        for x in of:
-            made.append(pool.submit(do, x))
-            if len(made) == most:
-                yield made.popleft().result()
-        while made:
-            yield made.popleft().result()
+    with ThreadPoolExecutor(max_threads) as pool:
+        futures: deque[Future[R]] = deque()
+        for x in items:
+            futures.append(pool.submit(function, x))
+            if len(futures) == max_threads:
+                yield futures.popleft().result()
+        while futures:
+            yield futures.popleft().result()

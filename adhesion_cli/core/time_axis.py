@@ -20,7 +20,7 @@ WRAPS_NS = {
 }
 _MOST_SPANS = 20  # of one finding
 _LEAST_SHARED = 5  # samples of one stamp that may have come evenly: fewer are as many devices'
-_FULL = 0.9  # share of the samples that then hold a value
+_FULL_SHARE = 0.9  # share of the samples that then hold a value
 _LEAST_STAMPS = 5  # of a log in which that shows
 
 
@@ -82,14 +82,14 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
     report("not-a-number", column.valid & ~usable)
 
     restarts: tuple[int, ...] = (0,)
-    out = same = np.zeros(len(t), dtype=np.bool_)
+    out_of_order = duplicated = np.zeros(len(t), dtype=np.bool_)
     if not (t[1:] > t[:-1]).all():
-        restarts, late, ahead = _order(t)
-        _report_order(report, t, restarts, late, ahead)
-        out = late | ahead
-        usable &= ~out
-        same, clash = _repeated(report, t, column.value, usable)
-        usable &= ~(same | clash)
+        restarts, is_late, ahead = _order(t)
+        _report_order(report, t, restarts, is_late, ahead)
+        out_of_order = is_late | ahead
+        usable &= ~out_of_order
+        duplicated, clash = _repeated(report, t, column.value, usable)
+        usable &= ~(duplicated | clash)
 
     jumps = np.zeros(len(t), dtype=np.bool_)
     jumps[list(restarts[1:])] = True
@@ -101,16 +101,22 @@ def clean(name: str, column: Column, start_ns: int, max_gap_ns: int = 0) -> Time
         piece_of = piece_of[usable]
     starts = tuple(int(i) for i in np.flatnonzero(np.diff(piece_of, prepend=-1)))
     steps = np.diff(data.t)
-    within = np.diff(piece_of) == 0
-    limit = max_gap_ns or gap_limit(steps[within])
-    gaps = np.flatnonzero(within & (steps > limit))
+    in_piece = np.diff(piece_of) == 0
+    limit = max_gap_ns or gap_limit(steps[in_piece])
+    gaps = np.flatnonzero(in_piece & (steps > limit))
     longest = float(steps[gaps].max(initial=0)) / 1e9
     report.stretches("gap", data.t[gaps], data.t[gaps + 1], len(gaps), longest_s=longest)
-    interval = int(np.median(steps[within])) if within.any() else 0
+    interval = int(np.median(steps[in_piece])) if in_piece.any() else 0
     return TimeAxis(
-        data, starts, interval, limit, len(gaps), int(same.sum()),
-        int(out.sum()) + len(restarts) - 1, tuple(report.findings),
-    )  # fmt: skip
+        data,
+        starts,
+        interval,
+        limit,
+        len(gaps),
+        int(duplicated.sum()),
+        int(out_of_order.sum()) + len(restarts) - 1,
+        tuple(report.findings),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,40 +128,45 @@ class _Report:
     start_ns: int
     findings: list[Finding] = field(default_factory=list)
 
-    def __call__(self, code: str, where: Bools, **data: float | str) -> None:
+    def __call__(self, code: str, mask: Bools, **data: float | str) -> None:
         """Reports the samples of a mask, if there are any; each run of them is a span."""
-        edges = np.flatnonzero(np.diff(where, prepend=False, append=False))
-        first, last = self.t[edges[::2]], self.t[edges[1::2] - 1]
-        self.stretches(code, first, last, int(np.count_nonzero(where)), **data)
+        edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+        start, stop = self.t[edges[::2]], self.t[edges[1::2] - 1]
+        self.stretches(code, start, stop, int(np.count_nonzero(mask)), **data)
 
     def stretches(
-        self, code: str, begin: Times, end: Times, count: int, **data: float | str
+        self, code: str, start: Times, stop: Times, count: int, **data: float | str
     ) -> None:
         """Reports stretches of time [ns], if there are any, with the numbers and names given."""
         if count:
-            spans = spans_of(np.minimum(begin, end), np.maximum(begin, end), self.start_ns)
+            spans = spans_of(np.minimum(start, stop), np.maximum(start, stop), self.start_ns)
             values = {key: x for key, x in data.items() if not isinstance(x, str)}
             names = {key: x for key, x in data.items() if isinstance(x, str)}
-            found = Finding(
-                code, "warning", channel=self.channel, count=count, spans=spans,
-                values=values, names=names,
-            )  # fmt: skip
-            self.findings.append(found)
+            finding = Finding(
+                code,
+                "warning",
+                channel=self.channel,
+                count=count,
+                spans=spans,
+                values=values,
+                names=names,
+            )
+            self.findings.append(finding)
 
 
-def spans_of(begin: Times, end: Times, start_ns: int) -> tuple[Span, ...]:
+def spans_of(start: Times, stop: Times, start_ns: int) -> tuple[Span, ...]:
     """Stretches [ns] as seconds after the log's start, the nearest joined until few are left."""
-    order = np.argsort(begin, kind="stable")
-    begin, end = begin[order], np.maximum.accumulate(end[order])
-    between = begin[1:] - end[:-1]
-    cuts = np.flatnonzero(between > 0)
+    order = np.argsort(start, kind="stable")
+    start, stop = start[order], np.maximum.accumulate(stop[order])
+    pauses = start[1:] - stop[:-1]
+    cuts = np.flatnonzero(pauses > 0)
     if len(cuts) >= _MOST_SPANS:
-        widest = np.argsort(between[cuts], kind="stable")[1 - _MOST_SPANS :]
+        widest = np.argsort(pauses[cuts], kind="stable")[1 - _MOST_SPANS :]
         cuts = np.sort(cuts[widest])
-    first, last = np.r_[0, cuts + 1], np.r_[cuts, len(begin) - 1]
+    first_index, last_index = np.r_[0, cuts + 1], np.r_[cuts, len(start) - 1]
     return tuple(
         ((a - start_ns) / 1e9, (b - start_ns) / 1e9)
-        for a, b in zip(begin[first].tolist(), end[last].tolist(), strict=True)
+        for a, b in zip(start[first_index].tolist(), stop[last_index].tolist(), strict=True)
     )
 
 
@@ -169,30 +180,34 @@ def _order(t: Times) -> tuple[tuple[int, ...], Bools, Bools]:
     ahead = np.zeros(len(t), dtype=np.bool_)
     steps = np.diff(t)
     limit = gap_limit(steps[steps > 0])
-    on = np.zeros(len(t) - 1, dtype=np.bool_)  # from the sample before to the one behind
-    on[0] = limit > 0
-    across = t[2:] - t[:-2]
-    on[1:] = (across >= 0) & (across <= limit) & (steps[:-1] > limit)
-    ahead[:-1] = on & (steps < -limit)
+    jumps = np.zeros(len(t) - 1, dtype=np.bool_)  # from the sample before to the one behind
+    jumps[0] = limit > 0
+    two_steps = t[2:] - t[:-2]
+    jumps[1:] = (two_steps >= 0) & (two_steps <= limit) & (steps[:-1] > limit)
+    ahead[:-1] = jumps & (steps < -limit)
     t = np.where(ahead, np.roll(t, -1), t)
     restarts = _restarts(t, np.maximum.accumulate(t))
-    late = np.zeros(len(t), dtype=np.bool_)
+    is_late = np.zeros(len(t), dtype=np.bool_)
     for piece in pieces(restarts, len(t)):
-        late[piece] = t[piece] < np.maximum.accumulate(t[piece])
-    return restarts, late & ~ahead, ahead
+        is_late[piece] = t[piece] < np.maximum.accumulate(t[piece])
+    return restarts, is_late & ~ahead, ahead
 
 
 def _report_order(
-    report: _Report, t: Times, restarts: tuple[int, ...], late: Bools, ahead: Bools
+    report: _Report, t: Times, restarts: tuple[int, ...], is_late: Bools, ahead: Bools
 ) -> None:
     """Reports where the clock was set back, and samples out of order."""
-    last = np.array(restarts[1:], dtype=np.int64) - 1  # the stamp before a jump says where it is
-    most = float((t[last] - t[last + 1]).max(initial=0)) / 1e9
-    report.stretches("time-backward", t[last], t[last], len(last), most_s=most)
-    good = np.where(late | ahead, 0, np.arange(len(t)))
-    good[0] = ahead[0]
-    report = replace(report, t=t[np.maximum.accumulate(good)])  # a wrong stamp says no time
-    report("time-out-of-order", late)
+    before_jump = (
+        np.array(restarts[1:], dtype=np.int64) - 1
+    )  # the stamp before a jump says where it is
+    largest_s = float((t[before_jump] - t[before_jump + 1]).max(initial=0)) / 1e9
+    report.stretches(
+        "time-backward", t[before_jump], t[before_jump], len(before_jump), most_s=largest_s
+    )
+    sound = np.where(is_late | ahead, 0, np.arange(len(t)))
+    sound[0] = ahead[0]
+    report = replace(report, t=t[np.maximum.accumulate(sound)])  # a wrong stamp says no time
+    report("time-out-of-order", is_late)
     report("time-outlier", ahead)
 
 
@@ -209,26 +224,28 @@ def _repeated(report: _Report, t: Times, value: Floats, usable: Bools) -> tuple[
 
     It reports both. Rows without a value of the channel are none of its samples.
     """
-    kept = np.flatnonzero(usable)
-    same, clash = np.zeros((2, len(t)), dtype=np.bool_)
-    repeats = np.diff(t[kept], prepend=t[kept][:1] - 1) == 0
+    usable_index = np.flatnonzero(usable)
+    duplicated, clash = np.zeros((2, len(t)), dtype=np.bool_)
+    repeats = np.diff(t[usable_index], prepend=t[usable_index][:1] - 1) == 0
     if not repeats.any():
-        return same, clash
-    same[kept] = repeats
-    differs = repeats & (np.diff(value[kept], prepend=0.0) != 0.0)
+        return duplicated, clash
+    duplicated[usable_index] = repeats
+    differs = repeats & (np.diff(value[usable_index], prepend=0.0) != 0.0)
     # Two values for one instant: every sample of that stamp is masked, not just the later ones.
     groups = np.cumsum(~repeats) - 1
-    clash[kept] = np.isin(groups, groups[differs])
+    clash[usable_index] = np.isin(groups, groups[differs])
     sizes = np.bincount(groups)
-    doubled = not differs.any() and bool((np.diff(value[kept]) != 0.0).any())  # rows written twice
+    doubled = not differs.any() and bool(
+        (np.diff(value[usable_index]) != 0.0).any()
+    )  # rows written twice
     if np.mean(sizes > 1) > 0.5 and len(sizes) > 1 and not doubled:
-        apart = float(np.median(np.diff(t[kept][~repeats]))) / 1e9
+        interval_s = float(np.median(np.diff(t[usable_index][~repeats]))) / 1e9
         samples = float(np.median(sizes))
-        report("time-coarse", same | clash, samples=samples, apart_s=apart)
+        report("time-coarse", duplicated | clash, samples=samples, apart_s=interval_s)
     else:
-        report("time-duplicate", same & ~clash)
+        report("time-duplicate", duplicated & ~clash)
         report("time-conflict", clash)
-    return same, clash
+    return duplicated, clash
 
 
 def _spread(report: _Report, value: Floats) -> Times:
@@ -245,11 +262,11 @@ def _spread(report: _Report, value: Floats) -> Times:
     changes = value[1:] != value[:-1]
     if changes.any() and not changes[inside].any():
         return t  # one sample of each stamp, repeated
-    if np.count_nonzero(np.isfinite(value)) < _FULL * len(t):
+    if np.count_nonzero(np.isfinite(value)) < _FULL_SHARE * len(t):
         return t  # rows of several channels alternate
-    first = np.flatnonzero(np.diff(t, prepend=t[0] - 1))  # sample of each stamp
-    last = np.append(first[1:], len(t)) - 1
-    stamps = t[first]
+    first_sample = np.flatnonzero(np.diff(t, prepend=t[0] - 1))  # sample of each stamp
+    last_sample = np.append(first_sample[1:], len(t)) - 1
+    stamps = t[first_sample]
     if len(stamps) < _LEAST_STAMPS:
         return t
     tick = float(np.median(np.diff(stamps)))
@@ -257,47 +274,59 @@ def _spread(report: _Report, value: Floats) -> Times:
     longest = max(stretches, key=len)[1:]  # the first stamp may have begun before the log
     if len(longest) < _LEAST_STAMPS - 1:
         return t
-    at, since = first[longest] - first[longest[0]], stamps[longest] - stamps[longest[0]]
-    period = float(np.polyfit(at, since, 1)[0])
-    many = round(tick / period)
-    if many < _LEAST_SHARED or _alternates(value, many):
+    sample_count, since = (
+        first_sample[longest] - first_sample[longest[0]],
+        stamps[longest] - stamps[longest[0]],
+    )
+    period = float(np.polyfit(sample_count, since, 1)[0])
+    per_stamp = round(tick / period)
+    if per_stamp < _LEAST_SHARED or _alternates(value, per_stamp):
         return t
-    even = np.empty_like(t)
+    even_t = np.empty_like(t)
     for stretch in stretches:
-        rows = slice(first[stretch[0]], last[stretch[-1]] + 1)
+        rows = slice(first_sample[stretch[0]], last_sample[stretch[-1]] + 1)
         since = stamps[stretch] - stamps[stretch[0]]
-        earliest = np.max(since - period * (first[stretch] - rows.start))
-        latest = np.min(since + tick - period * (last[stretch] - rows.start))
+        earliest = np.max(since - period * (first_sample[stretch] - rows.start))
+        latest = np.min(since + tick - period * (last_sample[stretch] - rows.start))
         if earliest - latest > period:
             return t
         n = np.arange(rows.stop - rows.start)
-        even[rows] = t[rows.start] + np.rint((earliest + latest) / 2.0 + period * n).astype(int)
+        even_t[rows] = t[rows.start] + np.rint((earliest + latest) / 2.0 + period * n).astype(int)
     everywhere = np.ones(len(t), dtype=np.bool_)
-    report("time-coarse-spread", everywhere, samples=many, apart_s=tick / 1e9, rate_hz=1e9 / period)
-    return even
+    report(
+        "time-coarse-spread",
+        everywhere,
+        samples=per_stamp,
+        apart_s=tick / 1e9,
+        rate_hz=1e9 / period,
+    )
+    return even_t
 
 
-def _alternates(value: Floats, many: int) -> bool:
-    """Whether samples differ more from their neighbours than from those `many` samples before."""
-    near, far = (np.abs(value[k:] - value[:-k]) for k in (1, many))
-    return bool(np.nansum(near) / len(near) > 1.2 * np.nansum(far) / max(len(far), 1))
+def _alternates(value: Floats, per_stamp: int) -> bool:
+    """Whether samples differ more from their neighbours than from those a stamp before."""
+    neighbour, stamp_before = (np.abs(value[k:] - value[:-k]) for k in (1, per_stamp))
+    return bool(
+        np.nansum(neighbour) / len(neighbour)
+        > 1.2 * np.nansum(stamp_before) / max(len(stamp_before), 1)
+    )
 
 
 def unwrapped(t: Times) -> tuple[Times, dict[str, Bools]]:
     """The times of a counter as if it had not wrapped, and where it did, by its width."""
-    found: dict[str, Bools] = {}
+    wraps: dict[str, Bools] = {}
     if not (t[1:] < t[:-1]).any():
-        return t, found
+        return t, wraps
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     for width, wrap_ns in WRAPS_NS.items():
         fall = np.diff(t, prepend=t[:1])
-        near = max(wrap_ns // 1000, min(2.0 * usual, wrap_ns // 100))
-        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < near)
+        tolerance = max(wrap_ns // 1000, min(2.0 * usual, wrap_ns // 100))
+        wrapped = (fall < 0) & (np.abs(fall + wrap_ns) < tolerance)
         if wrapped.any():
-            found[width] = wrapped
+            wraps[width] = wrapped
             t = t + wrap_ns * np.cumsum(wrapped)
-    return t, found
+    return t, wraps
 
 
 def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
@@ -306,9 +335,9 @@ def _restarts(t: Times, newest: Times) -> tuple[int, ...]:
     falls = np.flatnonzero(np.diff(t) < 0) + 1
     for index in falls:
         ahead = t[index : index + 3]
-        stays = len(ahead) >= 2 and bool(np.all(ahead < newest[index - 1]))
+        stays_low = len(ahead) >= 2 and bool(np.all(ahead < newest[index - 1]))
         rises = bool(np.all(np.diff(ahead) >= 0))
-        if stays and rises:
+        if stays_low and rises:
             starts.append(int(index))
     return tuple(starts)
 
@@ -318,7 +347,7 @@ def pieces(starts: tuple[int, ...], n: int) -> list[slice]:
     return [slice(a, b) for a, b in zip(starts, (*starts[1:], n), strict=True)] if n else []
 
 
-class Over(NamedTuple):
+class Instants(NamedTuple):
     """Where to look for another channel's samples: at these times, in the k-th of n pieces."""
 
     t: Times
@@ -326,62 +355,73 @@ class Over(NamedTuple):
     n: int
 
 
-def overs(of: Channel) -> Iterator[Over]:
+def instants_of(channel: Channel) -> Iterator[Instants]:
     """The times of a channel, piece by piece between the jumps of its clock."""
-    parts = pieces(of.starts, len(of.data.t))
-    for k, part in enumerate(parts):
-        yield Over(of.data.t[part], k, len(parts))
+    channel_pieces = pieces(channel.starts, len(channel.data.t))
+    for k, piece in enumerate(channel_pieces):
+        yield Instants(channel.data.t[piece], k, len(channel_pieces))
 
 
-def _samples(at: Over, of: Channel) -> tuple[Times, Floats]:
+def _samples(instants: Instants, channel: Channel) -> tuple[Times, Floats]:
     """The piece of a channel that goes with a piece of another one.
 
     Channels that the clock's jumps part into equally many pieces belong together piece by piece,
     also where times repeat. Else the only piece that shares time; nothing where two do: which one
     was logged along cannot be known.
     """
-    own = pieces(of.starts, len(of.data.t))
-    if len(own) == at.n == 1:
-        return of.data.t, of.data.value
-    if len(own) != at.n:
-        t = of.data.t
-        own = [p for p in own if t[p][0] <= at.t[-1] and t[p][-1] >= at.t[0]]
-    chosen = own[at.k] if len(own) == at.n else own[0] if len(own) == 1 else slice(0, 0)
-    return of.data.t[chosen], of.data.value[chosen]
+    channel_pieces = pieces(channel.starts, len(channel.data.t))
+    if len(channel_pieces) == instants.n == 1:
+        return channel.data.t, channel.data.value
+    if len(channel_pieces) != instants.n:
+        t = channel.data.t
+        channel_pieces = [
+            p for p in channel_pieces if t[p][0] <= instants.t[-1] and t[p][-1] >= instants.t[0]
+        ]
+    chosen = (
+        channel_pieces[instants.k]
+        if len(channel_pieces) == instants.n
+        else channel_pieces[0]
+        if len(channel_pieces) == 1
+        else slice(0, 0)
+    )
+    return channel.data.t[chosen], channel.data.value[chosen]
 
 
-def hold(at: Over, of: Channel) -> tuple[Floats, Bools]:
+def hold_last(instants: Instants, channel: Channel) -> tuple[Floats, Bools]:
     """Last value of a channel at each time, and whether it is fresh enough to use; shape (n,).
 
     The values are the channel's own array where the times are the same.
     """
-    xs, ys = _samples(at, of)
+    xs, ys = _samples(instants, channel)
     if not len(xs):
-        return np.full(len(at.t), np.nan), np.zeros(len(at.t), dtype=np.bool_)
-    if np.array_equal(xs, at.t):  # columns of one table
+        return np.full(len(instants.t), np.nan), np.zeros(len(instants.t), dtype=np.bool_)
+    if np.array_equal(xs, instants.t):  # columns of one table
         return ys, np.ones(len(xs), dtype=np.bool_)
-    index = np.searchsorted(xs, at.t, side="right") - 1
-    known = index >= 0
+    index = np.searchsorted(xs, instants.t, side="right") - 1
+    has_sample = index >= 0
     index = np.maximum(index, 0)
-    return ys[index], known & (at.t - xs[index] <= of.gap_ns)
+    return ys[index], has_sample & (instants.t - xs[index] <= channel.gap_ns)
 
 
-def interpolated(at: Over, of: Channel) -> Floats:
+def interpolated(instants: Instants, channel: Channel) -> Floats:
     """Linear interpolation of a channel, shape (n,); its own array where the times are the same.
 
-    NaN before its first sample and across its gaps; the last value holds as long as `hold` does.
+    NaN before its first sample and across its gaps; the last value holds as long as `hold_last`
+    does.
     """
-    xs, ys = _samples(at, of)
+    xs, ys = _samples(instants, channel)
     if not len(xs):
-        return np.full(len(at.t), np.nan)
-    if np.array_equal(xs, at.t):
+        return np.full(len(instants.t), np.nan)
+    if np.array_equal(xs, instants.t):
         return ys
-    t = at.t
-    after = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
-    before = np.maximum(after - 1, 0)
-    gap = xs[after] - xs[before]
+    t = instants.t
+    right = np.clip(np.searchsorted(xs, t, side="left"), 0, len(xs) - 1)
+    left = np.maximum(right - 1, 0)
+    gap = xs[right] - xs[left]
     # Differences of int64 are exact; seconds since 1970 as floats are not.
-    part = np.clip((t - xs[before]) / np.maximum(gap, 1), 0.0, 1.0)
-    value = ys[before] + part * (ys[after] - ys[before])
-    unknown = (t < xs[0]) | (t > xs[-1] + of.gap_ns) | ((t < xs[after]) & (gap > of.gap_ns))
-    return np.where(unknown, np.nan, np.where(xs[after] == t, ys[after], value))
+    fraction = np.clip((t - xs[left]) / np.maximum(gap, 1), 0.0, 1.0)
+    value = ys[left] + fraction * (ys[right] - ys[left])
+    unknown = (
+        (t < xs[0]) | (t > xs[-1] + channel.gap_ns) | ((t < xs[right]) & (gap > channel.gap_ns))
+    )
+    return np.where(unknown, np.nan, np.where(xs[right] == t, ys[right], value))

@@ -11,10 +11,10 @@ from typing import Any
 
 from .errors import UserError
 
-_MOST = 1 << 20  # bytes of a file
+_MOST_BYTES = 1 << 20  # bytes of a file
 _LONGEST = 4_000  # characters of a line; the parser's memory is the square of a key's dots
 DEEPEST = 16  # tables and lists inside each other
-_SHOWN = 5  # names of files in a hint
+_NAMES_IN_HINT = 5  # names of files in a hint
 _LARGEST = 1e18  # no number of a setting is larger
 
 
@@ -27,9 +27,9 @@ def read(path: Path, hint: str) -> dict[str, Any]:
     """
     try:
         with path.open("rb") as file:
-            data = file.read(_MOST + 1)
-        if len(data) > _MOST:
-            raise UserError(f"{path}: is larger than {_MOST >> 20} MiB", hint, code=2)
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise UserError(f"{path}: is larger than {_MOST_BYTES >> 20} MiB", hint, code=2)
         return parsed(data.decode(), str(path))
     except FileNotFoundError:
         raise UserError(f"{path}: no such file", _nearby(path), code=2) from None
@@ -44,19 +44,19 @@ def _nearby(path: Path) -> str:
     folder = path.parent
     if not folder.is_dir():
         return f"there is no folder {str(folder)!r}"
-    known = {p.stem: p.name for p in sorted(folder.glob("*.toml"))}
-    if near := get_close_matches(path.stem, known, n=1, cutoff=0.5):
-        return f"did you mean {str(folder / known[near[0]])!r}?"
-    shown = ", ".join([*known.values()][:_SHOWN] + ["…"] * (len(known) > _SHOWN))
-    return f"TOML files in {str(folder)!r}: {shown or 'none'}"
+    names = {p.stem: p.name for p in sorted(folder.glob("*.toml"))}
+    if nearest := get_close_matches(path.stem, names, n=1, cutoff=0.5):
+        return f"did you mean {str(folder / names[nearest[0]])!r}?"
+    listing = ", ".join([*names.values()][:_NAMES_IN_HINT] + ["…"] * (len(names) > _NAMES_IN_HINT))
+    return f"TOML files in {str(folder)!r}: {listing or 'none'}"
 
 
-def parsed(text: str, where: str) -> dict[str, Any]:
+def parsed(text: str, origin: str) -> dict[str, Any]:
     """The tables of a text, with finite numbers of bounded size and depth.
 
     Args:
         text: TOML.
-        where: names the text in an error.
+        origin: names the text in an error.
 
     Raises:
         tomllib.TOMLDecodeError: where it is not TOML.
@@ -65,40 +65,40 @@ def parsed(text: str, where: str) -> dict[str, Any]:
     text = text.replace("\r\n", "\n")
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > _LONGEST:
-            what = f"line {number} ({line[:40]}…) has more than {_LONGEST} characters"
-            raise UserError(f"{where}: {what}", "write shorter keys and values", code=2)
+            problem = f"line {number} ({line[:40]}…) has more than {_LONGEST} characters"
+            raise UserError(f"{origin}: {problem}", "write shorter keys and values", code=2)
     try:
         tree = tomllib.loads(text)
     except RecursionError:
-        raise _too_deep(where, text.partition("=")[0].strip()) from None
-    return bounded(tree, where)
+        raise _too_deep(origin, text.partition("=")[0].strip()) from None
+    return bounded(tree, origin)
 
 
-def bounded(tree: dict[str, Any], where: str) -> dict[str, Any]:
+def bounded(tree: dict[str, Any], origin: str) -> dict[str, Any]:
     """The same tree.
 
     Raises:
         UserError: where it is nested too deeply, or a number is not finite or too large.
     """
-    left: list[tuple[tuple[str, ...], Any]] = [((), tree)]
-    while left:
-        keys, value = left.pop()
+    pending: list[tuple[tuple[str, ...], Any]] = [((), tree)]
+    while pending:
+        keys, value = pending.pop()
         if len(keys) > DEEPEST:
-            raise _too_deep(where, keys[0])
+            raise _too_deep(origin, keys[0])
         if isinstance(value, (int, float)) and not abs(value) <= _LARGEST:
-            shown = value if isinstance(value, float) else "an integer of many digits"
-            what = f"{'.'.join(keys)} = {shown} is not finite, or too large"
-            raise UserError(f"{where}: {what}", "write a plain number", code=2)
+            number = value if isinstance(value, float) else "an integer of many digits"
+            problem = f"{'.'.join(keys)} = {number} is not finite, or too large"
+            raise UserError(f"{origin}: {problem}", "write a plain number", code=2)
         if isinstance(value, list):
             value = dict(enumerate(value, 1))
         if isinstance(value, dict):
-            left += [((*keys, str(key)), inner) for key, inner in value.items()]
+            pending += [((*keys, str(key)), inner) for key, inner in value.items()]
     return tree
 
 
-def _too_deep(where: str, key: str) -> UserError:
-    what = f"{key[:40]} is nested deeper than {DEEPEST} levels"
-    return UserError(f"{where}: {what}", "settings have two or three levels", code=2)
+def _too_deep(origin: str, key: str) -> UserError:
+    problem = f"{key[:40]} is nested deeper than {DEEPEST} levels"
+    return UserError(f"{origin}: {problem}", "settings have two or three levels", code=2)
 
 
 def target(path: Path) -> Path:
@@ -117,9 +117,9 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("'", "\\u0027")
 
 
-def table(parts: Mapping[str, str | int]) -> str:
+def table(entries: Mapping[str, str | int]) -> str:
     """A table in one line, without what is empty."""
-    texts = (f"{k} = {quoted(v) if isinstance(v, str) else v}" for k, v in parts.items() if v)
+    texts = (f"{k} = {quoted(v) if isinstance(v, str) else v}" for k, v in entries.items() if v)
     return f"{{{', '.join(texts)}}}"
 
 
@@ -128,13 +128,17 @@ def key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else quoted(name)
 
 
-def value(of: Any) -> str:
+def value(item: Any) -> str:
     """A value in one line; a number with nine digits."""
-    if isinstance(of, Mapping):
-        return "{" + ", ".join(f"{key(k)} = {value(v)}" for k, v in of.items()) + "}"
-    if isinstance(of, Sequence) and not isinstance(of, str):
-        return "[" + ", ".join(map(value, of)) + "]"
-    return repr(float(f"{of:.9g}")) if isinstance(of, float) else json.dumps(of, ensure_ascii=False)
+    if isinstance(item, Mapping):
+        return "{" + ", ".join(f"{key(k)} = {value(v)}" for k, v in item.items()) + "}"
+    if isinstance(item, Sequence) and not isinstance(item, str):
+        return "[" + ", ".join(map(value, item)) + "]"
+    return (
+        repr(float(f"{item:.9g}"))
+        if isinstance(item, float)
+        else json.dumps(item, ensure_ascii=False)
+    )
 
 
 def option(line: str) -> str:

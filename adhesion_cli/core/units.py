@@ -13,9 +13,17 @@ from .model import Channel, Meaning, Vehicle
 from .physics import G
 
 Dimension = Literal[
-    "pressure", "speed", "angular speed", "pulse rate", "count", "angle", "force", "time", "ratio",
+    "pressure",
+    "speed",
+    "angular speed",
+    "pulse rate",
+    "count",
+    "angle",
+    "force",
+    "time",
+    "ratio",
     "acceleration",
-]  # fmt: skip
+]
 
 
 class Unit(NamedTuple):
@@ -34,21 +42,23 @@ def _spellings() -> tuple[dict[str, Unit], set[str]]:
     """The unit of each spelling, and the spellings that a name may hold without brackets."""
     text = Path(__file__).with_name("units.toml").read_text("utf-8")
     entries = tomllib.loads(text)
-    found = {
-        spelling.lower(): Unit(words.split()[0], dimension, factor, *offset)
+    units = {
+        spelling.lower(): Unit(spellings.split()[0], dimension, factor, *offset)
         for dimension, rows in entries["units"].items()
-        for factor, words, *offset in rows
-        for spelling in words.split()
+        for factor, spellings, *offset in rows
+        for spelling in spellings.split()
     }
-    long = {spelling for spelling in found if len(spelling) > 2 and spelling.isascii()}
-    unmistakable = long - set(entries["not_in_names"].split()) | set(entries["in_names"].split())
-    return found, unmistakable
+    long_spellings = {spelling for spelling in units if len(spelling) > 2 and spelling.isascii()}
+    unmistakable = long_spellings - set(entries["not_in_names"].split()) | set(
+        entries["in_names"].split()
+    )
+    return units, unmistakable
 
 
 UNITS, _IN_NAMES = _spellings()
 
 # Separate, because a name that ends on "-", "[%]" or "g" states no unit of a pressure or speed.
-_APART = {
+_RATIO_UNITS = {
     "-": Unit("-", "ratio", 1.0),
     "%": Unit("%", "ratio", 0.01),
     "g": Unit("g", "acceleration", G),
@@ -75,7 +85,7 @@ _USUAL: dict[Meaning, tuple[str, ...]] = {
 _BRACKETS = re.compile(r"[\[(（【{<]\s*([^\[\](){}（）【】<>]*(?:\([ag]\))?)\s*[\])）】}>]")
 
 # Units of what is not asked for, with the letters of names: volts are no v, kelvins no K.
-_OTHERS = re.compile(
+_OTHER_QUANTITIES = re.compile(
     r"[\[(（]\s*(?:[mkµμ]?[VAW]|V(?:AC|DC)|K)\s*[\])）]"
     r"|(?<=[^\W_])_[mk]?V$|(?<![^\W_])(?:5|\d{2,}|\d[.,]\d)V(?![^\W_])"
 )
@@ -87,8 +97,8 @@ def unit(text: str) -> Unit | None:
     key = re.sub(r"[\s\^·*]", "", text).lower()
     if text.strip() == "mPa":  # no brake pressure is in thousandths of a pascal
         return None
-    if found := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
-        return found
+    if plain_unit := UNITS.get(key.strip("[](){}（）【】")) or UNITS.get(text.strip().lower()):
+        return plain_unit
     absolute = re.fullmatch(r"(.*?)(?:\(a\)|\(abs\.?\)|_?abs\.?|_a)", key)
     gauge = UNITS.get(absolute[1]) if absolute else None
     if gauge is None or gauge.dimension != "pressure":
@@ -96,39 +106,39 @@ def unit(text: str) -> Unit | None:
     return gauge._replace(name=f"{gauge.name} abs", offset=-ATMOSPHERE)
 
 
-def of(text: str, meaning: Meaning) -> Unit | None:
+def unit_for(text: str, meaning: Meaning) -> Unit | None:
     """The unit a text spells for a channel of this meaning, None where it cannot measure that."""
-    found = unit(text) or _APART.get(text.strip("[](){} "))
-    return found if found and found.dimension in EXPECTED[meaning] else None
+    candidate = unit(text) or _RATIO_UNITS.get(text.strip("[](){} "))
+    return candidate if candidate and candidate.dimension in EXPECTED[meaning] else None
 
 
 def is_acceleration(text: str) -> bool:
     """Whether a text is the unit of an acceleration, which integrates to a train speed."""
-    found = of(text, "train_speed")
-    return found is not None and found.dimension == "acceleration"
+    candidate = unit_for(text, "train_speed")
+    return candidate is not None and candidate.dimension == "acceleration"
 
 
 def known_units(meaning: Meaning) -> list[str]:
     """First spelling of each unit a channel of this meaning may have."""
-    known = (*UNITS.values(), *_APART.values())
-    return list(dict.fromkeys(u.name for u in known if u.dimension in EXPECTED[meaning]))
+    all_units = (*UNITS.values(), *_RATIO_UNITS.values())
+    return list(dict.fromkeys(u.name for u in all_units if u.dimension in EXPECTED[meaning]))
 
 
-def stated(text: str, meaning: Meaning, channel: str) -> Unit:
+def stated_unit(text: str, meaning: Meaning, channel: str) -> Unit:
     """The unit a user or a log states for a channel of a known meaning.
 
     Raises:
         UserError: for an unknown unit, or one that cannot measure this.
     """
-    found = of(text, meaning)
-    if found is None:
-        wrong = "unknown unit" if unit(text) is None else f"a {meaning} cannot be in"
+    candidate = unit_for(text, meaning)
+    if candidate is None:
+        problem = "unknown unit" if unit(text) is None else f"a {meaning} cannot be in"
         raise UserError(
-            f"channel {channel!r}: {wrong} {text!r}",
+            f"channel {channel!r}: {problem} {text!r}",
             f"units of a {meaning.replace('_', ' ')}: {', '.join(known_units(meaning))}",
             code=2,
         )
-    return found
+    return candidate
 
 
 def unknown_in(name: str) -> str:
@@ -137,9 +147,9 @@ def unknown_in(name: str) -> str:
     return inside[-1] if inside and not (unit(inside[-1]) or inside[-1].isdecimal()) else ""
 
 
-def without_others(name: str) -> str:
+def without_other_units(name: str) -> str:
     """The name without the unit of another quantity, as in `Battery [V]`."""
-    return _OTHERS.sub(" ", name)
+    return _OTHER_QUANTITIES.sub(" ", name)
 
 
 # between a name and its unit; the last one is only space
@@ -164,18 +174,21 @@ def in_name(name: str) -> tuple[str, str]:
             return (name[: match.start()] + name[match.end() :]).strip(" _-,/"), match[1].strip()
     for separator in _SEPARATORS:
         head, *tail = separator.split(name.strip())
-        if head and tail and (found := unit(tail[-1])) and not (
-            separator is _SEPARATORS[-1] and found.name == "N" and tail[-1] != "N"
-        ):  # fmt: skip
+        if (
+            head
+            and tail
+            and (tail_found := unit(tail[-1]))
+            and not (separator is _SEPARATORS[-1] and tail_found.name == "N" and tail[-1] != "N")
+        ):
             return head.strip(), tail[-1].strip()
     # after an underscore, perhaps with the axle's number: v_kmh, speed_km_h, wheel_speed_rpm1
     for tail_unit in _TAILS:
-        end = tail_unit.search(name)
-        if end and end[1].lower() in _IN_NAMES:
-            return name[: end.start()] + (end[2] or ""), end[1]
+        tail_match = tail_unit.search(name)
+        if tail_match and tail_match[1].lower() in _IN_NAMES:
+            return name[: tail_match.start()] + (tail_match[2] or ""), tail_match[1]
     camel = re.search(r"(?<=[a-z])(Kmh|Mps|Rpm|KPa|MPa|Bar|Mbar|RadS|Kpa|Mpa|Pa|Hz)(?=\d*$)", name)
-    if camel and (found := unit(camel[1].replace("RadS", "rad_s"))):
-        return name[: camel.start()] + name[camel.end() :], found.name
+    if camel and (tail_found := unit(camel[1].replace("RadS", "rad_s"))):
+        return name[: camel.start()] + name[camel.end() :], tail_found.name
     return name, ""
 
 
@@ -184,30 +197,34 @@ def contradicting(text: str, names: Sequence[str], meaning: Meaning) -> str:
 
     Only `text` need say that a pressure counts from vacuum.
     """
-    taken = of(text, meaning)
+    stated = unit_for(text, meaning)
     for name in names:
         said: str
         for said in (in_name(name)[1], *_BRACKETS.findall(name)):
-            found = of(said, meaning)
-            if taken and found and (
-                found[1:3] != taken[1:3] or (found.offset and not taken.offset)
-            ):  # fmt: skip
+            candidate = unit_for(said, meaning)
+            if (
+                stated
+                and candidate
+                and (candidate[1:3] != stated[1:3] or (candidate.offset and not stated.offset))
+            ):
                 return said
     return ""
 
 
-def others(channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]) -> list[str]:
+def alternative_units(
+    channel: Channel, vehicle: Vehicle, fits: Callable[[float], bool]
+) -> list[str]:
     """Usual units a channel may be in instead, given by how much larger its values may be."""
-    taken = UNITS.get(channel.unit.strip().lower())
-    if taken is None or channel.meaning is None:
+    stated = UNITS.get(channel.unit.strip().lower())
+    if stated is None or channel.meaning is None:
         return []
     R = vehicle.radius(channel.axle or 1).value
-    found = []
+    names = []
     for name in _USUAL[channel.meaning]:
         unit = UNITS[name.lower()]
-        along = {"speed": 1.0, "angular speed": R}
-        times = unit.factor * along.get(unit.dimension, 1.0)
-        times /= taken.factor * along.get(taken.dimension, 1.0)
-        if abs(math.log(times)) > 0.1 and fits(times):
-            found.append(name)
-    return found
+        rim_factor = {"speed": 1.0, "angular speed": R}
+        ratio = unit.factor * rim_factor.get(unit.dimension, 1.0)
+        ratio /= stated.factor * rim_factor.get(stated.dimension, 1.0)
+        if abs(math.log(ratio)) > 0.1 and fits(ratio):
+            names.append(name)
+    return names

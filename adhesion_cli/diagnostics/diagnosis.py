@@ -23,9 +23,11 @@ def diagnose(scene: Scene, params: Mapping[str, Any] | None = None) -> list[Find
     groups_that_warned: set[str] = set()
     for name, check in registry().items():
         if check.about.group not in groups_that_warned:
-            own = list(check.check((params or {}).get(name, check.Params()), scene))
-            findings += own
-            groups_that_warned |= {check.about.group for f in own if f.severity != "info"}
+            check_findings = list(check.check((params or {}).get(name, check.Params()), scene))
+            findings += check_findings
+            groups_that_warned |= {
+                check.about.group for f in check_findings if f.severity != "info"
+            }
     return findings
 
 

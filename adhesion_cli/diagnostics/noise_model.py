@@ -31,21 +31,21 @@ class Params(NamedTuple):
     ] = 1.5
 
 
-def check(p: Params, channel: str, of: Mapping[str, Nis | None]) -> Iterator[Finding]:
+def check(p: Params, channel: str, nis_by_filter: Mapping[str, Nis | None]) -> Iterator[Finding]:
     """One finding, where the speeds of an axle contradict the model of a filter.
 
     Args:
         p: thresholds.
         channel: the axle's.
-        of: NIS by the name of the filter.
+        nis_by_filter: NIS by the name of the filter.
     """
-    wrong = {
+    contradicted = {
         name: x
-        for name, x in of.items()
+        for name, x in nis_by_filter.items()
         if x is not None and x.mean > p.nis and x.mean - 1.0 > p.widths * (x.high - 1.0)
     }
-    if wrong:
-        name = max(wrong, key=lambda name: wrong[name].mean)
-        values = {"nis": wrong[name].mean, "expected": wrong[name].high}
-        names = {"filters": ", ".join(wrong)}
+    if contradicted:
+        name = max(contradicted, key=lambda name: contradicted[name].mean)
+        values = {"nis": contradicted[name].mean, "expected": contradicted[name].high}
+        names = {"filters": ", ".join(contradicted)}
         yield Finding("noise-model", "warning", channel=channel, values=values, names=names)

@@ -58,19 +58,19 @@ class Sensors(NamedTuple):
 @cache
 def registry() -> Mapping[str, Check]:
     """Every check by name, in the order in which they run."""
-    found = {}
+    checks = {}
     folder = str(Path(__file__).with_name("checks"))
     for name in (m.name for m in pkgutil.iter_modules([folder])):
         module = importlib.import_module(f"{__package__}.checks.{name}")
-        found[name] = Check(f"diagnostics.{name}", module.ABOUT, module.Params, module.check)
-    return dict(sorted(found.items(), key=lambda x: x[1].about[1:]))
+        checks[name] = Check(f"diagnostics.{name}", module.ABOUT, module.Params, module.check)
+    return dict(sorted(checks.items(), key=lambda x: x[1].about[1:]))
 
 
 def tunable() -> Mapping[str, Check | Sensors]:
     """Every check that has thresholds, by name: those of single channels first."""
-    alone = {}
+    sensor_checks = {}
     files = {name: f"..records.{name}" for name in Thresholds._fields}
     for name, file in {**files, "noise_model": ".noise_model"}.items():
         module = importlib.import_module(file, __package__)
-        alone[name] = Sensors(f"diagnostics.{name}", module.ABOUT, module.Params)
-    return alone | dict(registry())
+        sensor_checks[name] = Sensors(f"diagnostics.{name}", module.ABOUT, module.Params)
+    return sensor_checks | dict(registry())

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, Severity, merged
+from ..core.finding import Finding, Severity, merge_spans
 from ..core.model import Bools, Channel, Vehicle
 from ..core.physics import rolling_deceleration, wheelset
 from ..core.signals import true_runs
@@ -31,16 +31,32 @@ class Scene(NamedTuple):
         return rolling_deceleration(w) * self.vehicle.radius(axle).value
 
     def finding(  # noqa: PLR0913 (the fields of a finding)
-        self, code: str, severity: Severity, channel: Channel, where: Bools | None = None,
-        axle: int = 0, values: Mapping[str, float] | None = None,
+        self,
+        code: str,
+        severity: Severity,
+        channel: Channel,
+        grid_mask: Bools | None = None,
+        axle: int = 0,
+        values: Mapping[str, float] | None = None,
         names: Mapping[str, str] | None = None,
-    ) -> Finding:  # fmt: skip
+    ) -> Finding:
         """A finding about the samples of an axle, by its place, where a mask on the grid holds."""
         t = self.axles[axle].record.t
-        on = np.ones(len(t), dtype=np.bool_) if where is None else self.grid.sample_mask(t, where)
+        sample_mask = (
+            np.ones(len(t), dtype=np.bool_)
+            if grid_mask is None
+            else self.grid.sample_mask(t, grid_mask)
+        )
         since = (t - self.start_ns) / 1e9
-        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(on)])
+        spans = merge_spans(
+            [(float(since[a]), float(since[b - 1])) for a, b in true_runs(sample_mask)]
+        )
         return Finding(
-            code, severity, channel.title, max(int(on.sum()), 1), spans,
-            values or {}, names or {},
-        )  # fmt: skip
+            code,
+            severity,
+            channel.title,
+            max(int(sample_mask.sum()), 1),
+            spans,
+            values or {},
+            names or {},
+        )

@@ -80,7 +80,9 @@ def inputs(w: Wheelset, s: State, h: float, K: float, y: float, euler: float) ->
     return Inputs(w.a * w.phi * s.K, kappa_rate, (y - s.y) / h)
 
 
-def advance(e: float, d: float, g: Gains, by: Decay, h: float, u: Inputs) -> tuple[float, float]:
+def advance(
+    e: float, d: float, g: Gains, decayed: Decay, h: float, u: Inputs
+) -> tuple[float, float]:
     """ε and d̂ after `h` [s].
 
     For straight κ and y, ε = −κ̇/β2 and d̂ = ẏ + κ − κ̇ β1/β2 is a solution. The difference from it
@@ -89,8 +91,8 @@ def advance(e: float, d: float, g: Gains, by: Decay, h: float, u: Inputs) -> tup
     e_line = -u.kappa_rate / g.beta2
     d_line = u.y_rate + u.kappa + 2.0 * g.sigma * e_line
     e0, d0 = e - e_line, d - d_line
-    e1 = by.C * e0 + by.S * (d0 - g.sigma * e0)
-    d1 = by.C * d0 + by.S * (g.sigma * d0 - g.beta2 * e0)
+    e1 = decayed.C * e0 + decayed.S * (d0 - g.sigma * e0)
+    d1 = decayed.C * d0 + decayed.S * (g.sigma * d0 - g.beta2 * e0)
     return e1 + e_line, d1 + d_line + u.kappa_rate * h
 
 

@@ -14,8 +14,10 @@ from typing import NamedTuple
 
 _TAU = 2.0 * math.pi
 _ROOT2, _ROOT_TAU = math.sqrt(2.0), math.sqrt(_TAU)
-_LEAST = 1e-12  # probability that every regime keeps
-_FAR = 1e-20  # probability of a rounded reading below which the normal distribution takes over
+_SMALLEST_PROBABILITY = 1e-12  # probability that every regime keeps
+_IMPROBABLE = (
+    1e-20  # probability of a rounded reading below which the normal distribution takes over
+)
 
 
 class Gaussian(NamedTuple):
@@ -47,12 +49,12 @@ def squared(x: float) -> float:
     return x * x
 
 
-def known(x: float, xx: float, r: float, rr: float, p: float) -> Gaussian:
+def uncorrelated(x: float, xx: float, r: float, rr: float, p: float) -> Gaussian:
     """Level and rate with these variances, uncorrelated."""
     return Gaussian(x, r, 0.0, xx, 0.0, rr, 0.0, 0.0, 0.0, p)
 
 
-def merged(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: float) -> Gaussian:
+def merge(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: float) -> Gaussian:
     """The Gaussian with mean and covariance of the mixture; p is the sum of the weights."""
     p = wa + wb + wc
     share = 1.0 / p
@@ -63,87 +65,114 @@ def merged(a: Gaussian, b: Gaussian, c: Gaussian, wa: float, wb: float, wc: floa
     xb, rb, nb = b.x - x, b.r - r, b.n - n
     xc, rc, nc = c.x - x, c.r - r, c.n - n
     return Gaussian(
-        x, r, n,
+        x,
+        r,
+        n,
         wa * (a.xx + xa * xa) + wb * (b.xx + xb * xb) + wc * (c.xx + xc * xc),
         wa * (a.xr + xa * ra) + wb * (b.xr + xb * rb) + wc * (c.xr + xc * rc),
         wa * (a.rr + ra * ra) + wb * (b.rr + rb * rb) + wc * (c.rr + rc * rc),
         wa * (a.xn + xa * na) + wb * (b.xn + xb * nb) + wc * (c.xn + xc * nc),
         wa * (a.rn + ra * na) + wb * (b.rn + rb * nb) + wc * (c.rn + rc * nc),
-        wa * (a.nn + na * na) + wb * (b.nn + nb * nb) + wc * (c.nn + nc * nc), p,
-    )  # fmt: skip
+        wa * (a.nn + na * na) + wb * (b.nn + nb * nb) + wc * (c.nn + nc * nc),
+        p,
+    )
 
 
-def moved(g: Gaussian, h: float, gained: float, lost: float, rise: float, q: float) -> Gaussian:
+def predict(g: Gaussian, h: float, u: float, input_sigma: float, rise: float, q: float) -> Gaussian:
     """One interval on: dx = gained + h r, where r rises evenly and walks.
 
     Args:
         g: the state before.
         h: effect of the rate on the level; the interval if the rate is that of the level.
-        gained: known part of the change of the level.
-        lost: standard deviation of that.
+        u: known part of the change of the level.
+        input_sigma: standard deviation of that.
         rise: known change of the rate.
         q: variance that the rate's random walk gains.
     """
     return Gaussian(
-        g.x + gained + h * (g.r + 0.5 * rise), g.r + rise, g.n,
-        g.xx + lost * lost + 2.0 * h * g.xr + h * h * (g.rr + q / 3.0),
-        g.xr + h * (g.rr + 0.5 * q), g.rr + q, g.xn + h * g.rn, g.rn, g.nn, g.p,
-    )  # fmt: skip
+        g.x + u + h * (g.r + 0.5 * rise),
+        g.r + rise,
+        g.n,
+        g.xx + input_sigma * input_sigma + 2.0 * h * g.xr + h * h * (g.rr + q / 3.0),
+        g.xr + h * (g.rr + 0.5 * q),
+        g.rr + q,
+        g.xn + h * g.rn,
+        g.rn,
+        g.nn,
+        g.p,
+    )
 
 
-def corrected(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:
+def update(g: Gaussian, reading: Reading) -> tuple[Gaussian, float]:
     """The Gaussian after a reading, with p times its likelihood over exp(−d), and d."""
-    if of.step * of.step > g.xx + of.variance:
-        return _rounded(g, of)
-    return _read(g, of)
+    if reading.step * reading.step > g.xx + reading.variance:
+        return _rounded_update(g, reading)
+    return _kalman_update(g, reading)
 
 
-def _read(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:
+def _kalman_update(g: Gaussian, reading: Reading) -> tuple[Gaussian, float]:
     """Kalman's update; rounding is noise."""
-    v = of.variance + of.step * of.step / 12.0
-    e = of.y - g.x + of.counts * g.n
-    cx, cr = g.xx - of.counts * g.xn, g.xr - of.counts * g.rn
-    S = max(cx - of.counts * (g.xn - of.counts * g.nn), 0.0) + v
+    v = reading.variance + reading.step * reading.step / 12.0
+    nu = reading.y - g.x + reading.counts * g.n
+    cx, cr = g.xx - reading.counts * g.xn, g.xr - reading.counts * g.rn
+    S = max(cx - reading.counts * (g.xn - reading.counts * g.nn), 0.0) + v
     inverse = 1.0 / S
     kx, kr, kn = cx * inverse, cr * inverse, v * inverse
-    after = Gaussian(
-        g.x + kx * e, g.r + kr * e, kn * e,
-        max(g.xx - kx * cx, 0.0), g.xr - kx * cr, max(g.rr - kr * cr, 0.0),
-        -kx * v, -kr * v, v - kn * v, g.p * math.sqrt(inverse / _TAU),
-    )  # fmt: skip
-    return after, 0.5 * e * e * inverse
+    posterior = Gaussian(
+        g.x + kx * nu,
+        g.r + kr * nu,
+        kn * nu,
+        max(g.xx - kx * cx, 0.0),
+        g.xr - kx * cr,
+        max(g.rr - kr * cr, 0.0),
+        -kx * v,
+        -kr * v,
+        v - kn * v,
+        g.p * math.sqrt(inverse / _TAU),
+    )
+    return posterior, 0.5 * nu * nu * inverse
 
 
-def _rounded(g: Gaussian, of: Reading) -> tuple[Gaussian, float]:
+def _rounded_update(g: Gaussian, reading: Reading) -> tuple[Gaussian, float]:
     """The reading is within half a step of level plus noise: the rest is cut off."""
-    S = g.xx + of.variance
-    s, e = math.sqrt(S), of.y - g.x
-    low, high = (abs(e) - 0.5 * of.step) / s, (abs(e) + 0.5 * of.step) / s
-    inside = 0.5 * (math.erfc(low / _ROOT2) - math.erfc(high / _ROOT2))
-    if inside < _FAR:
-        return _read(g, Reading(of.y, of.variance, of.step, 0.0))
-    at_low = math.exp(-0.5 * low * low) / _ROOT_TAU / inside
-    at_high = math.exp(-0.5 * high * high) / _ROOT_TAU / inside
-    mean = at_low - at_high
-    less = mean * mean - low * at_low + high * at_high  # share of the variance that is cut off
-    kx, kr, e = g.xx / S, g.xr / S, math.copysign(s * mean, e)
-    after = Gaussian(
-        g.x + kx * e, g.r + kr * e, 0.0,
-        max(g.xx - less * kx * g.xx, 0.0), g.xr - less * kx * g.xr,
-        max(g.rr - less * kr * g.xr, 0.0), 0.0, 0.0, 0.0,
-        g.p * inside / of.step,
-    )  # fmt: skip
-    return after, 0.0
+    S = g.xx + reading.variance
+    s, nu = math.sqrt(S), reading.y - g.x
+    z_low, z_high = (abs(nu) - 0.5 * reading.step) / s, (abs(nu) + 0.5 * reading.step) / s
+    inside = 0.5 * (math.erfc(z_low / _ROOT2) - math.erfc(z_high / _ROOT2))
+    if inside < _IMPROBABLE:
+        return _kalman_update(g, Reading(reading.y, reading.variance, reading.step, 0.0))
+    density_low = math.exp(-0.5 * z_low * z_low) / _ROOT_TAU / inside
+    density_high = math.exp(-0.5 * z_high * z_high) / _ROOT_TAU / inside
+    mean = density_low - density_high
+    cut_share = (
+        mean * mean - z_low * density_low + z_high * density_high
+    )  # share of the variance that is cut off
+    kx, kr, nu = g.xx / S, g.xr / S, math.copysign(s * mean, nu)
+    posterior = Gaussian(
+        g.x + kx * nu,
+        g.r + kr * nu,
+        0.0,
+        max(g.xx - cut_share * kx * g.xx, 0.0),
+        g.xr - cut_share * kx * g.xr,
+        max(g.rr - cut_share * kr * g.xr, 0.0),
+        0.0,
+        0.0,
+        0.0,
+        g.p * inside / reading.step,
+    )
+    return posterior, 0.0
 
 
-def below(g: Gaussian, of: Reading, y: float) -> tuple[float, float]:
+def tail_probabilities(g: Gaussian, reading: Reading, y: float) -> tuple[float, float]:
     """The probability of a reading below y, and of one above it, each times p."""
-    n = of.counts
-    S = max(g.xx - 2.0 * n * g.xn + n * n * g.nn, 0.0) + of.variance
-    far = (y - g.x + n * g.n) / math.sqrt(2.0 * S)
-    return 0.5 * g.p * math.erfc(-far), 0.5 * g.p * math.erfc(far)
+    n = reading.counts
+    S = max(g.xx - 2.0 * n * g.xn + n * n * g.nn, 0.0) + reading.variance
+    z = (y - g.x + n * g.n) / math.sqrt(2.0 * S)
+    return 0.5 * g.p * math.erfc(-z), 0.5 * g.p * math.erfc(z)
 
 
-def weighed(g: Gaussian, p: float) -> Gaussian:
+def with_probability(g: Gaussian, p: float) -> Gaussian:
     """The same with another probability."""
-    return Gaussian(g.x, g.r, g.n, g.xx, g.xr, g.rr, g.xn, g.rn, g.nn, max(p, _LEAST))
+    return Gaussian(
+        g.x, g.r, g.n, g.xx, g.xr, g.rr, g.xn, g.rn, g.nn, max(p, _SMALLEST_PROBABILITY)
+    )

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 from ._mixture import squared
 
-_AT_LEAST = 50.0  # readings that the memory holds, if its time is shorter
+_SMALLEST_MEMORY = 50.0  # readings that the memory holds, if its time is shorter
 _BLOCK = 4.0  # readings of a sum
-_STILL = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
-_AGAIN = 0.01  # a rounded reading counts once in this time [s]
-_SURE = 20.0  # readings that show a counter
-_FEW = 8.0  # readings that show a variance
+_STANDSTILL_TIME = 1.0  # a wheel without speed for longer stands: that shows no noise [s]
+_READING_TIME = 0.01  # a rounded reading counts once in this time [s]
+_COUNTER_READINGS = 20.0  # readings that show a counter
+_VARIANCE_READINGS = 8.0  # readings that show a variance
 _SILENT = 1e-2  # variance over the guess, as long as all readings were the same
 _OUTLIER = 10.0  # a square counts at most so many times the variance
 _LOWEST = 1e-9  # product of readings below which their inverse shows nothing
@@ -45,26 +45,54 @@ class Noise(NamedTuple):
     blocks: float  # variance of such a total
 
 
-def guessed(sigma: float, y: float) -> Noise:
+def initial_noise(sigma: float, y: float) -> Noise:
     """Before the first change: a guess of the noise, and a reading."""
     v = sigma * sigma
     return Noise(
-        v, v, 0.0, math.inf, math.inf, y, 0.0, 0.0, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        v,
+        v,
+        0.0,
+        math.inf,
+        math.inf,
+        y,
+        0.0,
+        0.0,
+        y,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
         _BLOCK * _BLOCK * v,
-    )  # fmt: skip
+    )
 
 
-def paused(x: Noise, y: float, same: float) -> Noise:
+def pause(x: Noise, y: float, constant_time: float) -> Noise:
     """After a reading that has no noise: nothing is learned across it."""
     return Noise(
-        x.variance, x.guess, x.n, x.step, x.tick, y, x.age, same, y, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, x.blocks,
-    )  # fmt: skip
+        x.variance,
+        x.guess,
+        x.n,
+        x.step,
+        x.tick,
+        y,
+        x.age,
+        constant_time,
+        y,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        x.blocks,
+    )
 
 
-def certain(x: Noise) -> float:
+def safe_variance(x: Noise) -> float:
     """The variance, and not less than the guess as long as it or a rounding step is not known."""
-    if x.n < _FEW:
+    if x.n < _VARIANCE_READINGS:
         return max(x.variance, x.guess)
     repeats = x.same > 0.0 and x.step == math.inf
     return max(x.variance, _SILENT * x.guess) if repeats else x.variance
@@ -77,7 +105,7 @@ def rounding(x: Noise) -> float:
     return max(x.step, min(x.tick * x.y * x.y, abs(x.y)))
 
 
-def tells(x: Noise) -> bool:
+def is_informative(x: Noise) -> bool:
     """Whether the last reading is to be used.
 
     Errors of rounding are not independent. A bound that is used at every sample of a fast log would
@@ -86,63 +114,91 @@ def tells(x: Noise) -> bool:
     square = squared(rounding(x))
     if square < 12.0 * x.variance or square < _SILENT * x.guess:
         return True
-    return math.floor(x.age / _AGAIN) > math.floor((x.age - x.h) / _AGAIN)
+    return math.floor(x.age / _READING_TIME) > math.floor((x.age - x.h) / _READING_TIME)
 
 
-def discovered(x: Noise, was: Noise) -> float:
+def new_step(x: Noise, previous: Noise) -> float:
     """The rounding step, at the reading that is the first to show it: all before were rounded."""
-    return rounding(x) if was.step == math.inf else 0.0
+    return rounding(x) if previous.step == math.inf else 0.0
 
 
-def counting(x: Noise) -> bool:
+def is_counter(x: Noise) -> bool:
     """Whether the readings are those of a pulse counter."""
-    return x.readings >= _SURE and x.blocks < 2.0 * x.variance
+    return x.readings >= _COUNTER_READINGS and x.blocks < 2.0 * x.variance
 
 
-def learned(x: Noise, y: float, h: float, gained: float, memory: float) -> Noise:
+def learn(x: Noise, y: float, h: float, u: float, memory: float) -> Noise:
     """The noise after one more reading.
 
     Args:
         x: what was known before.
         y: the reading.
         h: interval since the last one [s].
-        gained: known change since then.
+        u: known change since then.
         memory: time over which the variance is a mean [s].
     """
-    step, tick, change, same = x.step, x.tick, abs(y - x.y), x.same + h
+    step, tick, change, constant_time = x.step, x.tick, abs(y - x.y), x.same + h
     if y != x.y:
-        same = 0.0
-    elif y == 0.0 and same > _STILL:
-        return paused(x, y, same)
-    if x.same > 0.0 and same == 0.0 and x.y != 0.0:
+        constant_time = 0.0
+    elif y == 0.0 and constant_time > _STANDSTILL_TIME:
+        return pause(x, y, constant_time)
+    if x.same > 0.0 and constant_time == 0.0 and x.y != 0.0:
         step = min(step, change)
         tick = min(tick, change / max(abs(y * x.y), _LOWEST))
-    dz = y - x.y - gained
+    dz = y - x.y - u
     z, readings = x.z + dz, x.readings + 1.0
-    now = Noise(
-        x.variance, x.guess, x.n, step, tick, y, x.age + h, same, z, dz, h, readings,
-        x.total + z, x.before, x.first, x.blocks,
-    )  # fmt: skip
-    return _averaged(now, x, memory) if x.h > 0.0 else now
+    noise = Noise(
+        x.variance,
+        x.guess,
+        x.n,
+        step,
+        tick,
+        y,
+        x.age + h,
+        constant_time,
+        z,
+        dz,
+        h,
+        readings,
+        x.total + z,
+        x.before,
+        x.first,
+        x.blocks,
+    )
+    return _average(noise, x, memory) if x.h > 0.0 else noise
 
 
-def _averaged(x: Noise, was: Noise, memory: float) -> Noise:
+def _average(x: Noise, previous: Noise, memory: float) -> Noise:
     """With one more square in the variance, and one more total if the block is full."""
     step = rounding(x)
-    part = was.h / (was.h + x.h)
-    off = (1.0 - part) * was.dz - part * x.dz
-    square = off * off / (1.0 + part * part + (1.0 - part) * (1.0 - part))
-    n = min(x.n + 1.0, _AT_LEAST + memory / x.h)
-    most = _OUTLIER * certain(x) + step * step
-    variance = max(x.variance + (min(square, most) - x.variance) / n, _FLOOR * x.guess)
-    total, before, first, blocks = x.total, x.before, x.first, x.blocks
-    full = x.readings / _BLOCK
-    if full == math.floor(full):
+    share = previous.h / (previous.h + x.h)
+    deviation = (1.0 - share) * previous.dz - share * x.dz
+    square = deviation * deviation / (1.0 + share * share + (1.0 - share) * (1.0 - share))
+    n = min(x.n + 1.0, _SMALLEST_MEMORY + memory / x.h)
+    largest_square = _OUTLIER * safe_variance(x) + step * step
+    variance = max(x.variance + (min(square, largest_square) - x.variance) / n, _FLOOR * x.guess)
+    total, last_total, earlier_total, blocks = x.total, x.before, x.first, x.blocks
+    block = x.readings / _BLOCK
+    if block == math.floor(block):
         if x.readings >= 3.0 * _BLOCK:
-            square = squared(before - 0.5 * (first + total)) / 1.5
-            blocks += (min(square, _BLOCK * most) - blocks) / (n / _BLOCK + 1.0)
-        total, before, first = 0.0, total, before
+            square = squared(last_total - 0.5 * (earlier_total + total)) / 1.5
+            blocks += (min(square, _BLOCK * largest_square) - blocks) / (n / _BLOCK + 1.0)
+        total, last_total, earlier_total = 0.0, total, last_total
     return Noise(
-        variance, x.guess, n, x.step, x.tick, x.y, x.age, x.same, x.z, x.dz, x.h, x.readings,
-        total, before, first, blocks,
-    )  # fmt: skip
+        variance,
+        x.guess,
+        n,
+        x.step,
+        x.tick,
+        x.y,
+        x.age,
+        x.same,
+        x.z,
+        x.dz,
+        x.h,
+        x.readings,
+        total,
+        last_total,
+        earlier_total,
+        blocks,
+    )

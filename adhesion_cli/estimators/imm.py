@@ -25,6 +25,16 @@ slows more than the train. F follows φK with a delay of I V/(k m g R²).
 Start. A wheel is assumed to roll: F̂ = φK/(1 + I/(mR²)).
 
 The filters are Blom's and Bar-Shalom's. Regimes, rates, train, creep and the noise are ours.
+
+| symbol of Blom and Bar-Shalom | here |
+|---|---|
+| modes rolling, sliding, changing | `State.rolling`, `State.sliding`, `State.changing` |
+| x̂, P of a mode | (x, r) of a `Gaussian`, and xx, xr, rr |
+| mode probability μ | `Gaussian.p`; `mu_r`, `mu_s`, `mu_c` with the likelihood |
+| transition rates between modes | `ROLLING_TO_SLIDING` and its like, with the brake and the last slide |
+| mixing of the modes | `_mix`, `_mixture.merge` |
+| prediction | `_predict`, `_mixture.predict` |
+| innovation ν, its variance S | `nu`, `S` in `_mixture.update` |
 """
 
 import math
@@ -37,42 +47,55 @@ from ..core.physics import G, rolling_deceleration
 from ._mixture import (
     Gaussian,
     Reading,
-    below,
-    corrected,
-    known,
-    merged,
-    moved,
+    merge,
+    predict,
     squared,
-    weighed,
+    tail_probabilities,
+    uncorrelated,
+    update,
+    with_probability,
 )
-from ._noise import Noise, certain, counting, discovered, guessed, learned, paused, rounding, tells
+from ._noise import (
+    Noise,
+    initial_noise,
+    is_counter,
+    is_informative,
+    learn,
+    new_step,
+    pause,
+    rounding,
+    safe_variance,
+)
 
 # Rates of change between regimes [1/s].
-ROLLS_CHANGES = 0.005
-ROLLS_SLIDES, SLIDES_AGAIN = 0.015, 0.9  # while braked; and added just after a slide
-SLIDES_ROLLS, SLIDES_CHANGES = 0.02, 0.3
-CHANGES_ROLLS, CHANGES_SLIDES = 0.05, 1.2
-STICKS = 5.0  # added for a wheel that is as fast as the train
-HELD_MOVES, MOVES_HELD = 0.3, 0.1
+ROLLING_TO_CHANGING = 0.005
+ROLLING_TO_SLIDING, TO_SLIDING_AGAIN = 0.015, 0.9  # while braked; and added just after a slide
+SLIDING_TO_ROLLING, SLIDING_TO_CHANGING = 0.02, 0.3
+CHANGING_TO_ROLLING, CHANGING_TO_SLIDING = 0.05, 1.2
+STICKING_RATE = 5.0  # added for a wheel that is as fast as the train
+HELD_TO_MOVING, MOVING_TO_HELD = 0.3, 0.1
 
-SLIPPERY = 2.0  # time for which a rail is probably as it was [s]
-BRAKED = 0.02  # F over m g at which a slide is half as likely as at large F
-SLIPS, SLIPS_BY = 0.9, 0.15  # first F of a slide over that of a rolling wheel, and 1 sigma
-LEAP = 0.05  # 1 sigma of a sudden change of F, over m g
-SLOWS = 0.12  # 1 sigma of the deceleration of the train, if the wheel does not show it [m/s²]
-CREEPAGE = 0.01  # 1 sigma of V/R over ω, for a wheel that rolled
+SLIPPERY_TIME = 2.0  # time for which a rail is probably as it was [s]
+BRAKED_SHARE = 0.02  # F over m g at which a slide is half as likely as at large F
+FIRST_SLIDE_SHARE, FIRST_SLIDE_SIGMA = (
+    0.9,
+    0.15,
+)  # first F of a slide over that of a rolling wheel, and 1 sigma
+LEAP_SIGMA = 0.05  # 1 sigma of a sudden change of F, over m g
+TRAIN_SIGMA = 0.12  # 1 sigma of the deceleration of the train, if the wheel does not show it [m/s²]
+CREEPAGE_SIGMA = 0.01  # 1 sigma of V/R over ω, for a wheel that rolled
 STIFFNESS = 22.0  # k, mean of the published 8 to 60
-OTHERWISE = 0.5  # 1 sigma of 1/k over its mean
+STIFFNESS_SIGMA = 0.5  # 1 sigma of 1/k over its mean
 SPEED_NOISE = 0.02  # first guess of the speed's [rad/s]
 FORCE_NOISE = 1e-5  # and of the clamping force's, over m g/φ
-MOST_NOISE = 1e-3  # no pressure sensor has more: on a slow log the brake itself bends
-FASTEST = 0.1  # 1 sigma of a first rate of K, over m g/φ [1/s]
-BENT = 0.15  #
-NOTHING = 1e30  # variance of a reading that says nothing [rad²/s²]
+LARGEST_NOISE = 1e-3  # no pressure sensor has more: on a slow log the brake itself bends
+FIRST_RATE_SIGMA = 0.1  # 1 sigma of a first rate of K, over m g/φ [1/s]
+INPUT_SIGMA = 0.15  #
+NO_INFORMATION = 1e30  # variance of a reading that says nothing [rad²/s²]
 JUMP = 5.0  # standard deviations from which K has stepped
-UNSURE = 0.05  # 1 sigma of the first F over F, if the wheel rolls
-ANY = 0.5  # and if it slides
-SLOPE = 1e-3  # 1 sigma of the force of a gradient, over m g
+FIRST_ROLLING_SIGMA = 0.05  # 1 sigma of the first F over F, if the wheel rolls
+FIRST_SLIDING_SIGMA = 0.5  # and if it slides
+GRADIENT_SIGMA = 1e-3  # 1 sigma of the force of a gradient, over m g
 
 
 class Params(NamedTuple):
@@ -140,13 +163,13 @@ class State(NamedTuple):
     F: float  # [N]
 
 
-class Predicted(NamedTuple):
+class Prediction(NamedTuple):
     """The regimes before they take the reading; the reading; what goes into the next state."""
 
     rolling: Gaussian
     sliding: Gaussian
     changing: Gaussian
-    of: Reading
+    reading: Reading
     noise: Noise
     clamping: Clamping
     creep: Creep
@@ -155,35 +178,47 @@ class Predicted(NamedTuple):
 
 def init(p: Params, w: Wheelset, K: float, y: float) -> State:
     """A wheel that probably rolls, whether it is braked or not."""
-    weight, rolls = w.mass * G, w.rolling * w.phi * K
-    v, least = SPEED_NOISE * SPEED_NOISE, SLOPE * weight
-    slides = known(y, v, rolls, squared(ANY * rolls + least), 0.05)
-    sigma = UNSURE * rolls + least
+    weight, rolling_force = w.mass * G, w.rolling * w.phi * K
+    v, gradient_force = SPEED_NOISE * SPEED_NOISE, GRADIENT_SIGMA * weight
+    sliding = uncorrelated(
+        y, v, rolling_force, squared(FIRST_SLIDING_SIGMA * rolling_force + gradient_force), 0.05
+    )
+    sigma = FIRST_ROLLING_SIGMA * rolling_force + gradient_force
     return State(
-        known(y, v, rolls, sigma * sigma, 0.9), slides, slides, guessed(SPEED_NOISE, y),
-        _first(guessed(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi), Creep(K, 0.0, 0.0),
-        Train(y, abs(y) + 1.0, rolling_deceleration(w) * K), 0.0, sigma, rolls,
-    )  # fmt: skip
+        uncorrelated(y, v, rolling_force, sigma * sigma, 0.9),
+        sliding,
+        sliding,
+        initial_noise(SPEED_NOISE, y),
+        _initial_clamping(initial_noise(FORCE_NOISE * weight / w.phi, K), K, weight / w.phi),
+        Creep(K, 0.0, 0.0),
+        Train(y, abs(y) + 1.0, rolling_deceleration(w) * K),
+        0.0,
+        sigma,
+        rolling_force,
+    )
 
 
 def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> State:
     """One sample on."""
-    q = _predicted(p, w, s, h, K, y)
-    rolling, d_r = corrected(q.rolling, q.of)
-    sliding, d_s = corrected(q.sliding, q.of)
-    changing, d_c = corrected(q.changing, q.of)
-    least = min(d_r, d_s, d_c)
-    p_r, p_s = rolling.p * math.exp(least - d_r), sliding.p * math.exp(least - d_s)
-    p_c = changing.p * math.exp(least - d_c)
-    total = p_r + p_s + p_c
-    rolling, sliding = weighed(rolling, p_r / total), weighed(sliding, p_s / total)
-    changing = weighed(changing, p_c / total)
+    q = _predict(p, w, s, h, K, y)
+    rolling, d_r = update(q.rolling, q.reading)
+    sliding, d_s = update(q.sliding, q.reading)
+    changing, d_c = update(q.changing, q.reading)
+    smallest = min(d_r, d_s, d_c)
+    mu_r, mu_s = rolling.p * math.exp(smallest - d_r), sliding.p * math.exp(smallest - d_s)
+    mu_c = changing.p * math.exp(smallest - d_c)
+    total = mu_r + mu_s + mu_c
+    rolling, sliding = (
+        with_probability(rolling, mu_r / total),
+        with_probability(sliding, mu_s / total),
+    )
+    changing = with_probability(changing, mu_c / total)
     F = rolling.p * rolling.r + sliding.p * sliding.r + changing.p * changing.r
     variance = rolling.p * (rolling.rr + squared(rolling.r - F))
     variance += sliding.p * (sliding.rr + squared(sliding.r - F))
     variance += changing.p * (changing.rr + squared(changing.r - F))
     sigma = math.sqrt(variance + squared(w.rolling * w.phi) * q.clamping.variance)
-    slippery = max(sliding.p, s.slippery * SLIPPERY / (SLIPPERY + h))
+    slippery = max(sliding.p, s.slippery * SLIPPERY_TIME / (SLIPPERY_TIME + h))
     return State(
         rolling, sliding, changing, q.noise, q.clamping, q.creep, q.train, slippery, sigma, F
     )
@@ -191,153 +226,221 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
 
 def nis(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> float:
     """Normalised innovation squared of this sample, NaN where the filters do not use it."""
-    q = _predicted(p, w, s, h, K, y)
-    if q.of.variance >= NOTHING:
+    q = _predict(p, w, s, h, K, y)
+    if q.reading.variance >= NO_INFORMATION:
         return math.nan
-    return square(_below(q, y - 0.5 * q.of.step), _below(q, y + 0.5 * q.of.step))
+    return square(
+        _tail_probabilities(q, y - 0.5 * q.reading.step),
+        _tail_probabilities(q, y + 0.5 * q.reading.step),
+    )
 
 
-def _below(q: Predicted, y: float) -> tuple[float, float]:
+def _tail_probabilities(q: Prediction, y: float) -> tuple[float, float]:
     """Probability of a reading below y, and of one above it, by all regimes together."""
-    a, b, d = below(q.rolling, q.of, y), below(q.sliding, q.of, y), below(q.changing, q.of, y)
+    a, b, d = (
+        tail_probabilities(q.rolling, q.reading, y),
+        tail_probabilities(q.sliding, q.reading, y),
+        tail_probabilities(q.changing, q.reading, y),
+    )
     total = q.rolling.p + q.sliding.p + q.changing.p
     return (a[0] + b[0] + d[0]) / total, (a[1] + b[1] + d[1]) / total
 
 
-def _predicted(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Predicted:
+def _predict(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Prediction:
     """The regimes before they take the reading; the reading; what is learned from it."""
-    weight, before = w.mass * G, s.clamping.K
-    clamping = _clamped(p, s.clamping, h, K, weight / w.phi)
-    mean, more = 0.5 * (before + clamping.K), clamping.K - before
-    noise = learned(s.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory)
-    counts = counting(noise)
-    r = certain(noise) if counts or tells(noise) else NOTHING
-    of = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
-    creep = _crept(w, s, h, clamping.K)
-    follows = w.rolling * w.phi
-    bend = OTHERWISE * creep.delay * follows * (creep.rate - s.creep.rate)
+    weight, K_before = w.mass * G, s.clamping.K
+    clamping = _update_clamping(p, s.clamping, h, K, weight / w.phi)
+    mean, dK = 0.5 * (K_before + clamping.K), clamping.K - K_before
+    noise = learn(s.noise, y, h, -h * rolling_deceleration(w) * mean, p.memory)
+    counts = is_counter(noise)
+    r = safe_variance(noise) if counts or is_informative(noise) else NO_INFORMATION
+    reading = Reading(y, r, 0.0 if counts else rounding(noise), 1.0 if counts else 0.0)
+    creep = _delay_by_creep(w, s, h, clamping.K)
+    force_share = w.rolling * w.phi
+    bend = STIFFNESS_SIGMA * creep.delay * force_share * (creep.rate - s.creep.rate)
 
-    braked, a = -h * w.a * w.phi * mean, w.a * h
-    lost = BENT * a * w.phi * more
-    fresh = discovered(noise, s.noise)
+    u, a = -h * w.a * w.phi * mean, w.a * h
+    input_sigma = INPUT_SIGMA * a * w.phi * dK
+    step_sigma = new_step(noise, s.noise)
     load = max(w.phi * clamping.K, abs(s.F)) + p.least * weight
-    x, z, c, train = _switched(w, s, h)
-    x = moved(
-        x, a, braked, (1.0 - w.rolling) * lost + fresh, follows * (creep.K - s.creep.K),
+    rolling, sliding, changing, train = _mix(w, s, h)
+    rolling = predict(
+        rolling,
+        a,
+        u,
+        (1.0 - w.rolling) * input_sigma + step_sigma,
+        force_share * (creep.K - s.creep.K),
         squared(p.rolling * weight) * h + bend * bend,
-    )  # (1)  # fmt: skip
-    z = moved(z, a, braked, lost + fresh, 0.0, squared(p.sliding * load) * h)
-    c = moved(c, a, braked, lost + fresh, 0.0, squared(p.changing * load) * h)
-    return Predicted(x, z, c, of, noise, clamping, creep, train)
+    )  # (1)
+    sliding = predict(sliding, a, u, input_sigma + step_sigma, 0.0, squared(p.sliding * load) * h)
+    changing = predict(
+        changing, a, u, input_sigma + step_sigma, 0.0, squared(p.changing * load) * h
+    )
+    return Prediction(rolling, sliding, changing, reading, noise, clamping, creep, train)
 
 
-def _crept(w: Wheelset, s: State, h: float, K: float) -> Creep:
+def _delay_by_creep(w: Wheelset, s: State, h: float, K: float) -> Creep:
     """The clamping force with the delay of creep: exact for a straight line to K."""
     delay = w.inertia * abs(s.rolling.x) / (w.radius * w.mass * G * STIFFNESS) + 1e-9
-    behind = (K - s.clamping.K) / h * delay
-    now = K - behind + (s.creep.K - s.clamping.K + behind) * math.exp(-h / delay)
-    return Creep(now, (now - s.creep.K) / h, delay)
+    lag = (K - s.clamping.K) / h * delay
+    K_delayed = K - lag + (s.creep.K - s.clamping.K + lag) * math.exp(-h / delay)
+    return Creep(K_delayed, (K_delayed - s.creep.K) / h, delay)
 
 
-def _switched(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, Train]:
+def _mix(w: Wheelset, s: State, h: float) -> tuple[Gaussian, Gaussian, Gaussian, Train]:
     """Each regime as a mixture of what may have become it within `h`, at most one change."""
-    x, z, c = s.rolling, s.sliding, s.changing
+    rolling, sliding, changing = s.rolling, s.sliding, s.changing
     weight, braked = w.mass * G, w.phi * s.clamping.K
     normal = w.rolling * braked
-    slips = (ROLLS_SLIDES + SLIDES_AGAIN * s.slippery) * normal / (normal + BRAKED * weight)
-    z_sticks = SLIDES_ROLLS + STICKS * _reached(z, s.train)
-    c_sticks = CHANGES_ROLLS + STICKS * _reached(c, s.train)
-    of_x = x.p * _within(ROLLS_CHANGES + slips, h)
-    of_z = z.p * _within(SLIDES_CHANGES + z_sticks, h)
-    of_c = c.p * _within(CHANGES_SLIDES + c_sticks, h)
-    x_leaves, z_stays = (ROLLS_CHANGES + slips) * of_x, z.p - (SLIDES_CHANGES + z_sticks) * of_z
-    c_stays = c.p - (CHANGES_SLIDES + c_sticks) * of_c
+    slips = (
+        (ROLLING_TO_SLIDING + TO_SLIDING_AGAIN * s.slippery)
+        * normal
+        / (normal + BRAKED_SHARE * weight)
+    )
+    z_sticks = SLIDING_TO_ROLLING + STICKING_RATE * _probability_as_fast(sliding, s.train)
+    c_sticks = CHANGING_TO_ROLLING + STICKING_RATE * _probability_as_fast(changing, s.train)
+    time_x = rolling.p * _change_time(ROLLING_TO_CHANGING + slips, h)
+    time_z = sliding.p * _change_time(SLIDING_TO_CHANGING + z_sticks, h)
+    time_c = changing.p * _change_time(CHANGING_TO_SLIDING + c_sticks, h)
+    x_leaves, z_stays = (
+        (ROLLING_TO_CHANGING + slips) * time_x,
+        sliding.p - (SLIDING_TO_CHANGING + z_sticks) * time_z,
+    )
+    c_stays = changing.p - (CHANGING_TO_SLIDING + c_sticks) * time_c
 
-    own = rolling_deceleration(w) * s.clamping.K
-    slows, off = 0.5 * (own + s.train.slows), 0.5 * (own - s.train.slows)
-    F, FF = braked - slows / w.a, squared(abs(off) + SLOWS / w.radius) / (w.a * w.a)
-    slip = _with(x, SLIPS * normal, squared(SLIPS_BY * normal))
-    leap = squared(LEAP * weight)
+    rolling_rate = rolling_deceleration(w) * s.clamping.K
+    train_rate, difference = (
+        0.5 * (rolling_rate + s.train.slows),
+        0.5 * (rolling_rate - s.train.slows),
+    )
+    F, FF = (
+        braked - train_rate / w.a,
+        squared(abs(difference) + TRAIN_SIGMA / w.radius) / (w.a * w.a),
+    )
+    slip = _with_force(rolling, FIRST_SLIDE_SHARE * normal, squared(FIRST_SLIDE_SIGMA * normal))
+    leap = squared(LEAP_SIGMA * weight)
     return (
-        merged(
-            x, _with(z, F, FF), _with(c, F, FF), x.p - x_leaves, z_sticks * of_z, c_sticks * of_c
+        merge(
+            rolling,
+            _with_force(sliding, F, FF),
+            _with_force(changing, F, FF),
+            rolling.p - x_leaves,
+            z_sticks * time_z,
+            c_sticks * time_c,
         ),
-        merged(slip, z, c, slips * of_x, z_stays, CHANGES_SLIDES * of_c),
-        merged(
-            _leapt(x, leap), _leapt(z, leap), c, ROLLS_CHANGES * of_x, SLIDES_CHANGES * of_z,
+        merge(slip, sliding, changing, slips * time_x, z_stays, CHANGING_TO_SLIDING * time_c),
+        merge(
+            _widen_force(rolling, leap),
+            _widen_force(sliding, leap),
+            changing,
+            ROLLING_TO_CHANGING * time_x,
+            SLIDING_TO_CHANGING * time_z,
             c_stays,
         ),
-        _left(w, s, h, x_leaves, z_stays + SLIDES_CHANGES * of_z + c.p - c_sticks * of_c),
-    )  # fmt: skip
+        _update_train(
+            w,
+            s,
+            h,
+            x_leaves,
+            z_stays + SLIDING_TO_CHANGING * time_z + changing.p - c_sticks * time_c,
+        ),
+    )
 
 
-def _left(w: Wheelset, s: State, h: float, new: float, old: float) -> Train:
-    """The train one interval on; the wheel stops rolling with weight `new`, `old` did before."""
-    x, t, share = s.rolling, s.train, new / (new + old)
-    speed = t.speed + share * (x.x - t.speed)
-    variance = (1.0 - share) * (squared(t.doubt) + squared(t.speed - speed))
-    variance += share * (x.xx + squared(CREEPAGE * x.x) + squared(x.x - speed))
-    slows = t.slows + share * (w.a * (w.phi * s.clamping.K - x.r) - t.slows)
-    return Train(speed - h * slows, math.sqrt(variance) + h * SLOWS / w.radius, slows)
+def _update_train(
+    w: Wheelset, s: State, h: float, weight_stopped: float, weight_earlier: float
+) -> Train:
+    """The train one interval on, for wheels that stop rolling, and those that did before."""
+    rolling, train, share = s.rolling, s.train, weight_stopped / (weight_stopped + weight_earlier)
+    speed = train.speed + share * (rolling.x - train.speed)
+    variance = (1.0 - share) * (squared(train.doubt) + squared(train.speed - speed))
+    variance += share * (
+        rolling.xx + squared(CREEPAGE_SIGMA * rolling.x) + squared(rolling.x - speed)
+    )
+    rate = train.slows + share * (w.a * (w.phi * s.clamping.K - rolling.r) - train.slows)
+    return Train(speed - h * rate, math.sqrt(variance) + h * TRAIN_SIGMA / w.radius, rate)
 
 
-def _with(g: Gaussian, F: float, FF: float) -> Gaussian:
+def _with_force(g: Gaussian, F: float, FF: float) -> Gaussian:
     """The same speed with another force."""
     return Gaussian(g.x, F, g.n, g.xx, 0.0, FF, g.xn, 0.0, g.nn, g.p)
 
 
-def _leapt(g: Gaussian, FF: float) -> Gaussian:
+def _widen_force(g: Gaussian, FF: float) -> Gaussian:
     """The same with more variance of the force."""
     return Gaussian(g.x, g.r, g.n, g.xx, g.xr, g.rr + FF, g.xn, g.rn, g.nn, g.p)
 
 
-def _reached(g: Gaussian, t: Train) -> float:
+def _probability_as_fast(g: Gaussian, t: Train) -> float:
     """Probability that the wheel is as fast as the train; quicker than the error function."""
     e = g.x - t.speed
     return 0.5 + 0.5 * e / math.sqrt(e * e + 2.0 * (g.xx + t.doubt * t.doubt) + 1e-30)
 
 
-def _within(rate: float, h: float) -> float:
+def _change_time(rate: float, h: float) -> float:
     """Probability of a change within `h` over its rate; quicker than the exponential function."""
     return h / (1.0 + rate * h)
 
 
-def _first(noise: Noise, K: float, scale: float) -> Clamping:
+def _initial_clamping(noise: Noise, K: float, scale: float) -> Clamping:
     """K at a start, or where it is zero: a bound of (15), without noise."""
-    rate = FASTEST * scale
+    rate = FIRST_RATE_SIGMA * scale
     return Clamping(
-        known(K, 0.0, 0.0, 0.0, 0.5), known(K, 0.0, 0.0, rate * rate, 0.5), noise, K, 0.0
+        uncorrelated(K, 0.0, 0.0, 0.0, 0.5),
+        uncorrelated(K, 0.0, 0.0, rate * rate, 0.5),
+        noise,
+        K,
+        0.0,
     )
 
 
-def _clamped(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clamping:
+def _update_clamping(p: Params, s: Clamping, h: float, K: float, scale: float) -> Clamping:
     """K one sample on: held and moving, mixed as the regimes of the wheel."""
     if K <= 0.0:
-        return _first(paused(s.noise, K, 0.0), K, scale)
-    noise = learned(s.noise, K, h, 0.0, p.memory) if s.noise.y > 0.0 else paused(s.noise, K, 0.0)
-    most = MOST_NOISE * scale
-    of = Reading(K, min(certain(noise) + squared(rounding(noise)) / 12.0, most * most), 0.0, 0.0)
-    leaves, stops = HELD_MOVES * _within(HELD_MOVES, h), MOVES_HELD * _within(MOVES_HELD, h)
+        return _initial_clamping(pause(s.noise, K, 0.0), K, scale)
+    noise = learn(s.noise, K, h, 0.0, p.memory) if s.noise.y > 0.0 else pause(s.noise, K, 0.0)
+    largest_sigma = LARGEST_NOISE * scale
+    reading = Reading(
+        K,
+        min(safe_variance(noise) + squared(rounding(noise)) / 12.0, largest_sigma * largest_sigma),
+        0.0,
+        0.0,
+    )
+    p_leaves, p_stops = (
+        HELD_TO_MOVING * _change_time(HELD_TO_MOVING, h),
+        MOVING_TO_HELD * _change_time(MOVING_TO_HELD, h),
+    )
     a, b = s.held, s.moving
-    stays, back = a.p * (1.0 - leaves), b.p * stops
-    x = (stays * a.x + back * b.x) / (stays + back)
-    xx = (stays * (a.xx + squared(a.x - x)) + back * (b.xx + squared(b.x - x))) / (stays + back)
-    still = known(x, xx + squared(p.held * scale) * h, 0.0, 0.0, stays + back)
-    held, d_h = corrected(still, of)
-    goes = merged(a, b, b, a.p * leaves, b.p * (1.0 - stops), 0.0)
-    goes = moved(goes, h, 0.0, 0.0, 0.0, squared(p.moving * scale) * h)
-    if abs(K - goes.x) > JUMP * math.sqrt(goes.xx + of.variance):
-        goes = known(K, JUMP * JUMP * (goes.xx + of.variance), goes.r, goes.rr, goes.p)
-    moving, d_m = corrected(goes, of)
+    mu_stays, mu_back = a.p * (1.0 - p_leaves), b.p * p_stops
+    x = (mu_stays * a.x + mu_back * b.x) / (mu_stays + mu_back)
+    xx = (mu_stays * (a.xx + squared(a.x - x)) + mu_back * (b.xx + squared(b.x - x))) / (
+        mu_stays + mu_back
+    )
+    held_prior = uncorrelated(x, xx + squared(p.held * scale) * h, 0.0, 0.0, mu_stays + mu_back)
+    held_posterior, d_h = update(held_prior, reading)
+    moving_prior = merge(a, b, b, a.p * p_leaves, b.p * (1.0 - p_stops), 0.0)
+    moving_prior = predict(moving_prior, h, 0.0, 0.0, 0.0, squared(p.moving * scale) * h)
+    if abs(K - moving_prior.x) > JUMP * math.sqrt(moving_prior.xx + reading.variance):
+        moving_prior = uncorrelated(
+            K,
+            JUMP * JUMP * (moving_prior.xx + reading.variance),
+            moving_prior.r,
+            moving_prior.rr,
+            moving_prior.p,
+        )
+    moving, d_m = update(moving_prior, reading)
 
-    least = min(d_h, d_m)
-    p_h, p_m = held.p * math.exp(least - d_h), moving.p * math.exp(least - d_m)
-    held, moving = weighed(held, p_h / (p_h + p_m)), weighed(moving, p_m / (p_h + p_m))
-    x = held.p * held.x + moving.p * moving.x
-    variance = held.p * (held.xx + squared(held.x - x)) + moving.p * (
+    smallest = min(d_h, d_m)
+    mu_h, mu_m = held_posterior.p * math.exp(smallest - d_h), moving.p * math.exp(smallest - d_m)
+    held_posterior, moving = (
+        with_probability(held_posterior, mu_h / (mu_h + mu_m)),
+        with_probability(moving, mu_m / (mu_h + mu_m)),
+    )
+    x = held_posterior.p * held_posterior.x + moving.p * moving.x
+    variance = held_posterior.p * (held_posterior.xx + squared(held_posterior.x - x)) + moving.p * (
         moving.xx + squared(moving.x - x)
     )
-    return Clamping(held, moving, noise, max(x, 0.0), variance)
+    return Clamping(held_posterior, moving, noise, max(x, 0.0), variance)
 
 
 ABOUT = About(

@@ -65,8 +65,8 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
     for i in range(int(n)):
         u = Inputs(line.kappa + float(i) * tau * line.kappa_rate, line.kappa_rate, line.y_rate)
         start = gains_at(p, e)
-        half = advance(e, d, start, decay(start, 0.5 * tau, 0.0), 0.5 * tau, u)
-        middle = start if p.euler > 0.0 else gains_at(p, half[0])
+        midpoint = advance(e, d, start, decay(start, 0.5 * tau, 0.0), 0.5 * tau, u)
+        middle = start if p.euler > 0.0 else gains_at(p, midpoint[0])
         e, d = advance(e, d, middle, decay(middle, tau, p.euler), tau, u)  # (9)
     return State(e, d, K, y, d / w.a)
 

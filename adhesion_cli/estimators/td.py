@@ -50,12 +50,12 @@ def step(p: Params, w: Wheelset, s: State, h: float, K: float, y: float) -> Stat
         n = float(math.ceil(min(4.0 * h / h0, SUBSTEPS)))
         h0 = max(h0, 4.0 * h / n)
     tau, dy = h / n, (y - s.y) / n
-    half = 0.0 if p.euler > 0.0 else 0.5  # the rates are those of the middle of a sub-step
+    middle_share = 0.0 if p.euler > 0.0 else 0.5  # the rates are those of the middle of a sub-step
     x1, x2 = s.x1, s.x2
     for i in range(int(n)):
         v = s.y + float(i) * dy
-        x2_middle = x2 + half * tau * fhan(x1 - v, x2, p.r, h0)
-        rate = fhan(x1 + half * tau * x2 - v - half * dy, x2_middle, p.r, h0)  # (4)
+        x2_middle = x2 + middle_share * tau * fhan(x1 - v, x2, p.r, h0)
+        rate = fhan(x1 + middle_share * tau * x2 - v - middle_share * dy, x2_middle, p.r, h0)  # (4)
         x1, x2 = x1 + tau * x2_middle, x2 + tau * rate  # (4)
     return State(x1, x2, y, w.phi * K + x2 / w.a)  # (5)
 

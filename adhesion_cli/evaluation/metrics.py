@@ -15,14 +15,21 @@ import numpy as np
 from ..core.model import Z95, AxleRecord, Floats, Reference, Score
 from ..core.signals import moving, true_runs, white_noise
 
-_SLIGHT, _LEAST = 200.0, 60.0  # clamping force that is braking, and that still belongs to it [N]
+_BRAKING_FORCE, _RELEASED_FORCE = (
+    200.0,
+    60.0,
+)  # clamping force that is braking, and that still belongs to it [N]
 _DUMP = 3.0  # longest release inside one application: wheel slide protection vents [s]
 _TAIL = 1.0  # time after the release that still counts [s]
-_SHORT = 0.5  # shorter is no application [s]
+_SHORTEST = 0.5  # shorter is no application [s]
 _LAG = 5.0  # longest lag looked for, either way [s]
-_EARLY = 0.2  # an estimate this early knows the future: a periodic force fits late as well [s]
-_ALIKE = 0.05  # lags that leave so little more of the variance fit as well
-_VARIES = 0.02  # share of its peak by which a target must vary (rms) to show lag and gain
+_EARLIEST_LAG = (
+    0.2  # an estimate this early knows the future: a periodic force fits late as well [s]
+)
+_EQUAL_FIT = 0.05  # lags that leave so little more of the variance fit as well
+_SMALLEST_VARIATION = (
+    0.02  # share of its peak by which a target must vary (rms) to show lag and gain
+)
 _RIPPLE = 0.5  # what is quicker than this is ripple [s]
 _STEP = 0.1  # a step is over within this [s], or within one interval
 _STEADY = 1.0  # and followed by this much steady force [s]
@@ -30,7 +37,7 @@ _BLOCK = 2.0  # errors of the target further apart than this count as independen
 START_UP = 3.0  # response of the slowest published estimator, LESO in Table 2 [s]
 
 
-def applications(record: AxleRecord) -> tuple[slice, ...]:
+def find_applications(record: AxleRecord) -> tuple[slice, ...]:
     """Brake applications: build-up, hold and release with a short tail; never across segments.
 
     K above 5 % of its range, and clearly above its noise, is a brake. Its application reaches back
@@ -43,54 +50,58 @@ def applications(record: AxleRecord) -> tuple[slice, ...]:
     K = np.full(len(record), np.nan)
     for s in runs:
         K[s] = _median5(record.clamping_force[s])
-    low, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
-    base = low if low < 0.1 * top else 0.0
+    lowest, top = (float(x) for x in np.nanpercentile(K, [2.0, 100.0]))
+    base = lowest if lowest < 0.1 * top else 0.0
     # What bends from one sample to the next is noise, but on a slow log it is the brake itself.
     bend = math.sqrt(white_noise((record.t[s], record.clamping_force[s]) for s in runs))
     noise = min(bend, 0.025 * (top - base))
-    on = base + max(0.05 * (top - base), 8.0 * noise, _SLIGHT)
-    off = base + max(0.02 * (top - base), 4.0 * noise, _LEAST)
-    return tuple(a for s in runs for a in _applied(record, K, s, on, off))
+    on_force = base + max(0.05 * (top - base), 8.0 * noise, _BRAKING_FORCE)
+    off_force = base + max(0.02 * (top - base), 4.0 * noise, _RELEASED_FORCE)
+    return tuple(a for s in runs for a in _application_slices(record, K, s, on_force, off_force))
 
 
-def _applied(record: AxleRecord, K: Floats, run: slice, on: float, off: float) -> Iterable[slice]:
+def _application_slices(
+    record: AxleRecord, K: Floats, run: slice, on_force: float, off_force: float
+) -> Iterable[slice]:
     t = (record.t[run] - record.t[run.start]) * 1e-9
-    found: list[tuple[int, int]] = []
-    for first, past in true_runs(K[run] > off):
-        if not (K[run][first:past] > on).any():
+    spans: list[tuple[int, int]] = []
+    for start, stop in true_runs(K[run] > off_force):
+        if not (K[run][start:stop] > on_force).any():
             continue
-        if found and t[first] - t[found[-1][1] - 1] < _DUMP:
-            first = found.pop()[0]
-        found.append((first, past))
-    for i, (first, past) in enumerate(found):
-        if t[past - 1] - t[first] < _SHORT or past - first < 3:
+        if spans and t[start] - t[spans[-1][1] - 1] < _DUMP:
+            start = spans.pop()[0]
+        spans.append((start, stop))
+    for i, (start, stop) in enumerate(spans):
+        if t[stop - 1] - t[start] < _SHORTEST or stop - start < 3:
             continue
-        end = int(np.searchsorted(t, t[past - 1] + _TAIL, side="right"))
-        if i + 1 < len(found):
-            end = min(end, found[i + 1][0] - 1)
-        yield slice(run.start + max(first - 1, 0), run.start + end)  # the last sample released
+        end_index = int(np.searchsorted(t, t[stop - 1] + _TAIL, side="right"))
+        if i + 1 < len(spans):
+            end_index = min(end_index, spans[i + 1][0] - 1)
+        yield slice(
+            run.start + max(start - 1, 0), run.start + end_index
+        )  # the last sample released
 
 
 def _median5(x: Floats) -> Floats:
     """Running median of five: no single sample starts or ends an application."""
-    wide = np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5)
-    median: Floats = np.median(wide, axis=-1)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5)
+    median: Floats = np.median(windows, axis=-1)
     return median
 
 
-def started(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
+def find_start_ups(record: AxleRecord, applications: Iterable[slice]) -> list[slice]:
     """Start-ups: the first `START_UP` of every application during which a segment begins.
 
     Estimators start there at F̂ = 0 because the log does; on the train they would be running.
     """
     begun = {s.start for s in record.segments}
-    found = []
+    start_ups = []
     for s in applications:
-        if s.start in begun and record.clamping_force[s.start] > _SLIGHT:
+        if s.start in begun and record.clamping_force[s.start] > _BRAKING_FORCE:
             t = record.t[s]  # rising; of the whole record it need not be
-            past = int(np.searchsorted(t, t[0] + round(START_UP * 1e9)))
-            found.append(slice(s.start, s.start + past))
-    return found
+            stop = int(np.searchsorted(t, t[0] + round(START_UP * 1e9)))
+            start_ups.append(slice(s.start, s.start + stop))
+    return start_ups
 
 
 @dataclass(frozen=True)
@@ -116,34 +127,46 @@ class Comparison:
         None where the target hardly varies, or no lag within reach explains half of the estimate.
         """
         target = np.concatenate(self.target)
-        if np.std(target) <= _VARIES * np.max(np.abs(target)) or len(target) < 5:
+        if np.std(target) <= _SMALLEST_VARIATION * np.max(np.abs(target)) or len(target) < 5:
             return None
         longest = max(float(t[-1] - t[0]) for t in self.t)
         reach = min(_LAG, longest / 2.0)
-        coarse, fine = (max(len(target) // n, 1) for n in (5_000, 50_000))  # take every so many
+        coarse_stride, fine_stride = (
+            max(len(target) // n, 1) for n in (5_000, 50_000)
+        )  # take every so many
         lags = np.linspace(-reach, reach, 201)
-        left = [_unexplained(self, float(lag), coarse)[0] for lag in lags]
-        minima = [i for i in range(1, len(lags) - 1) if left[i] <= min(left[i - 1], left[i + 1])]
+        unexplained_shares = [_unexplained(self, float(lag), coarse_stride)[0] for lag in lags]
+        minima = [
+            i
+            for i in range(1, len(lags) - 1)
+            if unexplained_shares[i] <= min(unexplained_shares[i - 1], unexplained_shares[i + 1])
+        ]
         if not minima:
             return None
-        fitting = [i for i in minima if left[i] <= min(left[i] for i in minima) + _ALIKE]
-        best = min(fitting, key=lambda i: (lags[i] < -_EARLY, left[i]))
+        fitting = [
+            i
+            for i in minima
+            if unexplained_shares[i] <= min(unexplained_shares[i] for i in minima) + _EQUAL_FIT
+        ]
+        best = min(fitting, key=lambda i: (lags[i] < -_EARLIEST_LAG, unexplained_shares[i]))
         lag = _golden(
-            lambda x: _unexplained(self, x, fine)[0], float(lags[best - 1]), float(lags[best + 1])
+            lambda x: _unexplained(self, x, fine_stride)[0],
+            float(lags[best - 1]),
+            float(lags[best + 1]),
         )
-        unexplained, gain = _unexplained(self, lag, fine)
+        unexplained, gain = _unexplained(self, lag, fine_stride)
         return (lag, gain) if unexplained < 0.5 else None
 
 
-def _unexplained(c: Comparison, lag: float, every: int) -> tuple[float, float]:
+def _unexplained(c: Comparison, lag: float, stride: int) -> tuple[float, float]:
     """Share of the estimate's variance that the target shifted by `lag` leaves, and the gain.
 
     What goes against the target explains nothing.
     """
     delayed = [
-        np.interp(t[::every] - lag, t, target) for t, target in zip(c.t, c.target, strict=True)
+        np.interp(t[::stride] - lag, t, target) for t, target in zip(c.t, c.target, strict=True)
     ]
-    x, y = np.concatenate(delayed), np.concatenate([e[::every] for e in c.estimate])
+    x, y = np.concatenate(delayed), np.concatenate([e[::stride] for e in c.estimate])
     x, y = x - np.mean(x), y - np.mean(y)
     xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
     if xx == 0.0 or yy == 0.0 or xy <= 0.0:
@@ -151,21 +174,21 @@ def _unexplained(c: Comparison, lag: float, every: int) -> tuple[float, float]:
     return 1.0 - xy * xy / (xx * yy), xy / xx
 
 
-def _golden(f: Callable[[float], float], low: float, high: float) -> float:
-    """Where f is least between `low` and `high`, golden section, to 1e-4 of the interval."""
+def _golden(f: Callable[[float], float], lower: float, upper: float) -> float:
+    """Where f is least between `lower` and `upper`, golden section, to 1e-4 of the interval."""
     ratio = (math.sqrt(5.0) - 1.0) / 2.0
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    a, b = upper - ratio * (upper - lower), lower + ratio * (upper - lower)
     fa, fb = f(a), f(b)
     for _ in range(19):
         if fa < fb:
-            high, b, fb = b, a, fa
-            a = high - ratio * (high - low)
+            upper, b, fb = b, a, fa
+            a = upper - ratio * (upper - lower)
             fa = f(a)
         else:
-            low, a, fa = a, b, fb
-            b = low + ratio * (high - low)
+            lower, a, fa = a, b, fb
+            b = lower + ratio * (upper - lower)
             fb = f(b)
-    return (low + high) / 2.0
+    return (lower + upper) / 2.0
 
 
 def response(c: Comparison) -> float | None:
@@ -177,18 +200,18 @@ def response(c: Comparison) -> float | None:
     release is not a step: most logs end before a slow estimator has followed it.
     """
     peak = max(float(np.max(np.abs(y))) for y in c.target)
-    found = []
+    times = []
     for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
         step = _step(t, target, peak)
         if step is None:
             continue
-        first, end, before, after = step
-        done = (_median5(estimate) - before) / (after - before)
-        late = np.flatnonzero(done[first:end] < 0.95)
-        reached = first + (int(late[-1]) + 1 if len(late) else 0)
-        if reached < end and abs(float(np.median(done[max(first - 5, 0) : first]))) < 0.2:
-            found.append(float(t[reached] - t[first]))
-    return float(np.median(found)) if found else None
+        start, stop, level_before, level_after = step
+        progress = (_median5(estimate) - level_before) / (level_after - level_before)
+        not_reached = np.flatnonzero(progress[start:stop] < 0.95)
+        reached = start + (int(not_reached[-1]) + 1 if len(not_reached) else 0)
+        if reached < stop and abs(float(np.median(progress[max(start - 5, 0) : start]))) < 0.2:
+            times.append(float(t[reached] - t[start]))
+    return float(np.median(times)) if times else None
 
 
 def _step(t: Floats, y: Floats, peak: float) -> tuple[int, int, float, float] | None:
@@ -197,24 +220,24 @@ def _step(t: Floats, y: Floats, peak: float) -> tuple[int, int, float, float] | 
     The first sample is the first that has left the level before.
     """
     n = len(t)
-    past = np.maximum(np.searchsorted(t, t + _STEP, side="right") - 1, np.arange(n) + 1)
-    later = y[np.minimum(past, n - 1)]
-    change = np.where(np.abs(later) > 0.2 * peak, later - y, 0.0)  # less is a release
+    stop = np.maximum(np.searchsorted(t, t + _STEP, side="right") - 1, np.arange(n) + 1)
+    later_value = y[np.minimum(stop, n - 1)]
+    change = np.where(np.abs(later_value) > 0.2 * peak, later_value - y, 0.0)  # less is a release
     k = int(np.argmax(np.abs(change)))
     if n < 3 or abs(change[k]) < 0.2 * peak:
         return None
-    k += int(np.argmax(np.abs(y[k : past[k] + 1] - y[k]) > 0.05 * abs(change[k])))  # it leaves
-    before = y[np.searchsorted(t, t[k] - _STEADY) : k]
+    k += int(np.argmax(np.abs(y[k : stop[k] + 1] - y[k]) > 0.05 * abs(change[k])))  # it leaves
+    earlier = y[np.searchsorted(t, t[k] - _STEADY) : k]
     settled = int(np.searchsorted(t, t[k] + _STEP))
     steady = y[settled : np.searchsorted(t, t[settled] + _STEADY) if settled < n else n]
-    if not len(before) or len(steady) < 2 or t[-1] - t[k] < _STEADY:
+    if not len(earlier) or len(steady) < 2 or t[-1] - t[k] < _STEADY:
         return None
-    level, after = float(np.median(before)), float(np.median(steady))
-    size = abs(after - level)
-    if size < 0.2 * peak or np.ptp(before) > 0.2 * size or np.ptp(steady) > 0.2 * size:
+    level, level_after = float(np.median(earlier)), float(np.median(steady))
+    size = abs(level_after - level)
+    if size < 0.2 * peak or np.ptp(earlier) > 0.2 * size or np.ptp(steady) > 0.2 * size:
         return None
-    left = np.flatnonzero(np.abs(y[settled:] - after) > 0.2 * size)
-    return k, settled + int(left[0]) if len(left) else n, level, after
+    departures = np.flatnonzero(np.abs(y[settled:] - level_after) > 0.2 * size)
+    return k, settled + int(departures[0]) if len(departures) else n, level, level_after
 
 
 def ripple(c: Comparison) -> float | None:
@@ -226,12 +249,17 @@ def ripple(c: Comparison) -> float | None:
     squares = []
     for t, estimate, target in zip(c.t, c.estimate, c.target, strict=True):
         error = estimate - target
-        half = max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
-        first, past = np.searchsorted(t, t - half), np.searchsorted(t, t + half, side="right")
+        half_width = (
+            max(_RIPPLE / 2.0, 2.0 * float(np.median(np.diff(t)))) if len(t) > 5 else math.inf
+        )
+        start, stop = (
+            np.searchsorted(t, t - half_width),
+            np.searchsorted(t, t + half_width, side="right"),
+        )
         sums = np.concatenate([[0.0], np.cumsum(error)])
-        quick = error - (sums[past] - sums[first]) / (past - first)
-        inside = (t - half >= t[0]) & (t + half <= t[-1])
-        block = ((t - t[0]) / (2.0 * half)).astype(int)[inside]
+        quick = error - (sums[stop] - sums[start]) / (stop - start)
+        inside = (t - half_width >= t[0]) & (t + half_width <= t[-1])
+        block = ((t - t[0]) / (2.0 * half_width)).astype(int)[inside]
         if len(block):
             count = np.bincount(block)
             squares += list(
@@ -240,7 +268,7 @@ def ripple(c: Comparison) -> float | None:
     return math.sqrt(float(np.median(squares))) if squares else None
 
 
-def measured(c: Comparison) -> dict[str, float | None]:
+def measure(c: Comparison) -> dict[str, float | None]:
     """Every metric by its name in `Score`."""
     lag, gain = c.fit or (None, None)
     return {
@@ -254,39 +282,41 @@ def measured(c: Comparison) -> dict[str, float | None]:
     }
 
 
-def compared(
+def compare(
     record: AxleRecord, estimate: Floats, target: Floats, applications: Iterable[slice]
 ) -> Comparison | None:
     """Estimate [N] and target [N], shape (n,), in the applications; None without a sample."""
-    used = [
-        (s, known)
+    pairs = [
+        (s, finite)
         for s in applications
-        if (known := np.isfinite(estimate[s]) & np.isfinite(target[s])).any()
+        if (finite := np.isfinite(estimate[s]) & np.isfinite(target[s])).any()
     ]
-    if not used:
+    if not pairs:
         return None
     return Comparison(
-        tuple((record.t[s] - record.t[s.start])[known] * 1e-9 for s, known in used),
-        tuple(estimate[s][known] for s, known in used),
-        tuple(target[s][known] for s, known in used),
+        tuple((record.t[s] - record.t[s.start])[finite] * 1e-9 for s, finite in pairs),
+        tuple(estimate[s][finite] for s, finite in pairs),
+        tuple(target[s][finite] for s, finite in pairs),
     )
 
 
-def judged(
+def choose_target(
     record: AxleRecord, reference: Reference, applications: Iterable[slice]
 ) -> tuple[Literal["truth", "reference"], Floats, tuple[slice, ...]]:
     """What an estimate is judged against (n,) [N], and in which parts: not while it starts."""
     applications = tuple(applications)
-    past = {s.start: s.stop for s in started(record, applications)}
+    start_up_stop = {s.start: s.stop for s in find_start_ups(record, applications)}
     applications = tuple(
-        slice(start, s.stop) for s in applications if (start := past.get(s.start, s.start)) < s.stop
+        slice(start, s.stop)
+        for s in applications
+        if (start := start_up_stop.get(s.start, s.start)) < s.stop
     )
     if record.truth is not None and any(np.isfinite(record.truth[s]).any() for s in applications):
         return "truth", record.truth, applications
     return "reference", reference.force, applications
 
 
-def scores(
+def score_estimates(
     record: AxleRecord,
     reference: Reference,
     estimates: Mapping[str, Floats],
@@ -299,20 +329,22 @@ def scores(
         record: the axle's record.
         reference: its reference.
         estimates: F̂ [N] by algorithm, shape (n,).
-        applications: the brake applications to use, less what `started` finds in them.
+        applications: the brake applications to use, less what `find_start_ups` finds in them.
         sigmas: standard uncertainty [N] of the estimates that have one, shape (n,).
     """
-    against, target, applications = judged(record, reference, applications)
-    found = []
+    against, target, applications = choose_target(record, reference, applications)
+    scores = []
     for algo, estimate in estimates.items():
-        c = compared(record, estimate, target, applications)
+        c = compare(record, estimate, target, applications)
         noise = reference.sigma if against == "reference" else np.zeros(len(target))
         blocks = _blocks(record, estimate - target, noise, applications)
         sigma = (sigmas or {}).get(algo)
-        band = _banded(estimate - target, sigma, applications) if c and sigma is not None else {}
-        of: dict[str, Any] = {**(measured(c) if c else {}), **band}
-        found.append(Score(algo, against, **of, blocks=blocks))
-    return ranked(found)
+        band = (
+            _band_metrics(estimate - target, sigma, applications) if c and sigma is not None else {}
+        )
+        values: dict[str, Any] = {**(measure(c) if c else {}), **band}
+        scores.append(Score(algo, against, **values, blocks=blocks))
+    return rank(scores)
 
 
 def _blocks(
@@ -329,40 +361,40 @@ def _blocks(
     squares, doubts = [], []
     for s in applications:
         number = ((record.t[s] - record.t[s.start]) * 1e-9 / _BLOCK).astype(np.int64)
-        known = np.isfinite(error[s])
-        count = np.maximum(np.bincount(number, known), 1e-300)
-        e = np.where(known, error[s], 0.0)
+        finite = np.isfinite(error[s])
+        count = np.maximum(np.bincount(number, finite), 1e-300)
+        e = np.where(finite, error[s], 0.0)
         squares.append(np.bincount(number, e**2) / count)
         doubts.append(np.bincount(number, 2.0 * np.abs(e) * np.nan_to_num(noise[s])) / count)
     return np.concatenate([[], *squares]), np.concatenate([[], *doubts])
 
 
-def alike(one: Score, other: Score) -> bool | None:
+def same_within_noise(score: Score, best: Score) -> bool | None:
     """Whether the noise of their target explains the difference of two rmse (95 %).
 
     None without an error, or where they are not of the same samples.
     """
-    if one.blocks is None or other.blocks is None or None in (one.rmse_n, other.rmse_n):
+    if score.blocks is None or best.blocks is None or None in (score.rmse_n, best.rmse_n):
         return None
-    (a, da), (b, db) = one.blocks, other.blocks
+    (a, da), (b, db) = score.blocks, best.blocks
     if len(a) != len(b):
         return None
     difference, doubt = float(np.sum(a - b)), float(np.linalg.norm(da + db))
     return abs(difference) <= Z95 * doubt
 
 
-def _banded(error: Floats, sigma: Floats, applications: Iterable[slice]) -> dict[str, float]:
+def _band_metrics(error: Floats, sigma: Floats, applications: Iterable[slice]) -> dict[str, float]:
     """Half-width of the estimate's own 95 % band, and how often it holds the target."""
-    used = np.r_[tuple(applications)]
-    used = used[np.isfinite(error[used])]
-    half = Z95 * sigma[used]
+    indices = np.r_[tuple(applications)]
+    indices = indices[np.isfinite(error[indices])]
+    half_width = Z95 * sigma[indices]
     return {
-        "band_n": float(np.median(half)),
-        "within": float(np.mean(np.abs(error[used]) <= half)),
+        "band_n": float(np.median(half_width)),
+        "within": float(np.mean(np.abs(error[indices]) <= half_width)),
     }
 
 
-def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
+def rank(scores: Iterable[Score]) -> tuple[Score, ...]:
     """The scores, least rmse first and those without one last, each with rmse over the least."""
     order = sorted(scores, key=lambda s: math.inf if s.rmse_n is None else s.rmse_n)
     best = order[0].rmse_n if order else None
@@ -370,38 +402,50 @@ def ranked(scores: Iterable[Score]) -> tuple[Score, ...]:
         replace(
             s,
             relative=s.rmse_n / best if best and s.rmse_n is not None else None,
-            alike=alike(s, order[0]),
+            alike=same_within_noise(s, order[0]),
         )
         for s in order
     )
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    known = [x for x in values if x is not None]
-    return float(np.mean(known)) if known else None
+    values_there = [x for x in values if x is not None]
+    return float(np.mean(values_there)) if values_there else None
 
 
-def overall(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
+def pool_scores(groups: Iterable[Iterable[Score]]) -> tuple[Score, ...]:
     """Each algorithm over several axles, ranked: rms of its rmse, mean bias, largest error.
 
     Only axles on which it was scored count, those against truth and those against the reference
     apart. Metrics without a sound mean over axles stay None.
     """
-    found: list[Score] = []
-    every = [s for group in groups for s in group if s.rmse_n is not None]
-    for against in dict.fromkeys(s.against for s in every):
+    pooled_scores: list[Score] = []
+    all_scores = [s for group in groups for s in group if s.rmse_n is not None]
+    for against in dict.fromkeys(s.against for s in all_scores):
         pooled = []
-        for algo in dict.fromkeys(s.algo for s in every if s.against == against):
-            own = [s for s in every if (s.algo, s.against) == (algo, against)]
-            rmse, bias, worst = np.array([(s.rmse_n, s.bias_n, s.max_error_n) for s in own]).T
+        for algo in dict.fromkeys(s.algo for s in all_scores if s.against == against):
+            algo_scores = [s for s in all_scores if (s.algo, s.against) == (algo, against)]
+            rmse, bias, worst = np.array(
+                [(s.rmse_n, s.bias_n, s.max_error_n) for s in algo_scores]
+            ).T
             rms, largest = float(np.sqrt(np.mean(rmse**2))), float(worst[np.argmax(np.abs(worst))])
-            band, within = (_mean([getattr(s, name) for s in own]) for name in ("band_n", "within"))
-            known = [s.blocks for s in own if s.blocks is not None]
-            joined = (np.concatenate(x) for x in zip(*known, strict=True))
-            blocks = (next(joined), next(joined)) if len(known) == len(own) else None
-            pooled.append(Score(
-                algo, against, rms, float(np.mean(bias)), largest, band_n=band, within=within,
-                blocks=blocks,
-            ))  # fmt: skip
-        found += ranked(pooled)
-    return tuple(found)
+            band, mean_within = (
+                _mean([getattr(s, name) for s in algo_scores]) for name in ("band_n", "within")
+            )
+            blocks_there = [s.blocks for s in algo_scores if s.blocks is not None]
+            joined = (np.concatenate(x) for x in zip(*blocks_there, strict=True))
+            blocks = (next(joined), next(joined)) if len(blocks_there) == len(algo_scores) else None
+            pooled.append(
+                Score(
+                    algo,
+                    against,
+                    rms,
+                    float(np.mean(bias)),
+                    largest,
+                    band_n=band,
+                    within=mean_within,
+                    blocks=blocks,
+                )
+            )
+        pooled_scores += rank(pooled)
+    return tuple(pooled_scores)

@@ -56,15 +56,19 @@ def responses(
     """
     f = np.array(frequencies)
     measured = np.array([[_answer(est, p, w, x, A) / A for x in f] for A in AMPLITUDES])
-    apart = float(np.max(np.abs(np.diff(measured, axis=0)) / np.abs(measured[1:]).clip(1e-9)))
-    amplitudes: Sequence[float | None] = AMPLITUDES if apart > LINEAR else (None,)
+    difference = float(np.max(np.abs(np.diff(measured, axis=0)) / np.abs(measured[1:]).clip(1e-9)))
+    amplitudes: Sequence[float | None] = AMPLITUDES if difference > LINEAR else (None,)
     return [
         Response(
-            est.name, A, f, np.abs(ratio), -np.unwrap(np.angle(ratio)) / (2.0 * math.pi * f),
+            est.name,
+            A,
+            f,
+            np.abs(ratio),
+            -np.unwrap(np.angle(ratio)) / (2.0 * math.pi * f),
             np.abs(ratio) * 2.0 * math.pi * f / w.a,
         )
         for A, ratio in zip(amplitudes, measured, strict=False)
-    ]  # fmt: skip
+    ]
 
 
 def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
@@ -78,28 +82,33 @@ def harmonic(t: Floats, x: Floats, frequency: float) -> complex:
     return complex(float(sine), float(cosine))
 
 
-def panels(found: Sequence[Response]) -> list[Panel]:
+def panels(responses: Sequence[Response]) -> list[Panel]:
     """Gain, delay and noise gain over frequency; larger amplitudes are dashed."""
     columns = (
-        ("Gain of the force", "gain", [r.gain for r in found]),
-        ("Delay of the force", "delay [ms]", [1e3 * r.delay_s for r in found]),
-        ("Noise of the wheel speed", "N per rad/s", [r.noise_gain for r in found]),
+        ("Gain of the force", "gain", [r.gain for r in responses]),
+        ("Delay of the force", "delay [ms]", [1e3 * r.delay_s for r in responses]),
+        ("Noise of the wheel speed", "N per rad/s", [r.noise_gain for r in responses]),
     )
     return [
         Panel(
-            title, "frequency [Hz]", unit,
+            title,
+            "frequency [Hz]",
+            unit,
             [
                 Line(
                     r.algo if r.amplitude_n is None else f"{r.algo} {r.amplitude_n:.0f} N",
-                    r.frequency_hz, y, of_method(r.algo),
+                    r.frequency_hz,
+                    y,
+                    of_method(r.algo),
                     dashed=r.amplitude_n not in (None, AMPLITUDES[0]),
                 )
-                for r, y in zip(found, values, strict=True)
+                for r, y in zip(responses, values, strict=True)
             ],
-            log_x=True, log_y=unit != "delay [ms]",
+            log_x=True,
+            log_y=unit != "delay [ms]",
         )
         for title, unit, values in columns
-    ]  # fmt: skip
+    ]
 
 
 def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:
@@ -113,7 +122,7 @@ def _answer(est: Estimator, p: Any, w: Wheelset, f: float, A: float) -> complex:
         K = np.full_like(t, _CLAMPING_FORCE)
         F = compiled.batch(est, p, w, np.round(t * 1e9).astype(np.int64), K, y, np.zeros(1, int))[0]
         two = slice(-2 * n, -n), slice(-n, None)
-        before, last = (harmonic(t[s], F[s], f) for s in two)
-        if abs(last - before) < _SETTLED * A or t[-1] > _LONGEST:
-            return last
+        previous, latest = (harmonic(t[s], F[s], f) for s in two)
+        if abs(latest - previous) < _SETTLED * A or t[-1] > _LONGEST:
+            return latest
         windows *= 2

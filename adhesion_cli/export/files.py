@@ -7,7 +7,7 @@ from typing import NamedTuple
 from .. import __version__
 from ..core import controller, estimator, physics
 from ..core.errors import UserError, unknown
-from ..core.methods import Method, validated
+from ..core.methods import Method, validate
 from ..core.model import Vehicle
 from ..wsp.wsp_controller import Settings, bands
 from . import check_program, pages, vectors
@@ -66,7 +66,7 @@ def export(
     """
     names(algo)
     method = methods()[algo]
-    p = validated(method, settings.get(algo, {}))
+    p = validate(method, settings.get(algo, {}))
     vehicle = replace(vehicle, wheel_radius=(vehicle.radius(axle),))
     w = physics.wheelset(vehicle, 1)
     stated = {name: getattr(w, name) for name in STATED}

@@ -279,9 +279,13 @@ class Interface:
         """The comparisons that hold in the range of a quantity, and for no NaN."""
         kinds = dict(self.given.fields) if value.startswith("o->") else {}
         if isinstance(kinds.get(value[3:]), Scalar) and kinds[value[3:]] != self.real:
-            return [f"({value} >= {int(q.low)})", f"({value} <= {int(q.high)})"]
-        low = self.number.literal(float(q.low))
-        high = self.number.largest if q.high == float("inf") else self.number.literal(float(q.high))
+            return [f"({value} >= {int(q.minimum)})", f"({value} <= {int(q.maximum)})"]
+        low = self.number.literal(float(q.minimum))
+        high = (
+            self.number.largest
+            if q.maximum == float("inf")
+            else self.number.literal(float(q.maximum))
+        )
         both = [f"({value} >= {low})", f"({value} <= {high})"]
         return (
             [f"({self.c.helper('nan')}({value}) || ({' && '.join(both)}))"] if q.optional else both

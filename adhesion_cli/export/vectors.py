@@ -133,7 +133,7 @@ def records(vehicle: Vehicle) -> list[AxleRecord]:
     path = bundled.folder("sample_logs") / LOG
     log = read(open_source(path, ReadOptions()), [], vehicle)
     made = prepare(log, vehicle).records
-    return [physics.faded(record, vehicle) for record in made]
+    return [physics.with_fade(record, vehicle) for record in made]
 
 
 def _plain(o: Observed) -> Observed:

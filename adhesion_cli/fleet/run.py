@@ -6,7 +6,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
-from ..core.errors import UserError, as_told
+from ..core.errors import UserError, as_user_error
 from ..core.text import utf8
 from . import dataset, work
 from .dataset import Dataset, Kept
@@ -191,7 +191,7 @@ def _worked(items: Iterable[Item], job: Job, workers: Workers) -> Iterator[list[
                 text = "the Dask scheduler is gone"
                 raise UserError(text, "run again: what is done stays") from error
             except Exception as error:  # an internal error must not end the run
-                told = as_told(error)
+                told = as_user_error(error)
                 batch.append((item, _failed(item, job, {"error": told.text, "hint": told.hint})))
 
 

@@ -16,7 +16,7 @@ from ..analysis.analyze import analyze
 from ..analysis.json_documents import entry
 from ..analysis.outputs import stem, write_result
 from ..core import bundled, threads
-from ..core.errors import UserError, as_told
+from ..core.errors import UserError, as_user_error
 from ..core.model import Result
 from ..core.text import printable
 from ..results import atomic_files, tables
@@ -120,7 +120,7 @@ def prepare() -> None:
     """What a process does once: it computes with one thread, and seldom looks for garbage."""
     gc.set_threshold(_THRESHOLD)
     pa.set_cpu_count(1)
-    threads.most = 1
+    threads.max_threads = 1
 
 
 def warm() -> None:
@@ -179,5 +179,5 @@ def _record(result: Result, one: dict[str, Any], files: list[Path]) -> None:
 
 def _told(error: Exception, place: str, name: str) -> dict[str, str]:
     """Error and hint by the log's name, wherever its file is."""
-    told = as_told(error)
+    told = as_user_error(error)
     return {"error": told.text.replace(place, name), "hint": told.hint.replace(place, name)}

@@ -257,7 +257,7 @@ class Axle:
 
     def _stepped(self, name: str, h: float, K: float, y: float) -> Estimate:
         est, p = self._algos[name]
-        state = estimator.advanced(est, p, self._wheelset, self._states.get(name), h, K, y)
+        state = estimator.advance(est, p, self._wheelset, self._states.get(name), h, K, y)
         self._states[name] = state
         if not est.has_sigma:
             return Estimate(state.F, math.nan)

@@ -125,7 +125,7 @@ class Wheels:
         for axle, speed, brake, train in known:
             if axle not in before:
                 m = self._by_key[speed]
-                of_rim = to_si.is_rim(units.stated(m.unit, speed[0], m.title))
+                of_rim = to_si.is_rim(units.stated_unit(m.unit, speed[0], m.title))
                 own = self._place(speed), self._place(brake), brake[0] == "pressure"
                 self.axles.append(Places(axle, *own, None, of_rim))
             if train:
@@ -137,7 +137,7 @@ class Wheels:
         """The place of what has this meaning; it gets one if it has none."""
         if key not in self._places:
             m = self._by_key[key]
-            unit = units.stated(m.unit, key[0], m.title)
+            unit = units.stated_unit(m.unit, key[0], m.title)
             factor = to_si.scale(m, unit, self._vehicle)
             total = to_si.is_total(unit)
             size = m.wrap or (2.0 * math.pi / unit.factor if unit.dimension == "angle" else 0.0)

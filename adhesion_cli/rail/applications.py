@@ -79,7 +79,9 @@ def find_applications(axle: AxleResult, vehicle: Vehicle) -> list[Application]:
     contributions = (
         budget.contributions_by_parameter(axle.record, vehicle, axle.reference) if merged else {}
     )
-    return threads.each(lambda parts: _application(context, parts, slides, contributions), merged)
+    return threads.run_each(
+        lambda parts: _application(context, parts, slides, contributions), merged
+    )
 
 
 def _locked(record: AxleRecord, pause: slice) -> bool:

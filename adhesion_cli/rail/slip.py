@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import compiled, physics, signals
-from ..core.finding import Finding, merged
+from ..core.finding import Finding, merge_spans
 from ..core.model import (
     Z95,
     AxleRecord,
@@ -163,7 +163,7 @@ def with_reference_speed(
     sliding = (fastest < (1.0 - _SLIDING_SHARE) * v) & (v > _CALIBRATION_SPEED)
     if sliding.any():
         seconds_of_log = (t - start_ns) * 1e-9
-        spans = merged(
+        spans = merge_spans(
             [
                 (float(seconds_of_log[a]), float(seconds_of_log[b - 1]))
                 for a, b in signals.true_runs(sliding)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.finding import Finding, Severity, merged
+from ..core.finding import Finding, Severity, merge_spans
 from ..core.model import Bools, Channel, Column, Floats, Times
 from ..core.signals import true_runs
 
@@ -62,7 +62,7 @@ class View(NamedTuple):
         if not mask.any():
             return []
         since = self.seconds(t)
-        spans = merged([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
+        spans = merge_spans([(float(since[a]), float(since[b - 1])) for a, b in true_runs(mask)])
         return [
             Finding(
                 fault.code,

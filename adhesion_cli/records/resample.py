@@ -101,8 +101,8 @@ def _axle(
 def _sampled(speed: Channel, brake: Channel) -> _Sampled:
     """A brake, pressure or K, at the wheel speed's times."""
     pieces = []
-    for instants in time_axis.overs(speed):
-        last_value, fresh = time_axis.hold(instants, brake)
+    for instants in time_axis.instants_of(speed):
+        last_value, fresh = time_axis.hold_last(instants, brake)
         smooth = time_axis.interpolated(instants, brake)
         if not np.isfinite(smooth).all():
             smooth = np.where(np.isfinite(smooth), smooth, last_value)
@@ -113,7 +113,9 @@ def _sampled(speed: Channel, brake: Channel) -> _Sampled:
 
 
 def _interpolated(speed: Channel, channel: Channel) -> Floats:
-    pieces = [time_axis.interpolated(instants, channel) for instants in time_axis.overs(speed)]
+    pieces = [
+        time_axis.interpolated(instants, channel) for instants in time_axis.instants_of(speed)
+    ]
     return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
 
 

@@ -162,7 +162,7 @@ def _stuck_wheel(
 def _held_force(speed: Channel, brake: Channel, vehicle: Vehicle) -> Floats:
     """K at the times of a wheel speed, by the last sample of the brake, shape (n,) [N]."""
     last_value = np.concatenate(
-        [time_axis.hold(instants, brake)[0] for instants in time_axis.overs(speed)]
+        [time_axis.hold_last(instants, brake)[0] for instants in time_axis.instants_of(speed)]
     )
     return clamping_force(last_value, vehicle) if brake.meaning == "pressure" else last_value
 

@@ -147,7 +147,7 @@ def _relative_change(
 
     From end to end, or in between by more than its noise. NaN where it hardly moves at all.
     """
-    x = time_axis.interpolated(time_axis.Over(speed.data.t, 0, 1), other_speed)
+    x = time_axis.interpolated(time_axis.Instants(speed.data.t, 0, 1), other_speed)
     lowest, highest = (extreme.reduceat(x, start) for extreme in (np.fmin, np.fmax))
     change = np.abs(x[final] - x[start])
     fast = 0.1 * np.max(other_speed.data.value)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
-from ..core.physics import faded, wheelset
+from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
 from .force import contributions
 
@@ -80,7 +80,7 @@ def contributions_by_parameter(
         reference: the force; NaN where it is not known.
     """
     w = wheelset(vehicle, record.axle)
-    record = faded(record, vehicle)
+    record = with_fade(record, vehicle)
     K, speed = record.clamping_force_smooth, record.wheel_speed * w.radius
     return contributions(record, vehicle, K, w.a * (reference.force - w.phi * K), speed)
 

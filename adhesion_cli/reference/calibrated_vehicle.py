@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.model import Z95, AxleRecord, Floats, Parameter, Vehicle
-from ..core.physics import FREE, force_line, wheelset
+from ..core.physics import RELEASED_SHARE, force_line, wheelset
 from ..diagnostics.scene import Scene
 from ..train import longitudinal as model
 from ..train.explanation import Design
@@ -185,7 +185,7 @@ def prior(designs: Sequence[Design], vehicle: Vehicle, delay: float) -> dict[int
 
 def force_gradient(designs: Sequence[Design]) -> Floats:
     """How ln of the force at the mean brake changes with each shared parameter, (7,)."""
-    braked = [np.maximum(d.K[d.samples], 0.0) > FREE for d in designs]
+    braked = [np.maximum(d.K[d.samples], 0.0) > RELEASED_SHARE for d in designs]
     K = np.concatenate([d.K[d.samples][x] for d, x in zip(designs, braked, strict=True)])
     faster = np.concatenate(
         [d.relative_speed[d.samples][x] for d, x in zip(designs, braked, strict=True)]

@@ -94,7 +94,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
         raise unknown("reference", method, list(METHODS))
     w = wheelset(vehicle, record.axle)
     slices = [s for s in moving(record) if s.stop - s.start >= _SHORTEST]
-    runs = [record.cut(s) for s in slices]
+    runs = [record.extract(s) for s in slices]
     ripples = [run_out.find_run_out(_seconds(r), r.wheel_speed) for r in runs]
     delay = record.pressure_late.value
     force, sigma, tolerance, mass = (np.full(len(record), np.nan) for _ in range(4))
@@ -102,7 +102,7 @@ def compute(record: AxleRecord, vehicle: Vehicle, method: str = "smoother") -> R
     for s, estimate in zip(slices, estimates, strict=True):
         force[s] = w.phi * estimate.clamping_force + estimate.acceleration / w.a  # (1)
         sigma[s] = estimate.sigma
-        tolerance[s], mass[s] = _tolerance(record.cut(s), vehicle, estimate)
+        tolerance[s], mass[s] = _tolerance(record.extract(s), vehicle, estimate)
         if delay:
             t = (record.t[s] - record.t[s.start]) * 1e-9
             delay_error = np.interp(t + delay, t, estimate.clamping_force) - estimate.clamping_force
@@ -399,7 +399,7 @@ def _dithers(t: Floats, y: Floats) -> bool:
 
 
 def _pulses(run: AxleRecord) -> float:
-    """Mean number of a counter's pulses in `_SHORT_TIME`; inf for at least `_PULSES`, or no counter.
+    """Mean pulses of a counter in `_SHORT_TIME`; inf for at least `_PULSES`, or no counter.
 
     A speed below its step is a counter's.
     """

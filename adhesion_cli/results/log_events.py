@@ -37,7 +37,7 @@ def of_result(result: Result) -> Iterator[Told]:
     for axle in result.axles:
         N, t_ns = axle.record.axle, axle.record.t
         for s in axle.applications:
-            on, gone = signals.pressed(axle.record, s)
+            on, gone = signals.pressed_part(axle.record, s)
             for i, what in ((on.start, "applied"), (on.stop - 1, "released"))[: 1 + gone]:
                 yield Told(int(t_ns[i]), f"brake-{what}", "info", N, f"axle {N}: brake {what}")
         for x in axle.events:

@@ -21,7 +21,7 @@ from ..core import physics, rounding, signals, threads, toml
 from ..core.errors import UserError
 from ..core.model import (
     AS_INPUT,
-    MADE,
+    NOT_MEASURED,
     RECOVERED,
     AxleRecord,
     AxleResult,
@@ -473,7 +473,7 @@ def _provenance(result: Result, shift: int, full: bool) -> dict[str, str]:
         if speed := result.log.find("wheel_speed", axle):
             told[f"wheel_speed_{axle}"] = speed.measured_in
     if any(a.record.train_speed_made for a in result.axles):
-        told["train_speed"] = MADE
+        told["train_speed"] = NOT_MEASURED
     elif (train := result.shared_train()) and result.inputs_hold(train):
         told["train_speed"] = AS_INPUT
     if not full and any(map(thinning.is_long, result.axles)):
@@ -514,7 +514,7 @@ def _write(
         )
     with verified(path) as file:
         out = _begun(file, streams, metadata)
-        for chunk in threads.ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
+        for chunk in threads.run_ahead(lambda p: _packed(streams, p, shift), _partition(streams)):
             out.chunk(chunk)
         out.finish()
 

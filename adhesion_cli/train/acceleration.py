@@ -25,7 +25,7 @@ import numpy as np
 
 from ..core import compiled
 from ..core.model import Bools, Channel, Floats, Times
-from ..core.physics import CRAWL, FREE
+from ..core.physics import CRAWL, RELEASED_SHARE
 from ..core.signals import finite_median, true_runs, white_noise
 from .grid import FEWEST, Grid, erode
 
@@ -179,7 +179,7 @@ def integrate(g: Grid, a: Channel) -> Integrated | str:
         return "its clock jumps back"
     area: Floats = np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) / 2.0 * dt)])
     settling_steps = round(_SETTLING_TIME / g.step)
-    release_force = FREE * float(np.nanmax(g.clamping, initial=0.0))
+    release_force = RELEASED_SHARE * float(np.nanmax(g.clamping, initial=0.0))
     released = erode(g.clamping <= release_force, settling_steps)
     standstill = erode(np.all(g.rim < _STANDSTILL_SPEED, axis=0), settling_steps)
     gain: Floats = np.interp(t, sample_t, area)

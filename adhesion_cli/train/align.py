@@ -156,6 +156,6 @@ def _shifted(axle: AxleChannels, delay: Parameter) -> AxleChannels:
     record = replace(record, train_speed_late=delay)
     if delay.value:
         data = replace(train.data, t=train.data.t - round(delay.value * 1e9))
-        v = time_axis.interpolated(time_axis.Over(record.t, 0, 1), replace(train, data=data))
+        v = time_axis.interpolated(time_axis.Instants(record.t, 0, 1), replace(train, data=data))
         record = replace(record, train_speed=v)
     return axle._replace(record=record)

@@ -16,8 +16,7 @@ from ..core.model import (
     Times,
     Vehicle,
 )
-from ..core.physics import FREE as FREE
-from ..core.physics import GRADIENT
+from ..core.physics import GRADIENT, RELEASED_SHARE
 from ..core.signals import median, true_runs
 from ..records.axle_channels import AxleChannels
 
@@ -66,7 +65,7 @@ class Grid:
             sums = np.sum(np.where(self.rolling, -self.slope(self.rim), 0.0), axis=0)
             slowing = np.where(rolls > 0, sums / np.maximum(rolls, 1), np.nan)
         K = self.mean(largest(self.clamping))
-        driven = (FREE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN_RATE)
+        driven = (RELEASED_SHARE * np.nanmax(K, initial=0.0) > K) & (slowing < -_DRIVEN_RATE)
         return np.where(erode(~driven, 2 * self.half_width), slowing, np.nan)
 
     @cached_property

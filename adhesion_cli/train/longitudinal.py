@@ -44,7 +44,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.model import Bools, Floats, Parameter, Vehicle
-from ..core.physics import CRAWL, FREE, G, braked, force_line, wheelset
+from ..core.physics import CRAWL, RELEASED_SHARE, G, braked, force_line, wheelset
 from ..core.signals import true_runs, white_noise
 from ..records.axle_channels import AxleChannels
 from .explanation import AS_STATED, Design, Explanation, Line, Piece
@@ -296,7 +296,7 @@ def _pieces(
     t: Floats = fine_grid.step * np.arange(len(force_share), dtype=np.float64)
     change = np.abs(np.interp(t + 0.5, t, force_share) - np.interp(t - 0.5, t, force_share))
     near_change = ~erode(
-        (change < _CHANGE) & (force_share < FREE), round(_CHANGE_MARGIN / fine_grid.step)
+        (change < _CHANGE) & (force_share < RELEASED_SHARE), round(_CHANGE_MARGIN / fine_grid.step)
     )
     rolling: Bools = np.all(coarse_grid.rolling, axis=0)
     place = np.clip(np.rint(t / coarse_grid.step).astype(int), 0, len(rolling) - 1)

@@ -300,7 +300,7 @@ def _last_full(asked: Floats) -> int:
     """
     most = float(asked.max())
     least = float(asked.min())
-    none = (least if least < _OFFSET * most else 0.0) + physics.FREE * most
+    none = (least if least < _OFFSET * most else 0.0) + physics.RELEASED_SHARE * most
     top = i = max(np.flatnonzero(asked > none).tolist(), default=0)
     if top == len(asked) - 1:
         return top

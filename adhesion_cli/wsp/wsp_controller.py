@@ -18,7 +18,7 @@ from ..core.controller import registry as controllers
 from ..core.errors import UserError, unknown
 from ..core.estimator import Estimator
 from ..core.estimator import registry as estimators
-from ..core.methods import Method, bound, validated
+from ..core.methods import Method, bind, validate
 from ..core.model import Floats, Vehicle, Wheelset
 from ..core.physics import NO_FORCE, G, on_radius, slip_over
 from ..core.stop import JUDGED_FROM
@@ -266,7 +266,7 @@ def choose(
     bands(settings)
     est, law = known[algo], laws[controller]
     settings = {**settings, SLOPE.name: {**SLOPE_IN_LOOP, **settings.get(SLOPE.name, {})}}
-    ep, sp, cp = (validated(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
+    ep, sp, cp = (validate(x, settings.get(x.name, {})) for x in (est, SLOPE, law))
     radii = np.array([x.value for x in vehicle.wheel_radius])
     w = physics.wheelset(vehicle, 1)
     return Chosen(est, law, Constants(w, radii, ep, sp, cp, speed_noise))
@@ -296,7 +296,7 @@ def online(
     Raises:
         UserError: a sample with another number of axles, or not after the one before.
     """
-    first, then = (bound(f, unit.stand_ins()) for f in (start, tick))
+    first, then = (bind(f, unit.stand_ins()) for f in (start, tick))
     c = unit.constants
     train, axles, wheels = Known(math.nan, 0.0, NONE), list[Axle](), list[Wheel]()
     before: float = -math.inf
@@ -349,6 +349,6 @@ def bands(settings: Settings) -> slope.Bands:
     Raises:
         UserError: a band without width.
     """
-    p = validated(controllers()["patent"], settings.get("patent", {}))
+    p = validate(controllers()["patent"], settings.get("patent", {}))
     found = slope.Bands(p.slip_low, p.slip_high, p.slope_low, p.slope_high)
     return slope.check_bands(found, "patent")

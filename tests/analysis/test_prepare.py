@@ -258,7 +258,7 @@ def test_a_speed_made_of_a_logged_total_is_marked_for_the_reference(unit: str, t
     wheel = replace(channel("wheel_speed", t, y), unit=unit)
     (record,), _ = records(log(channel("pressure", t, p), wheel), Vehicle())
     assert record.of_totals == total
-    assert record.cut(slice(0, 100)).of_totals == total
+    assert record.extract(slice(0, 100)).of_totals == total
 
 
 def test_spikes_and_broken_wires_are_left_out() -> None:

@@ -105,7 +105,7 @@ def test_neso_follows_the_reference_in_the_field_test(made: reproduce.Reproducti
 def test_printed_parameters_are_table_1s() -> None:
     known = estimator.registry()
     for algo in TABLE_2:
-        p = methods.validated(known[algo], reproduce.printed(algo, 4e-3))
+        p = methods.validate(known[algo], reproduce.printed(algo, 4e-3))
         assert p.euler == 1.0
     kalman = reproduce.printed("kalman", 4e-3)
     assert kalman["b"] ** (4e-3 / 1e-3) == pytest.approx(0.95)

@@ -55,7 +55,7 @@ def test_its_figures_are_those_of_compare(leso: tune.Tuned, tmp_path: Path) -> N
             scores = [
                 a.scores for p in of.logs for a in analyze.analyze(Path(p), load, ["leso"]).axles
             ]
-            pooled = [s.rmse_n for s in metrics.overall(scores)]
+            pooled = [s.rmse_n for s in metrics.pool_scores(scores)]
             assert np.sqrt(np.mean(np.square(pooled))) == pytest.approx(rmse, rel=1e-9)
 
 
@@ -81,7 +81,7 @@ def test_every_estimator_stays_within_its_bounds(algo: str) -> None:
 
         found = tune._search(est, est.Params(), errors)
         for name, q in of.items():
-            assert q.low <= getattr(found, name) <= q.high
+            assert q.minimum <= getattr(found, name) <= q.maximum
         switches = [name for name, x in est.Params()._asdict().items() if x == 0.0]
         assert all(getattr(p, name) == 0.0 for p in tried for name in switches)
         assert errors([found]) <= errors([est.Params()])

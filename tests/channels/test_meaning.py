@@ -259,7 +259,7 @@ def test_what_only_shares_a_letter_or_a_unit_is_not_taken(name: str, meaning: st
 def test_a_unit_at_the_end_of_a_name_is_taken(name: str, si: float) -> None:
     ((meaning, _, unit),) = seen(name)
     assert meaning == WHEEL
-    assert units.stated(str(unit), "wheel_speed", name).factor == pytest.approx(si)
+    assert units.stated_unit(str(unit), "wheel_speed", name).factor == pytest.approx(si)
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_compiling_is_told_once_for_a_cache(
 ) -> None:
     told: list[str] = []
     monkeypatch.setattr(compiled, "_root", lambda: tmp_path / "cache")
-    monkeypatch.setattr(compiled, "tell", told.append)
+    monkeypatch.setattr(compiled, "report", told.append)
     for _ in range(2):
         compiled._compiled.cache_clear()
         assert compiled.function(ratio)(1.0, 4.0) == 0.25
@@ -199,14 +199,14 @@ def test_where_the_cache_is(tmp_path, monkeypatch, kind):
 def test_old_folders_go(tmp_path, monkeypatch):
     root = tmp_path / "adhesion-cli"
     root.mkdir(mode=0o700)
-    for i in range(compiled._KEEP + 4):
+    for i in range(compiled._KEPT_FOLDERS + 4):
         folder = root / f"{i:016x}"
         folder.mkdir()
         os.utime(folder, (i, i))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     latest = compiled._folder("key")
     left = {path.name for path in root.iterdir()}
-    assert left == {latest.name, *(f"{i:016x}" for i in range(5, compiled._KEEP + 4))}
+    assert left == {latest.name, *(f"{i:016x}" for i in range(5, compiled._KEPT_FOLDERS + 4))}
 
 
 def test_importing_compiles_nothing(copy):

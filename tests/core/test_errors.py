@@ -2,7 +2,7 @@
 
 import pytest
 
-from adhesion_cli.core.errors import as_told
+from adhesion_cli.core.errors import as_user_error
 
 
 @pytest.mark.parametrize(
@@ -12,7 +12,7 @@ from adhesion_cli.core.errors import as_told
      RuntimeError("Failed to spawn background thread 'a': Resource temporarily unavailable")],
 )  # fmt: skip
 def test_a_library_without_memory_is_no_internal_error(error: Exception) -> None:
-    told = as_told(error)
+    told = as_user_error(error)
     assert told.text == "out of memory"
     assert "ulimit -v unlimited" in told.hint
-    assert as_told(ValueError("x")).text.startswith("internal error")
+    assert as_user_error(ValueError("x")).text.startswith("internal error")

@@ -6,7 +6,7 @@ from string import Formatter
 
 import pytest
 
-from adhesion_cli.core.finding import Finding, catalogue, merged
+from adhesion_cli.core.finding import Finding, catalogue, merge_spans
 
 ROOT = Path(__file__).parents[2] / "adhesion_cli"
 
@@ -42,5 +42,5 @@ def test_a_finding_fills_its_words() -> None:
 
 
 def test_spans_are_merged_across_the_smallest_gaps() -> None:
-    assert merged([(5.0, 6.0), (0.0, 1.0), (0.5, 2.0)]) == ((0.0, 2.0), (5.0, 6.0))
-    assert merged([(0.0, 1.0), (1.5, 2.0), (9.0, 9.5)], most=2) == ((0.0, 2.0), (9.0, 9.5))
+    assert merge_spans([(5.0, 6.0), (0.0, 1.0), (0.5, 2.0)]) == ((0.0, 2.0), (5.0, 6.0))
+    assert merge_spans([(0.0, 1.0), (1.5, 2.0), (9.0, 9.5)], limit=2) == ((0.0, 2.0), (9.0, 9.5))

@@ -65,7 +65,7 @@ def test_converts_to_si(text: str, value: float, si: float) -> None:
 
 def test_refuses_a_unit_of_another_dimension_and_names_the_right_ones() -> None:
     with pytest.raises(UserError) as error:
-        units.stated("km/h", "pressure", "bc1")
+        units.stated_unit("km/h", "pressure", "bc1")
     assert "bc1" in error.value.text
     assert "kPa" in error.value.hint
     assert error.value.code == 2

@@ -37,13 +37,13 @@ def ns(t):
 
 def run(name, t, K, y, starts=(0,), **overrides):
     est = REGISTRY[name]
-    p = methods.validated(est, overrides)
+    p = methods.validate(est, overrides)
     return compiled.batch(est, p, W, ns(t), K, y, np.array(starts))[0]
 
 
 def online(name, t, K, y, **overrides):
     est = REGISTRY[name]
-    p = methods.validated(est, overrides)
+    p = methods.validate(est, overrides)
     samples = zip(ns(t).tolist(), K.tolist(), y.tolist(), strict=True)
     return np.array(list(estimator.online(est, p, W, samples)))
 
@@ -90,8 +90,8 @@ def test_documented(name):
     for _, quantity, default in methods.parameters(est):
         assert quantity.unit
         assert quantity.text
-        assert quantity.low <= default <= quantity.high
-        assert math.isfinite(quantity.high)
+        assert quantity.minimum <= default <= quantity.maximum
+        assert math.isfinite(quantity.maximum)
 
 
 @every
@@ -259,7 +259,7 @@ def test_step_solves_the_equations(name, h):
     """Against an integrator that knows nothing of exact steps, on a line from sample to sample."""
     t = np.arange(0.0, 1.5 + h / 2.0, h)
     y = 40.0 - 2.7 * t - 0.5 * np.sin(9.0 * t)
-    f = right_side(name, methods.validated(REGISTRY[name], {}))
+    f = right_side(name, methods.validate(REGISTRY[name], {}))
     start = {"gradient": [0.0, y[0], 0.0]}.get(name, [y[0], 0.0])
     solution = solve_ivp(
         lambda at, x: f(np.interp(at, t, y), *x),
@@ -274,7 +274,7 @@ def test_step_solves_the_equations(name, h):
 def test_neso_takes_the_gains_of_the_middle(delta):
     """Whether within the linear zone or not: two matrix exponentials, of half a step and a step."""
     est = REGISTRY["neso"]
-    p = methods.validated(est, {"alpha1": 0.7, "delta": delta})
+    p = methods.validate(est, {"alpha1": 0.7, "delta": delta})
     a = W.a * W.phi
 
     def exact(b1, b2, e, d, K, rates, h):
@@ -440,8 +440,8 @@ def measured(name, seeds=(1, 2, 3)):
                     est, est.Params(), W, record.t, record.clamping_force, record.wheel_speed,
                     np.array([0]),
                 )[0]  # fmt: skip
-                c = metrics.compared(record, F, record.truth, metrics.applications(record))
-                found[algo].append((metrics.measured(c)["rmse_n"], metrics.measured(c)["lag_s"]))
+                c = metrics.compare(record, F, record.truth, metrics.find_applications(record))
+                found[algo].append((metrics.measure(c)["rmse_n"], metrics.measure(c)["lag_s"]))
     return {algo: np.mean(pairs, axis=0) for algo, pairs in found.items()}
 
 
@@ -471,12 +471,12 @@ finite = st.floats(-1e9, 1e9, allow_nan=False)
 def test_finite_for_any_finite_input(name, samples, data):
     est = REGISTRY[name]
     overrides = {
-        key: data.draw(st.floats(q.low, q.high), label=key)
+        key: data.draw(st.floats(q.minimum, q.maximum), label=key)
         for key, q, _ in methods.parameters(est)
         if key != "euler"
     }
     t, K, y = (np.array(column) for column in zip(*samples, strict=True))
-    p = methods.validated(est, overrides)
+    p = methods.validate(est, overrides)
     for parameters in (est.Params(), p):
         F = compiled.batch(est, parameters, W, np.cumsum(t), abs(K), y, np.array([0]))[0]
         assert np.isfinite(F).all()
@@ -562,7 +562,7 @@ def test_a_sixth_estimator_is_one_file(tmp_path):
     assert list(estimator.registry(tmp_path)) == sorted([*REGISTRY, "difference"])
     t = jittery(300, seed=7)
     K, y, _ = slide(t)
-    p = methods.validated(est, {"gain": 0.5})
+    p = methods.validate(est, {"gain": 0.5})
     F = compiled.batch(est, p, W, ns(t), K, y, np.array([0, 100]))[0]
     expected = 0.5 * (W.phi * K[1:] + np.diff(y) / (np.diff(ns(t)) * 1e-9) / W.a)
     expected[99] = 0.0
@@ -599,14 +599,14 @@ def test_registry_refuses_a_name_twice_and_a_folder_that_is_none(tmp_path):
 
 def test_parameters_are_checked():
     est = REGISTRY["neso"]
-    assert methods.validated(est, {"beta1": 100}).beta1 == 100.0
-    assert methods.validated(est, {}) == est.Params()
+    assert methods.validate(est, {"beta1": 100}).beta1 == 100.0
+    assert methods.validate(est, {}) == est.Params()
     with pytest.raises(UserError, match="beta3") as caught:
-        methods.validated(est, {"beta3": 1.0})
+        methods.validate(est, {"beta3": 1.0})
     assert "beta1" in caught.value.hint or "beta2" in caught.value.hint
     for value in (-1.0, 1e99, math.nan):
         with pytest.raises(UserError, match="out of range"):
-            methods.validated(est, {"delta": value})
+            methods.validate(est, {"delta": value})
 
 
 def test_wheelset_fields_are_floats():

@@ -14,7 +14,7 @@ from adhesion_cli.estimators import _noise
 from adhesion_cli.evaluation import metrics
 
 IMM = REGISTRY["imm"]
-P = methods.validated(IMM, {})
+P = methods.validate(IMM, {})
 H = 0.01  # [s]
 PULSE = 2.0 * math.pi / 100.0  # of a counter [rad]
 
@@ -33,9 +33,9 @@ def states(t, K, y, unit=1.0):
 
 def learned(readings):
     """What is known of the noise of these readings, one every `H`."""
-    noise = _noise.guessed(0.02, readings[0])
+    noise = _noise.initial_noise(0.02, readings[0])
     for y in readings[1:]:
-        noise = _noise.learned(noise, y, H, -2.7 * H, P.memory)
+        noise = _noise.learn(noise, y, H, -2.7 * H, P.memory)
     return noise
 
 
@@ -50,13 +50,13 @@ def test_learns_the_variance_of_white_noise(sigma):
     noise = learned((ramp() + np.random.default_rng(1).normal(0.0, sigma, 3000)).tolist())
     assert math.sqrt(noise.variance) == pytest.approx(sigma, rel=0.1)
     assert _noise.rounding(noise) == 0.0
-    assert not _noise.counting(noise)
+    assert not _noise.is_counter(noise)
 
 
 def test_learns_the_step_of_a_display():
     noise = learned((np.round(ramp() / 0.32) * 0.32).tolist())
     assert _noise.rounding(noise) == pytest.approx(0.32)
-    assert not _noise.counting(noise)
+    assert not _noise.is_counter(noise)
 
 
 def test_learns_the_tick_of_a_timer():
@@ -71,7 +71,7 @@ def test_learns_the_tick_of_a_timer():
 def test_recognises_a_counter():
     total = np.floor(np.cumsum(ramp()) * H / PULSE)
     noise = learned((np.diff(total) * PULSE / H).tolist())
-    assert _noise.counting(noise)
+    assert _noise.is_counter(noise)
     assert _noise.rounding(noise) == pytest.approx(PULSE / H)
 
 
@@ -201,7 +201,7 @@ def test_its_band_holds_the_true_force(name):
     """Not the vehicle's tolerances: the simulated vehicle is the stated one."""
     for record in simulated(name, seed=4):
         found = states(record.t * 1e-9, record.clamping_force, record.wheel_speed)
-        used = np.r_[metrics.applications(record)]
+        used = np.r_[metrics.find_applications(record)]
         error = np.array([s.F for s in found])[used] - record.truth[used]
         sigma = np.array([s.sigma for s in found])[used]
         assert np.mean(np.abs(error) < Z95 * sigma) > 0.90

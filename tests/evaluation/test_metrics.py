@@ -44,7 +44,7 @@ def record(
 
 def compared(t: Floats, estimate: Floats, target: Floats) -> metrics.Comparison:
     r = record(t, force(t) / 0.27)
-    c = metrics.compared(r, estimate, target, metrics.applications(r))
+    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
     assert c is not None
     return c
 
@@ -56,7 +56,7 @@ def test_lag_gain_and_bias_are_told_apart(
 ) -> None:
     t = times(rate)
     c = compared(t, factor * force(t - late) + offset, force(t))
-    lag, gain = metrics.measured(c)["lag_s"], metrics.measured(c)["gain"]
+    lag, gain = metrics.measure(c)["lag_s"], metrics.measure(c)["gain"]
     assert lag == pytest.approx(late, abs=0.02 + 0.3 / rate)
     assert gain == pytest.approx(factor, rel=0.03)
 
@@ -66,19 +66,19 @@ def test_lag_gain_and_bias_are_told_apart(
 def test_a_constant_error_is_bias_and_nothing_else(rate: float, offset: float) -> None:
     t = times(rate)
     c = compared(t, force(t) + offset, force(t))
-    assert metrics.measured(c)["bias_n"] == pytest.approx(offset)
-    assert metrics.measured(c)["rmse_n"] == pytest.approx(abs(offset))
-    assert metrics.measured(c)["max_error_n"] == pytest.approx(offset)
-    assert metrics.measured(c)["lag_s"] == pytest.approx(0.0, abs=1e-3)
-    assert metrics.measured(c)["gain"] == pytest.approx(1.0, abs=1e-3)
+    assert metrics.measure(c)["bias_n"] == pytest.approx(offset)
+    assert metrics.measure(c)["rmse_n"] == pytest.approx(abs(offset))
+    assert metrics.measure(c)["max_error_n"] == pytest.approx(offset)
+    assert metrics.measure(c)["lag_s"] == pytest.approx(0.0, abs=1e-3)
+    assert metrics.measure(c)["gain"] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_noise_shifts_neither_lag_nor_gain() -> None:
     t = times(100.0)
     noise = np.random.default_rng(3).normal(0.0, 500.0, len(t))
     c = compared(t, 0.8 * force(t - 0.25) + noise, force(t))
-    assert metrics.measured(c)["lag_s"] == pytest.approx(0.25, abs=0.03)
-    assert metrics.measured(c)["gain"] == pytest.approx(0.8, abs=0.03)
+    assert metrics.measure(c)["lag_s"] == pytest.approx(0.25, abs=0.03)
+    assert metrics.measure(c)["gain"] == pytest.approx(0.8, abs=0.03)
 
 
 @pytest.mark.parametrize("target", [5000.0, 0.0])
@@ -88,15 +88,15 @@ def test_a_constant_target_shows_neither_lag_nor_gain(target: float) -> None:
         target > 0
     )
     c = compared(t, flat + np.sin(t), flat)
-    assert metrics.measured(c)["lag_s"] is None
-    assert metrics.measured(c)["gain"] is None
+    assert metrics.measure(c)["lag_s"] is None
+    assert metrics.measure(c)["gain"] is None
     assert metrics.response(c) is None
 
 
 def test_an_unrelated_estimate_has_no_lag() -> None:
     t = times(100.0)
     noise = np.random.default_rng(4).normal(0.0, 2000.0, len(t))
-    assert metrics.measured(compared(t, noise, force(t)))["lag_s"] is None
+    assert metrics.measure(compared(t, noise, force(t)))["lag_s"] is None
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
@@ -107,7 +107,7 @@ def test_response_is_the_time_to_95_percent_of_a_step(rate: float, tau: float) -
     target = np.where(t >= 2.0, 5400.0, 0.0)
     estimate = 5400.0 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / tau))
     r = record(t, K)
-    c = metrics.compared(r, estimate, target, metrics.applications(r))
+    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(tau * np.log(20.0), abs=1.5 / rate)
 
@@ -117,10 +117,10 @@ def test_response_to_a_step_between_two_levels() -> None:
     target = np.where(t >= 6.0, 2700.0, 5400.0)
     r = record(t, np.full(len(t), 21000.0))
     late = np.where(t >= 6.35, 2700.0, 5400.0)
-    c = metrics.compared(r, late, target, metrics.applications(r))
+    c = metrics.compare(r, late, target, metrics.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(0.35, abs=0.011)
-    never = metrics.compared(r, np.full(len(t), 5400.0), target, metrics.applications(r))
+    never = metrics.compare(r, np.full(len(t), 5400.0), target, metrics.find_applications(r))
     assert never is not None
     assert metrics.response(never) is None
 
@@ -130,7 +130,7 @@ def test_an_estimate_that_never_gets_there_has_no_response(factor: float) -> Non
     t = np.arange(0.0, 20.0, 0.01)
     target = np.where((t >= 2.0) & (t < 12.0), 5400.0, 0.0)  # and a release, as high as the step
     r = record(t, target / 0.27)
-    c = metrics.compared(r, factor * target, target, metrics.applications(r))
+    c = metrics.compare(r, factor * target, target, metrics.find_applications(r))
     assert c is not None
     assert metrics.response(c) is None
 
@@ -146,7 +146,7 @@ def test_noise_and_a_release_do_not_choose_the_response(
     target = np.where(pressed, 5400.0, 0.0) + noise[0]
     estimate = 5400.0 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / tau)) * (t < 12.0) + noise[1]
     r = record(t, pressed * 2e4)
-    c = metrics.compared(r, estimate, target, metrics.applications(r))
+    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(3.0 * tau, rel=0.15)
 
@@ -159,7 +159,7 @@ def test_response_waits_for_the_estimate_to_stay() -> None:
         since >= 0.0, 5400.0 * (1.0 - np.exp(-2.0 * since) * np.cos(6 * since)), 0
     )
     r = record(t, target / 0.27)
-    c = metrics.compared(r, overshoots, target, metrics.applications(r))
+    c = metrics.compare(r, overshoots, target, metrics.find_applications(r))
     assert c is not None
     below = since[(overshoots < 0.95 * 5400.0) & (since > 0.0)]
     assert below[-1] > 1.0 > since[(overshoots > 5400.0)][0]
@@ -171,12 +171,12 @@ def test_a_periodic_force_is_late_and_not_early(late: float) -> None:
     t = np.arange(0.0, 30.0, 0.01)
     wave = 3000.0 + 1000.0 * np.sin(np.pi * t)
     r = record(t, np.full(len(t), 2e4))
-    c = metrics.compared(
-        r, 3000.0 + 1000.0 * np.sin(np.pi * (t - late)), wave, metrics.applications(r)
+    c = metrics.compare(
+        r, 3000.0 + 1000.0 * np.sin(np.pi * (t - late)), wave, metrics.find_applications(r)
     )
     assert c is not None
-    assert metrics.measured(c)["lag_s"] == pytest.approx(late, abs=0.01)
-    assert metrics.measured(c)["gain"] == pytest.approx(1.0, abs=0.01)
+    assert metrics.measure(c)["lag_s"] == pytest.approx(late, abs=0.01)
+    assert metrics.measure(c)["gain"] == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize("back", [0.5, 5.0, 30.0])
@@ -186,10 +186,12 @@ def test_a_clock_set_back_in_mid_brake_does_not_change_the_score(back: float) ->
     r = record(np.where(t < 12.0, t, t - back), K, splits=(1200,))
     truth, estimate = 0.27 * K, 0.27 * K + 50.0
     estimate[1200:] -= 5000.0 * np.exp(-(t[1200:] - t[1200]) / 0.3)  # it starts anew
-    applications = metrics.applications(r)
-    assert metrics.started(r, applications) == [slice(1200, 1200 + round(100 * metrics.START_UP))]
+    applications = metrics.find_applications(r)
+    assert metrics.find_start_ups(r, applications) == [
+        slice(1200, 1200 + round(100 * metrics.START_UP))
+    ]
     r = replace(r, truth=truth)
-    (score,) = metrics.scores(r, reference(truth), {"late": estimate}, applications)
+    (score,) = metrics.score_estimates(r, reference(truth), {"late": estimate}, applications)
     assert score.rmse_n == pytest.approx(50.0, rel=0.01)
     assert score.ripple_n is not None
 
@@ -205,9 +207,9 @@ def test_a_gap_in_mid_brake_does_not_change_the_score(gaps: int) -> None:
         since = t[first:] - t[first]
         estimate[first:] = truth[first:] + 50.0 - 5000.0 * np.exp(-since / 0.3)
     r = replace(r, truth=truth)
-    applications = metrics.applications(r)
-    assert [s.start for s in metrics.started(r, applications)] == at
-    (score,) = metrics.scores(r, reference(truth), {"late": estimate}, applications)
+    applications = metrics.find_applications(r)
+    assert [s.start for s in metrics.find_start_ups(r, applications)] == at
+    (score,) = metrics.score_estimates(r, reference(truth), {"late": estimate}, applications)
     assert score.rmse_n == pytest.approx(50.0, rel=0.01)
     assert score.max_error_n == pytest.approx(50.0, rel=0.01)
 
@@ -229,7 +231,8 @@ def test_ripple_is_what_is_quick_and_not_a_step(step: float, rate: float) -> Non
 
 def spans(r: AxleRecord) -> list[tuple[float, float]]:
     return [
-        ((r.t[s][0] - r.t[0]) * 1e-9, (r.t[s][-1] - r.t[0]) * 1e-9) for s in metrics.applications(r)
+        ((r.t[s][0] - r.t[0]) * 1e-9, (r.t[s][-1] - r.t[0]) * 1e-9)
+        for s in metrics.find_applications(r)
     ]
 
 
@@ -281,9 +284,9 @@ def test_applications_stay_within_segments_and_out_of_standstill() -> None:
 def test_coasting_has_no_application() -> None:
     t = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(7).normal(0.0, 30.0, len(t))
-    assert metrics.applications(record(t, np.maximum(noise, 0.0))) == ()
-    assert metrics.applications(record(t, np.zeros(len(t)))) == ()
-    assert metrics.applications(record(t, np.zeros(len(t)), np.zeros(len(t)))) == ()
+    assert metrics.find_applications(record(t, np.maximum(noise, 0.0))) == ()
+    assert metrics.find_applications(record(t, np.zeros(len(t)))) == ()
+    assert metrics.find_applications(record(t, np.zeros(len(t)), np.zeros(len(t)))) == ()
 
 
 def reference(F: Floats) -> Reference:
@@ -294,16 +297,18 @@ def test_an_estimate_with_an_uncertainty_is_scored_on_its_band() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
     estimates = {"sure": force(t) + 100.0, "none": force(t)}
-    applications = metrics.applications(r)
+    applications = metrics.find_applications(r)
     used = np.r_[applications]
     sigma = np.full(len(t), 50.0)  # too small for an error of 100 N, but at every second sample
     sigma[used[::2]] = 52.0
-    found = metrics.scores(r, reference(force(t)), estimates, applications, {"sure": sigma})
+    found = metrics.score_estimates(
+        r, reference(force(t)), estimates, applications, {"sure": sigma}
+    )
     none, sure = found
     assert none.band_n is none.within is None
     assert sure.within == pytest.approx(0.5, abs=0.01)
     assert 1.95 * 50.0 < sure.band_n < 1.97 * 52.0
-    (pooled, _) = sorted(metrics.overall([found, found]), key=lambda s: s.algo, reverse=True)
+    (pooled, _) = sorted(metrics.pool_scores([found, found]), key=lambda s: s.algo, reverse=True)
     assert (pooled.band_n, pooled.within) == (sure.band_n, sure.within)
 
 
@@ -314,9 +319,9 @@ def test_a_difference_within_the_references_noise_is_marked(noise: float) -> Non
     r = record(t, force(t) / 0.27)
     of = replace(reference(force(t)), sigma=np.full(len(t), noise))
     estimates = {"a": force(t) + 100.0, "b": force(t) - 101.0, "far": force(t) + 400.0}
-    found = metrics.scores(r, of, estimates, metrics.applications(r))
+    found = metrics.score_estimates(r, of, estimates, metrics.find_applications(r))
     assert [s.alike for s in found] == [True, noise > 1.0, False]
-    pooled = metrics.overall([found, found])
+    pooled = metrics.pool_scores([found, found])
     assert [s.alike for s in pooled] == [True, noise > 1.0, False]
 
 
@@ -325,7 +330,7 @@ def test_against_the_truth_only_equals_are_alike() -> None:
     r = replace(record(t, force(t) / 0.27), truth=force(t))
     estimates = {"a": force(t) + 100.0, "b": force(t) - 100.0, "c": force(t) + 100.1}
     of = replace(reference(force(t)), sigma=np.full(len(t), 1e4))
-    found = metrics.scores(r, of, estimates, metrics.applications(r))
+    found = metrics.score_estimates(r, of, estimates, metrics.find_applications(r))
     assert [s.alike for s in found] == [True, True, False]
 
 
@@ -333,7 +338,7 @@ def test_scores_prefer_truth_and_rank_by_rmse() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
     estimates = {"far": force(t) + 300.0, "near": force(t) + 100.0, "none": np.full(len(t), np.nan)}
-    found = metrics.scores(r, reference(force(t)), estimates, metrics.applications(r))
+    found = metrics.score_estimates(r, reference(force(t)), estimates, metrics.find_applications(r))
     assert [s.algo for s in found] == ["near", "far", "none"]
     assert [s.relative for s in found] == [1.0, pytest.approx(3.0), None]
     assert {s.against for s in found} == {"reference"}
@@ -347,7 +352,9 @@ def test_scores_prefer_truth_and_rank_by_rmse() -> None:
         r.segments,
         truth=force(t) + 300.0,
     )
-    found = metrics.scores(known, reference(force(t)), estimates, metrics.applications(r))
+    found = metrics.score_estimates(
+        known, reference(force(t)), estimates, metrics.find_applications(r)
+    )
     assert [s.algo for s in found] == ["far", "near", "none"]
     assert found[0].against == "truth"
 
@@ -356,13 +363,13 @@ def test_samples_without_target_are_left_out() -> None:
     t = times(50.0)
     target = np.where(np.mod(t, 3.0) < 0.5, np.nan, force(t))
     c = compared(t, force(t) + 50.0, target)
-    assert metrics.measured(c)["rmse_n"] == pytest.approx(50.0)
+    assert metrics.measure(c)["rmse_n"] == pytest.approx(50.0)
 
 
 def test_every_metric_is_a_column_of_the_score() -> None:
     given = {"algo", "against", "relative", "band_n", "within", "alike", "blocks", "nis"}
     t = np.arange(0.0, 20.0, 0.02)
-    every = metrics.measured(compared(t, force(t), force(t)))
+    every = metrics.measure(compared(t, force(t), force(t)))
     assert set(Score.__dataclass_fields__) - given == set(every)
 
 
@@ -376,12 +383,12 @@ def test_overall_pools_axles_and_passes_over_those_without_a_score() -> None:
         [score("a", 40.0, 80.0), score("b", 50.0, 60.0)],
         [score("a", None), score("b", None)],
     ]
-    best, second = metrics.overall(groups)
+    best, second = metrics.pool_scores(groups)
     assert (best.algo, second.algo) == ("a", "b")
     assert best.rmse_n == pytest.approx(np.sqrt(1250.0))
     assert (best.bias_n, best.max_error_n, best.relative) == (17.5, -90.0, 1.0)
     assert second.relative == pytest.approx(np.sqrt(1300.0 / 1250.0))
     mixed = [*groups, [Score("a", "reference", 5.0, 0.0, 9.0, None, None, None, None)]]
-    assert [(s.algo, s.against) for s in metrics.overall(mixed)] == [
+    assert [(s.algo, s.against) for s in metrics.pool_scores(mixed)] == [
         ("a", "truth"), ("b", "truth"), ("a", "reference"),
     ]  # fmt: skip

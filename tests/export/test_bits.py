@@ -15,7 +15,7 @@ from adhesion_cli.channels.log import read
 from adhesion_cli.core import bundled, estimator
 from adhesion_cli.core.controller import Observed
 from adhesion_cli.core.estimator import Sample
-from adhesion_cli.core.methods import Method, validated
+from adhesion_cli.core.methods import Method, validate
 from adhesion_cli.core.model import Vehicle, quantities
 from adhesion_cli.export import files, vectors
 from adhesion_cli.formats.open import open_source
@@ -70,20 +70,20 @@ def test_every_bundled_log_is_there():
 def test_an_estimator_on_a_log(compiled, name, log):
     est = ESTIMATORS[name]
     for samples in segments(log):
-        runs_alike(compiled(name), est, validated(est, {}), samples)
+        runs_alike(compiled(name), est, validate(est, {}), samples)
 
 
 def numbers(of, *names):
     """Values in the ranges of the annotated types, with their ends."""
     known = quantities(of)
-    return st.tuples(*(st.floats(known[x].low, known[x].high) for x in names))
+    return st.tuples(*(st.floats(known[x].minimum, known[x].maximum) for x in names))
 
 
 def some(method: Method):
     """Parameters anywhere in their ranges."""
     known = quantities(method.Params)
-    high = {name: min(q.high, 1e9) for name, q in known.items()}
-    values = {name: st.floats(q.low, high[name]) for name, q in known.items()}
+    high = {name: min(q.maximum, 1e9) for name, q in known.items()}
+    values = {name: st.floats(q.minimum, high[name]) for name, q in known.items()}
     defaults = method.Params()
     return st.one_of(st.just(defaults), st.builds(method.Params, **values))
 
@@ -123,7 +123,7 @@ def test_an_estimator_on_random_inputs(compiled, name, data):
 @pytest.mark.parametrize("name", sorted(set(METHODS) - set(ESTIMATORS)))
 def test_a_control_law_on_a_log(compiled, name):
     law, c = METHODS[name], compiled(name)
-    p = validated(law, {})
+    p = validate(law, {})
     rows = vectors.of_controller(law, p, {}, VEHICLE).rows
     state = law.init(p, Observed(*rows[0][1:]))
     assert c.init(p, rows[0][1:]) == "OK"
@@ -143,8 +143,8 @@ def test_a_control_law_on_random_inputs(compiled, name, data):
     law, c = METHODS[name], compiled(name)
     p = data.draw(some(law))
     q = quantities(Observed)
-    each = [st.floats(x.low, x.high) for x in q.values()]
-    near = [st.floats(x.low, min(x.high, 0.4)) if n == "slip" else s
+    each = [st.floats(x.minimum, x.maximum) for x in q.values()]
+    near = [st.floats(x.minimum, min(x.maximum, 0.4)) if n == "slip" else s
             for (n, x), s in zip(q.items(), each, strict=True)]  # fmt: skip
     slope = list(q).index("slope")
     near[slope] = st.one_of(st.just(math.nan), st.floats(-0.1, 0.1), each[slope])
@@ -164,17 +164,21 @@ def test_what_is_out_of_range_is_refused(compiled, name):
     method, c = METHODS[name], compiled(name)
     p, of = method.Params(), Observed if name not in ESTIMATORS else Sample
     known = dict(list(quantities(of).items())[0 if of is Observed else 1 :])
-    good = [0.5 * (q.low + q.high) for q in known.values()]
+    good = [0.5 * (q.minimum + q.maximum) for q in known.values()]
     assert c.init(p, good) == "OK"
     assert c.step(0.01, good) == "OK"
     kept = bytes(c.memory)
     for field, q in quantities(method.Params).items():
-        for bad in (math.nan, math.nextafter(q.low, -math.inf), math.nextafter(q.high, math.inf)):
+        for bad in (
+            math.nan,
+            math.nextafter(q.minimum, -math.inf),
+            math.nextafter(q.maximum, math.inf),
+        ):
             assert c.init(p._replace(**{field: bad}), good) == "BAD_PARAMETER"
     read = [i for i, x in enumerate(known) if of is Sample or (x in c.read and x != "at_least")]
     for i in read:
         q = list(known.values())[i]
-        bad = [math.nextafter(q.low, -math.inf), math.nextafter(q.high, math.inf), math.inf]
+        bad = [math.nextafter(q.minimum, -math.inf), math.nextafter(q.maximum, math.inf), math.inf]
         for x in [*bad, *([] if q.optional else [math.nan])]:
             assert c.step(0.01, [*good[:i], x, *good[i + 1 :]]) == "BAD_INPUT"
             assert c.init(p, [*good[:i], x, *good[i + 1 :]]) == "BAD_INPUT"
@@ -192,7 +196,7 @@ def test_a_state_without_init_is_refused(compiled, name, byte):
     method, c = METHODS[name], compiled(name)
     of = Sample if name in ESTIMATORS else Observed
     known = list(quantities(of).values())[1 if of is Sample else 0 :]
-    good = [0.5 * (q.low + q.high) for q in known]
+    good = [0.5 * (q.minimum + q.maximum) for q in known]
     ctypes.memset(c.memory, byte, ctypes.sizeof(c.memory))
     assert c.step(0.01, good) == "NOT_BEGUN"
     refused = {next(iter(method.Params._fields)): math.nan}

@@ -511,7 +511,7 @@ def test_a_short_log_knows_its_error(name: str, rate: float, n: int) -> None:
     record, _ = logged(name, rate, pressure_noise=500.0)
     shares = []
     for first in np.linspace(0.1, 0.8, 20) * len(record):
-        part = record.cut(slice(int(first), int(first) + n))
+        part = record.extract(slice(int(first), int(first) + n))
         F = force.compute(part, VEHICLE)
         shares.append(share_inside(F, part.truth, np.isfinite(F.force)))
     assert np.nanmean(shares) >= 0.8

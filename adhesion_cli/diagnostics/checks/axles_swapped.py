@@ -42,20 +42,20 @@ class Params(NamedTuple):
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """One finding per axle that follows another."""
     axles, g = s.axles, s.grid
-    every, reach = range(len(axles)), min(round(p.reach / g.step), g.rim.shape[1] // 4)
-    slides = [len(true_runs(g.share[i] < p.share)) >= p.slides for i in every]
+    indices, reach = range(len(axles)), min(round(p.reach / g.step), g.rim.shape[1] // 4)
+    slides = [len(true_runs(g.share[i] < p.share)) >= p.slides for i in indices]
     if not any(slides):
         return
     shifts = sorted(range(-reach, reach + 1), key=abs)
-    own = np.array([[_follows(p, g, i, i, k) for i in every] for k in shifts])
-    late = own[np.argmax(own.mean(axis=1))]
-    for i in (i for i in every if slides[i]):
-        follows = [_follows(p, g, i, j) for j in every]
+    own_correlation = np.array([[_follows(p, g, i, i, k) for i in indices] for k in shifts])
+    delayed_correlation = own_correlation[np.argmax(own_correlation.mean(axis=1))]
+    for i in (i for i in indices if slides[i]):
+        follows = [_follows(p, g, i, j) for j in indices]
         j = int(np.argmax(follows))
-        if follows[j] > max(p.follows, late[i] / 0.9) and follows[i] < p.own:
+        if follows[j] > max(p.follows, delayed_correlation[i] / 0.9) and follows[i] < p.own:
             values = {"axle": axles[i].record.axle, "other_axle": axles[j].record.axle}
-            where = g.share[i] < p.share
-            yield s.finding("axles-swapped", "warning", axles[i].speed, where, i, values)
+            mask = g.share[i] < p.share
+            yield s.finding("axles-swapped", "warning", axles[i].speed, mask, i, values)
 
 
 def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:
@@ -67,8 +67,8 @@ def _follows(p: Params, g: Grid, i: int, j: int, shift: int = 0) -> float:
     kinks = -_kink(g.clamping)
     n = len(change)
     release[:, max(-shift, 0) : n - max(shift, 0)] = kinks[:, max(shift, 0) : n - max(-shift, 0)]
-    used = (g.share[i] < p.share) & np.isfinite(change) & np.isfinite(release).all(axis=0)
-    x, y = change[used], release[j][used]
+    selected = (g.share[i] < p.share) & np.isfinite(change) & np.isfinite(release).all(axis=0)
+    x, y = change[selected], release[j][selected]
     if len(x) < p.samples or not np.ptp(x) or np.ptp(y) <= 0.2 * float(np.nanmax(g.clamping)):
         return 0.0
     return float(np.corrcoef(x, y)[0, 1])

@@ -32,18 +32,18 @@ class Params(NamedTuple):
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Pieces with an impossible gradient; slower than explained is positive."""
     g = s.grid
-    where, most = np.zeros(g.rim.shape[-1], dtype=np.bool_), 0.0
-    for begin, end, gradient in s.explanation.pieces:
-        sure = abs(gradient.value) - p.sigmas * gradient.tolerance > p.gradient
-        if sure and end - begin > p.lasts:
-            where[round(begin / g.step) : round(end / g.step) + 1] = True
-            most = max(most, -gradient.value, key=abs)
-    if where.any():
-        values = {"difference_mps2": most, "gradient_share": abs(most) / G}
+    mask, largest = np.zeros(g.rim.shape[-1], dtype=np.bool_), 0.0
+    for start, stop, gradient in s.explanation.pieces:
+        is_significant = abs(gradient.value) - p.sigmas * gradient.tolerance > p.gradient
+        if is_significant and stop - start > p.lasts:
+            mask[round(start / g.step) : round(stop / g.step) + 1] = True
+            largest = max(largest, -gradient.value, key=abs)
+    if mask.any():
+        values = {"difference_mps2": largest, "gradient_share": abs(largest) / G}
         # Rollers hold the speed: the force itself was measured there, and nothing ever slows.
         measured = s.axles[0].brake.meaning == "clamping_force"
-        rig = measured and most < 0.0 and not (g.braking > p.rig).any()
+        rig = measured and largest < 0.0 and not (g.braking > p.rig).any()
         # A wheel that slows too little may slide: nothing else tells how fast the train is.
-        slides = g.train is None and len(s.axles) == 1 and most < 0.0
+        slides = g.train is None and len(s.axles) == 1 and largest < 0.0
         severity: Severity = "info" if rig or slides else "warning"
-        yield s.finding("deceleration-unexplained", severity, s.axles[0].brake, where, 0, values)
+        yield s.finding("deceleration-unexplained", severity, s.axles[0].brake, mask, 0, values)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...core.finding import Finding
 from ...core.model import Quantity
-from ...core.units import others
+from ...core.units import alternative_units
 from ...train.grid import largest
 from ..registry import About
 from ..scene import Scene
@@ -35,26 +35,26 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     for i, (a, rim) in enumerate(zip(s.axles, s.grid.rim, strict=True)):
         if (fast := rim > p.fastest).any():
             peak = float(np.nanmax(rim))
-            likely = others(a.speed, s.vehicle, lambda x: 5.0 < x * peak < 120.0)  # noqa: B023
+            likely = alternative_units(a.speed, s.vehicle, lambda x: 5.0 < x * peak < 120.0)  # noqa: B023
             unit = likely[0] if likely else "km/h"
-            values, names = {"peak_kmh": 3.6 * peak}, {"units": named(likely), "unit": unit}
+            values, names = {"peak_kmh": 3.6 * peak}, {"units": join_units(likely), "unit": unit}
             yield s.finding("speed-too-high", "warning", a.speed, fast, i, values, names)
     for i, (a, pressure) in enumerate(zip(s.axles, s.grid.pressure, strict=True)):
-        if (high := pressure > p.highest).any():
+        if (too_high := pressure > p.highest).any():
             top = float(np.nanmax(pressure))
-            likely = others(a.brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)  # noqa: B023
+            likely = alternative_units(a.brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)  # noqa: B023
             unit = likely[0] if likely else "bar"
-            values, names = {"peak_bar": top / 1e5}, {"units": named(likely), "unit": unit}
-            yield s.finding("pressure-too-high", "warning", a.brake, high, i, values, names)
+            values, names = {"peak_bar": top / 1e5}, {"units": join_units(likely), "unit": unit}
+            yield s.finding("pressure-too-high", "warning", a.brake, too_high, i, values, names)
     slowing = -s.grid.slope(s.grid.rim)
     moving = np.isfinite(slowing) & (s.grid.rim > 0.1 * np.nanmax(s.grid.rim, initial=0.0))
     hard = slowing > p.hardest
     if moving.any() and hard[moving].mean() > p.share:
         values = {"deceleration_mps2": float(np.median(slowing[moving & hard]))}
-        where = largest(slowing) > p.hardest
-        yield s.finding("deceleration-too-high", "warning", s.axles[0].speed, where, 0, values)
+        mask = largest(slowing) > p.hardest
+        yield s.finding("deceleration-too-high", "warning", s.axles[0].speed, mask, 0, values)
 
 
-def named(units: list[str]) -> str:
+def join_units(units: list[str]) -> str:
     """Units that would fit, as a message lists them."""
     return " or ".join(units) or "none known"

@@ -39,9 +39,9 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     g = s.grid
     for i, (a, pressure) in enumerate(zip(s.axles, g.pressure, strict=True)):
         top = float(np.nanmax(pressure, initial=0.0))
-        moves = np.isfinite(pressure) & (g.fastest > CRAWL)
-        low = float(np.min(pressure[moves], initial=top))
-        rests = long_runs(moves & (pressure < low + p.rest * top), p.lasts, g)
+        is_moving = np.isfinite(pressure) & (g.fastest > CRAWL)
+        lowest = float(np.min(pressure[is_moving], initial=top))
+        rests = long_runs(is_moving & (pressure < lowest + p.rest * top), p.lasts, g)
         slowing = -g.slope(g.fastest)[rests]
         if not np.isfinite(slowing).any():
             continue

@@ -8,11 +8,11 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Quantity
 from ...core.physics import cylinder_pressure, force_line
-from ...core.units import others
+from ...core.units import alternative_units
 from ...train.grid import FEWEST, largest, long_runs
 from ..registry import About
 from ..scene import Scene
-from .impossible_values import named
+from .impossible_values import join_units
 
 ABOUT = About("Braking without pressure", "force", 50)
 
@@ -37,27 +37,27 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Where the wheels slow without clamping force."""
     g, brake = s.grid, s.axles[0].brake
     top = float(np.nanmax(g.pressure, initial=0.0))
-    alone = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
-    alone &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
-    long = long_runs(alone, p.lasts, g)
-    if not long.any():
+    unbraked = (g.braking > p.least) & (g.braking < p.most) & g.rolling.any(axis=0)
+    unbraked &= g.mean(largest(g.clamping)) * s.by_rolling < 0.1 * p.least
+    lasting = long_runs(unbraked, p.lasts, g)
+    if not lasting.any():
         return
-    values = {"deceleration_mps2": float(np.median(g.braking[long]))}
-    there = float(np.median(np.nan_to_num(largest(g.pressure)[long])))
-    likely = others(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
+    values = {"deceleration_mps2": float(np.median(g.braking[lasting]))}
+    pressure_there = float(np.median(np.nan_to_num(largest(g.pressure)[lasting])))
+    likely = alternative_units(brake, s.vehicle, lambda x: 1e5 < x * top < 1e6)
     code = "brake-unknown"
     if likely and _correlation(np.mean(g.pressure, axis=0), g.braking) > p.alike:
         code, values = "pressure-unit-suspect", {**values, "peak_bar": top / 1e5}
-    elif there > p.present and s.vehicle.spring_force.value:
+    elif pressure_there > p.present and s.vehicle.spring_force.value:
         spring = float(cylinder_pressure(force_line(s.vehicle), 0.0))
         code = "pressure-below-spring"
-        values |= {"pressure_bar": there / 1e5, "spring_bar": spring / 1e5}
-    yield s.finding(code, "warning", brake, long, 0, values, {"units": named(likely)})
+        values |= {"pressure_bar": pressure_there / 1e5, "spring_bar": spring / 1e5}
+    yield s.finding(code, "warning", brake, lasting, 0, values, {"units": join_units(likely)})
 
 
 def _correlation(x: np.ndarray, y: np.ndarray) -> float:
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known], y[known]
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
     if len(x) < FEWEST or not np.ptp(x) or not np.ptp(y):
         return 0.0
     return float(np.corrcoef(x, y)[0, 1])

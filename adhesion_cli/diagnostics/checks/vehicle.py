@@ -13,12 +13,12 @@ from ...core import toml
 from ...core.finding import Finding, Severity
 from ...core.model import Quantity
 from ...core.physics import clamping_force
-from ...core.units import others
+from ...core.units import alternative_units
 from ...train import longitudinal
 from ...train.grid import FEWEST
 from ..registry import About
 from ..scene import Scene
-from .impossible_values import named
+from .impossible_values import join_units
 
 ABOUT = About("Vehicle as stated", "force", 40)
 
@@ -39,71 +39,73 @@ class Params(NamedTuple):
 
 def check(p: Params, s: Scene) -> Iterator[Finding]:
     """Another factor or unit, and whether a delay would explain the same."""
-    _, line, either, *_ = s.explanation
+    _, line, delay_or_line, *_ = s.explanation
     if line is None:
         yield from _no_vehicle(p, s)
         return
     factor = max((line.scale, line.factor), key=lambda x: abs(math.log(max(x, 1e-3))))
-    if factor > 0.0 and not _stated(p, s, factor):
-        yield _another(p, s, factor)
-    if either:
+    if factor > 0.0 and not _within_tolerance(p, s, factor):
+        yield _vehicle_finding(p, s, factor)
+    if delay_or_line:
         yield s.finding("delay-or-vehicle", "info", s.axles[0].brake)
 
 
 def _no_vehicle(p: Params, s: Scene) -> Iterator[Finding]:
     """A factor that only another unit explains, such as that of time."""
     K = s.grid.mean(np.mean(s.grid.clamping, axis=0))
-    on = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
-    if on.sum() >= FEWEST:
-        factor = float(np.median(s.grid.braking[on]) / (s.by_rolling * np.median(K[on])))
+    braked = np.isfinite(s.grid.braking) & (0.5 * np.nanmax(K, initial=0.0) < K)
+    if braked.sum() >= FEWEST:
+        factor = float(np.median(s.grid.braking[braked]) / (s.by_rolling * np.median(K[braked])))
         if factor > 0.0 and not 0.02 < factor < 50.0 and _units(p, s, factor):
-            yield _another(p, s, factor)
+            yield _vehicle_finding(p, s, factor)
 
 
-def _stated(p: Params, s: Scene, factor: float) -> bool:
+def _within_tolerance(p: Params, s: Scene, factor: float) -> bool:
     """Whether the stated tolerances allow that the train slows so many times as hard."""
     return abs(math.log(factor)) < math.log1p(p.sigmas * longitudinal.tolerance(s.vehicle))
 
 
-def _another(p: Params, s: Scene, factor: float) -> Finding:
+def _vehicle_finding(p: Params, s: Scene, factor: float) -> Finding:
     """That the train slows so many times as hard as it should."""
     brake, units = s.axles[0].brake, _units(p, s, factor)
     values = {"factor": factor}
     if units or not 1.0 / p.any_vehicle < factor < p.any_vehicle:
-        names = {"candidates": named(units)}
+        names = {"candidates": join_units(units)}
         return s.finding("deceleration-unit-suspect", "warning", brake, None, 0, values, names)
     severity: Severity = "info" if factor > 1.0 and s.grid.slid_together else "warning"
     friction, mass = factor * s.vehicle.friction.value, s.vehicle.axle_mass.value / factor
     # No pad has another friction; an axle is one of an empty tram to a loaded ore wagon.
     fits = [toml.option(f"vehicle.friction = {friction:.2g}")] * (0.05 < friction < 0.6)
     fits += [toml.option(f"vehicle.axle_mass = {mass:.0f}")] * (2e3 < mass < 45e3)
-    names = {"fits": named(fits)}
+    names = {"fits": join_units(fits)}
     return s.finding("vehicle-suspect", severity, brake, None, 0, values, names)
 
 
 def _units(p: Params, s: Scene, factor: float) -> list[str]:
     """What could be in another unit, so that the pressure explains the deceleration."""
-    near = p.near if 1.0 / p.any_vehicle < factor < p.any_vehicle else 1.6
+    tolerance = p.near if 1.0 / p.any_vehicle < factor < p.any_vehicle else 1.6
 
-    def one(x: float) -> bool:
-        return abs(math.log(x)) < math.log(near)
+    def is_near_one(x: float) -> bool:
+        return abs(math.log(x)) < math.log(tolerance)
 
     a, g, vehicle = s.axles[0], s.grid, s.vehicle
     K = float(np.nanmean(g.clamping))
 
     def pressed(times: float) -> bool:
         pressure = times * g.pressure[np.isfinite(g.pressure)]
-        return one(factor * K / max(float(np.mean(clamping_force(pressure, vehicle))), 1e-9))
+        return is_near_one(
+            factor * K / max(float(np.mean(clamping_force(pressure, vehicle))), 1e-9)
+        )
 
     # The train's deceleration is the train speed's, where there is one.
     by_train = a.train if g.train is not None else None
-    speed = others(by_train or a.speed, vehicle, lambda x: one(factor * x))
+    speed = alternative_units(by_train or a.speed, vehicle, lambda x: is_near_one(factor * x))
     by_pressure = a.brake.meaning == "pressure"
-    fits: Callable[[float], bool] = pressed if by_pressure else lambda x: one(factor / x)
-    what = "pressure" if by_pressure else "clamping force"
-    found = [f"{'train' if by_train else 'wheel'} speed in {u}" for u in speed]
-    found += [f"{what} in {u}" for u in others(a.brake, vehicle, fits)]
+    fits: Callable[[float], bool] = pressed if by_pressure else lambda x: is_near_one(factor / x)
+    quantity = "pressure" if by_pressure else "clamping force"
+    candidates = [f"{'train' if by_train else 'wheel'} speed in {u}" for u in speed]
+    candidates += [f"{quantity} in {u}" for u in alternative_units(a.brake, vehicle, fits)]
     for times, unit in ((1e-3, "ms for s, or us for ms"), (1e3, "s for ms, or ms for us")):
-        if one(factor / times):
-            found.append(f"time in another unit ({unit})")
-    return found
+        if is_near_one(factor / times):
+            candidates.append(f"time in another unit ({unit})")
+    return candidates

@@ -44,36 +44,41 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
     if reference is None:
         if len(s.axles) < 3:
             return
-        free = np.all([erode(K <= 0.0, g.half_width) for K in g.clamping], axis=0)
-        reference, of_train = np.where(free, np.median(g.rim, axis=0), np.nan), "the other axles"
+        released_all = np.all([erode(K <= 0.0, g.half_width) for K in g.clamping], axis=0)
+        reference, of_train = (
+            np.where(released_all, np.median(g.rim, axis=0), np.nan),
+            "the other axles",
+        )
     for i, a in enumerate(s.axles):
         released = erode(g.clamping[i] <= 0.0, 2 * g.half_width)  # a wheel that slid has caught up
-        between = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
-        between += g.train_error  # of one that was integrated
-        off = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
-        allowed = p.apart * reference + p.apart_floor + between
+        delay_error = max(g.step, a.record.train_speed_interval) * np.abs(g.slope(reference))
+        delay_error += g.train_error  # of one that was integrated
+        difference = np.where(reference > CRAWL, g.rim[i] - reference, 0.0)
+        allowed = p.apart * reference + p.apart_floor + delay_error
         braked = np.isfinite(g.braking)  # not driven
-        where = long_runs((off > allowed) & braked | (off < -allowed) & released, p.lasts, g)
-        if where.any():
-            share = float(np.median(off[where] / reference[where]))
+        mask = long_runs(
+            (difference > allowed) & braked | (difference < -allowed) & released, p.lasts, g
+        )
+        if mask.any():
+            share = float(np.median(difference[mask] / reference[mask]))
             code = "wheel-faster" if share > 0.0 else "wheel-slower-unbraked"
             values, names = {"share": abs(share)}, {"reference": of_train}
-            yield s.finding(code, "warning", a.speed, where, i, values, names)
+            yield s.finding(code, "warning", a.speed, mask, i, values, names)
         elif g.train is not None:
-            yield from _drifts(p, s, i, released & braked, between)
+            yield from _drifts(p, s, i, released & braked, delay_error)
 
 
-def _drifts(p: Params, s: Scene, i: int, free: Bools, between: Floats) -> Iterator[Finding]:
+def _drifts(p: Params, s: Scene, i: int, rolling: Bools, delay_error: Floats) -> Iterator[Finding]:
     """An unbraked wheel whose ratio to the train speed is not its usual one."""
     g = s.grid
     assert g.train is not None
-    free = free & (g.train > CRAWL) & (g.slope(g.train) < p.driven)
-    if not free.any():
+    rolling = rolling & (g.train > CRAWL) & (g.slope(g.train) < p.driven)
+    if not rolling.any():
         return
-    usual = float(np.median(g.rim[i][free] / g.train[free]))
-    off = g.rim[i] - usual * g.train
-    allowed = p.drift * g.train + p.drift_floor + between
-    where = long_runs(free & (np.abs(off) > allowed), p.lasts, g)
-    if where.any():
-        values = {"share": float(np.median((off / g.train)[where]))}
-        yield s.finding("wheel-speed-drift", "warning", s.axles[i].speed, where, i, values)
+    usual = float(np.median(g.rim[i][rolling] / g.train[rolling]))
+    difference = g.rim[i] - usual * g.train
+    allowed = p.drift * g.train + p.drift_floor + delay_error
+    mask = long_runs(rolling & (np.abs(difference) > allowed), p.lasts, g)
+    if mask.any():
+        values = {"share": float(np.median((difference / g.train)[mask]))}
+        yield s.finding("wheel-speed-drift", "warning", s.axles[i].speed, mask, i, values)

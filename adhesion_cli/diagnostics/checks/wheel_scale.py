@@ -9,11 +9,11 @@ import numpy as np
 from ...core.finding import Finding
 from ...core.model import Bools, Channel, Floats, Quantity, Vehicle
 from ...core.physics import CRAWL
-from ...core.units import UNITS, others
+from ...core.units import UNITS, alternative_units
 from ...train.grid import FEWEST, Grid, erode
 from ..registry import About
 from ..scene import Scene
-from .impossible_values import named
+from .impossible_values import join_units
 
 ABOUT = About("Units and diameters of the wheels", "wheels", 10)
 
@@ -42,7 +42,7 @@ def check(p: Params, s: Scene) -> Iterator[Finding]:
         reference = _reference(g, i)
         if reference is None:
             continue
-        scale = 1.0 / _kept_share(g, i)
+        scale = 1.0 / _usual_share(g, i)
         if not 1.0 / p.unit < scale < p.unit:
             yield _unit(s, i, scale)
         elif (scale := _scale(p, s, i, reference, floor)) != 1.0:
@@ -62,20 +62,22 @@ def _scale(p: Params, s: Scene, i: int, reference: Floats, floor: float) -> floa
     """The reference over this axle's speed, 1 where they agree or nothing is clear."""
     g = s.grid
     fast = reference > max(0.15 * float(np.nanmax(reference, initial=0.0)), CRAWL)
-    used = fast & np.isfinite(g.rim[i]) & (g.rim[i] > CRAWL)
-    if used.sum() < FEWEST:
+    selected = fast & np.isfinite(g.rim[i]) & (g.rim[i] > CRAWL)
+    if selected.sum() < FEWEST:
         return 1.0
-    scale = float(np.median(reference[used] / g.rim[i][used]))
-    left = float(np.median(np.abs(reference[used] - scale * g.rim[i][used])))
+    scale = float(np.median(reference[selected] / g.rim[i][selected]))
+    residual = float(np.median(np.abs(reference[selected] - scale * g.rim[i][selected])))
     R = s.vehicle.radius(s.axles[i].record.axle)
     worn = 0.0 if g.train is not None else 1.0 / (len(g.rim) - 1)  # the others are, too
     allowed = max(p.sigmas * R.tolerance / R.value * math.sqrt(1.0 + worn), 0.005)
     differs = abs(scale - 1.0)
-    if left > floor or differs < allowed:
+    if residual > floor or differs < allowed:
         return 1.0
-    free = _free(g, i) & (reference > CRAWL) & (g.rim[i] > CRAWL)
-    if free.any():  # an unbraked wheel does not slide
-        differs = min(differs, 2.0 * abs(float(np.median(reference[free] / g.rim[i][free])) - 1.0))
+    unbraked = _is_unbraked(g, i) & (reference > CRAWL) & (g.rim[i] > CRAWL)
+    if unbraked.any():  # an unbraked wheel does not slide
+        differs = min(
+            differs, 2.0 * abs(float(np.median(reference[unbraked] / g.rim[i][unbraked])) - 1.0)
+        )
     elif g.train is None and g.step > 0.5:  # a steady slide looks the same
         return 1.0
     clear = differs >= allowed and differs * float(np.nanmedian(reference)) >= 2.0 * floor
@@ -89,12 +91,12 @@ def _rounding(speed: Channel, step: float, vehicle: Vehicle) -> float:
     return rim * min(1.0, interval / step) / 2.0
 
 
-def _free(g: Grid, i: int) -> Bools:
+def _is_unbraked(g: Grid, i: int) -> Bools:
     """Where a wheel is not braked, nor was within half a second, shape (n,)."""
     return erode(g.clamping[i] <= 0.0, g.half_width)
 
 
-def _kept_share(g: Grid, i: int) -> float:
+def _usual_share(g: Grid, i: int) -> float:
     """The usual ratio of a wheel to the train speed, 1 where it has none.
 
     A wheel without brake rolls. A braked wheel rolls where its ratio is the same again and again;
@@ -106,28 +108,28 @@ def _kept_share(g: Grid, i: int) -> float:
     fast &= g.rim[i] > CRAWL / 10.0
     share = np.where(fast, g.rim[i], np.nan) / np.where(fast, g.train, 1.0)
     second = max(3, round(1.0 / g.step))
-    free = share[fast & _free(g, i)]
-    if len(free) >= second:
-        return float(np.median(free))
-    some = np.sort(share[np.isfinite(share)])
-    near = np.searchsorted(some, 1.03 * some) - np.searchsorted(some, 0.97 * some)
-    kept = some[near >= max(second, FEWEST, len(some) // 5)]
-    return float(kept[-1]) if len(kept) else 1.0
+    unbraked = share[fast & _is_unbraked(g, i)]
+    if len(unbraked) >= second:
+        return float(np.median(unbraked))
+    shares = np.sort(share[np.isfinite(share)])
+    counts = np.searchsorted(shares, 1.03 * shares) - np.searchsorted(shares, 0.97 * shares)
+    frequent = shares[counts >= max(second, FEWEST, len(shares) // 5)]
+    return float(frequent[-1]) if len(frequent) else 1.0
 
 
-def _against(s: Scene) -> dict[str, str]:
+def _reference_name(s: Scene) -> dict[str, str]:
     return {"reference": "the other axles" if s.grid.train is None else "the train speed"}
 
 
 def _unit(s: Scene, i: int, scale: float) -> Finding:
     """A wheel speed of another unit than stated, or a train speed."""
     a = s.axles[i]
-    units = others(a.speed, s.vehicle, lambda x: 0.87 < x / scale < 1.15)
-    found = [f"speed in {u}" for u in units]
+    units = alternative_units(a.speed, s.vehicle, lambda x: 0.87 < x / scale < 1.15)
+    candidates = [f"speed in {u}" for u in units]
     if s.grid.train is not None and a.train:
-        units = others(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
-        found += [f"train_speed in {u}" for u in units]
-    names = {**_against(s), "units": named(found)}
+        units = alternative_units(a.train, s.vehicle, lambda x: 0.87 < x * scale < 1.15)
+        candidates += [f"train_speed in {u}" for u in units]
+    names = {**_reference_name(s), "units": join_units(candidates)}
     return s.finding(
         "speed-unit-suspect", "warning", a.speed, None, i, {"factor": 1.0 / scale}, names
     )
@@ -140,4 +142,4 @@ def _diameter(s: Scene, i: int, scale: float) -> Finding:
     if unit is None or unit.dimension != "speed":
         code = "wheel-diameter"
         values["diameter_m"] = 2.0 * scale * s.vehicle.radius(a.record.axle).value
-    return s.finding(code, "warning", a.speed, None, i, values, _against(s))
+    return s.finding(code, "warning", a.speed, None, i, values, _reference_name(s))

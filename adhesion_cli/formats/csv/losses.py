@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...core.finding import Finding, Severity, Span, merged
+from ...core.finding import Finding, Severity, Span, merge_spans
 from ...core.model import Bools, Reject, Times
 from .block_parser import Part, Rows
 from .cells import IS_INFINITE, NO_NUMBER, NO_VALUE
@@ -135,7 +135,7 @@ def _spans(loss: _Loss, t: Times, start: int, *, whole: bool) -> tuple[Span, ...
         cuts = np.sort(np.argpartition(begins[1:] - ends[:-1], 1 - _MOST)[1 - _MOST :])
         begins, ends = begins[np.append(0, cuts + 1)], ends[np.append(cuts, -1)]
     both = np.sort([begins, ends], axis=0) - start  # a clock may have gone back
-    return merged([(a / 1e9, b / 1e9) for a, b in both.T.tolist()], _MOST)
+    return merge_spans([(a / 1e9, b / 1e9) for a, b in both.T.tolist()], _MOST)
 
 
 def quoted(text: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core.finding import Finding, Severity, Span, merged
+from ...core.finding import Finding, Severity, Span, merge_spans
 from ...core.model import Bools, Column, Floats, Times
 from ...core.time_axis import spans_of
 from ..source import TimeSource
@@ -85,7 +85,7 @@ class Collector:
                 key = fault.code, fault.field and "further fields", fault.reason and "other reasons"
             one = self._faults.setdefault(key, _Faulty(at))
             one.count += len(fault.rows)
-            one.spans = merged([*one.spans, *self._spans(fault.rows, log[fault.rows])])
+            one.spans = merge_spans([*one.spans, *self._spans(fault.rows, log[fault.rows])])
 
     def _spans(self, rows: Offsets, t: Times) -> tuple[Span, ...]:
         """Time spans of messages, one of each run of them."""

@@ -22,7 +22,7 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from numpy.typing import NDArray
 
-from ...core.finding import merged
+from ...core.finding import merge_spans
 from ...core.model import Floats
 from .. import palette
 from . import decimate
@@ -172,7 +172,7 @@ class Figures:
         speed = self._figure("Speed [km/h]", 240, time)
         adhesion = self._figure("Adhesion coefficient [-]", 190, time)
         items: dict[str, list[Any]] = {}
-        slides = merged([span for axle in run.axles for span in _slides(axle)], _SHADES)
+        slides = merge_spans([span for axle in run.axles for span in _slides(axle)], _SHADES)
         for fig in (speed, adhesion):
             _shade(fig, slides, _WEAK)
         for i, axle in enumerate(run.axles):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ...core.finding import Words, catalogue
+from ...core.finding import CatalogueEntry, catalogue
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from .run import Axle, Run
@@ -275,7 +275,7 @@ def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _told(
-    severity: str, words: Words | None, code: str, of: Sequence[Mapping[str, Any]]
+    severity: str, words: CatalogueEntry | None, code: str, of: Sequence[Mapping[str, Any]]
 ) -> Told:  # fmt: skip
     lines = [(f["channel"], _when(f), f["message"]) for f in of]
     hints = list(dict.fromkeys(f["hint"] for f in of if f["hint"]))

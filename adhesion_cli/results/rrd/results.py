@@ -263,7 +263,7 @@ class _Page:
         n = len(axle.record)
         braked, slides = np.zeros(n, np.int8), np.zeros(n, np.int8)
         for s in axle.applications:
-            braked[signals.pressed(axle.record, s)[0]] = 1
+            braked[signals.pressed_part(axle.record, s)[0]] = 1
         for e in axle.events:
             if e.until is not None:
                 slides[(axle.record.t >= e.t) & (axle.record.t <= e.until)] = SLIDES

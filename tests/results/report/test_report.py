@@ -78,7 +78,9 @@ def test_a_result_is_read_as_it_was_written(run: Run) -> None:
         assert axle.t == pytest.approx(np.arange(3000) / 100.0, abs=1e-6)  # after the log's start
         most = float(np.nanmax(of.reference.sigma)) / 32.0  # a result is rounded by less
         np.testing.assert_allclose(axle.force, of.reference.force, atol=most)
-        np.testing.assert_allclose(axle.upper - axle.force, of.reference.half, atol=2.0 * most)
+        np.testing.assert_allclose(
+            axle.upper - axle.force, of.reference.half_width, atol=2.0 * most
+        )
         error = of.estimates["td"] - of.record.truth
         np.testing.assert_allclose(axle.errors["td"], error, atol=2.0 * most)
         assert axle.against == "truth"
