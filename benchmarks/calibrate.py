@@ -27,17 +27,17 @@ from typing import NamedTuple
 import diagnostics as drawn
 import numpy as np
 
-from adhesion_cli.analysis.calibrate import calibrate
 from adhesion_cli.analysis.prepare import prepare
 from adhesion_cli.analysis.settings import Settings
 from adhesion_cli.channels.log import read
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.core.physics import force_line, wheelset, with_fade
-from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.records import brake_applications
 from adhesion_cli.reference import force
+from adhesion_cli.studies.calibrate import calibrate
 
 MARK = "<!-- calibration: begin -->", "<!-- calibration: end -->"
 
@@ -73,7 +73,7 @@ def judged(
         of_true = ref if vehicle is exact else force.compute(with_fade(other, exact), exact)
         own = drawn.STEP * np.arange(true_of.shape[1])
         true = np.interp(record.t * 1e-9, own, true_of[record.axle - 1])
-        for s in metrics.find_applications(record):
+        for s in brake_applications.find_applications(record):
             known = np.isfinite(ref.force[s]) & np.isfinite(of_true.force[s])
             if known.sum() < 2:
                 continue

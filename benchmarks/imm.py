@@ -27,9 +27,9 @@ from adhesion_cli.core import compiled, estimator
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import Z95, AxleRecord, Floats, Vehicle
 from adhesion_cli.core.physics import clamping_force, wheelset
-from adhesion_cli.evaluation import metrics
 from adhesion_cli.formats.open import open_source
 from adhesion_cli.formats.source import ReadOptions
+from adhesion_cli.records import brake_applications
 from adhesion_cli.reference import force, smoother
 
 HELD_OUT = 20261124  # first seed of the published figures; imm was developed on others
@@ -154,10 +154,10 @@ def compared(
     }  # fmt: skip
     imm, sigma, _ = F["imm"]
     assert sigma is not None
-    braked, applications = np.zeros(len(r), bool), metrics.find_applications(r)
+    braked, applications = np.zeros(len(r), bool), brake_applications.find_applications(r)
     for s in applications:
         braked[s] = True
-    for s in metrics.find_start_ups(r, applications):
+    for s in brake_applications.find_start_ups(r, applications):
         braked[s] = False
     braked &= np.isfinite(reference) & np.isfinite(passed)
     for sliding in (False, True):

@@ -133,7 +133,7 @@ def rows() -> Iterator[Row]:
         log, files = folder / "log.csv", [folder / "a.mcap", folder / "a.rrd"]
 
         def run() -> Result:
-            result = analyze(log, lambda **_: Settings(), train_speed=True)
+            result = analyze(log, Settings(), train_speed=True)
             write_result(files, result, entry(result, {}))
             return result
 
@@ -157,7 +157,7 @@ def against_writers(folder: Path, files: list[Path], result: Result, own: float)
     our_recording = seconds(lambda: rrd.write_result(files[1], result))
     whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
     with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-        mcap.write_result(whole, result, "{}", full=True)
+        mcap.write_result(whole, result, "{}", every_sample=True)
     mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
     read_time = seconds(lambda: csv.read_csv(folder / "log.csv"))
     against = "mcap.Writer at its defaults, all digits"

@@ -22,30 +22,30 @@ from .vehicle_findings import calibration_narrows, default_parameters, state_dia
 
 def analyze(  # noqa: PLR0913 (each choice of a run has a default)
     path: Path | Signals,
-    load: Callable[..., Settings],
+    settings: Settings,
     algos: Sequence[str] = (),
     axles: Sequence[int] = (),
     window: Window = (None, None),
-    tell: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None,
     train_speed: bool = False,
 ) -> Result:
     """Analyses one log.
 
     Args:
         path: raw log, result file or signals in memory; a result's own settings are its defaults.
-        load: gives the settings; takes `base`, which every stated setting overrides.
+        settings: what is stated; it counts more than what a result carries.
         algos: estimators to run, all if empty.
         axles: axles to analyse, all if empty.
         window: seconds after the log's start, from and to.
-        tell: receives a line at each step.
+        progress: receives a line at each step.
         train_speed: whether a log without a train speed gets a reference speed of its axles.
 
     Raises:
         UserError: where the log cannot be read or holds nothing to analyse.
     """
     estimators, axles = choose_estimators(algos), list(dict.fromkeys(axles))
-    tell(f"reading {path.name}")
-    settings, source = open_log(path, load)
+    progress(f"reading {path.name}")
+    settings, source = open_log(path, settings)
     vehicle, max_gap_ns = settings.vehicle, round(settings.analysis.max_gap * 1e9)
     log = read(source, settings.mappings, vehicle, max_gap_ns=max_gap_ns)
     start_ns = log.start_ns()
@@ -59,7 +59,7 @@ def analyze(  # noqa: PLR0913 (each choice of a run has a default)
         findings += speed_findings
 
     def analyzed(record: AxleRecord) -> tuple[AxleResult, list[Finding]]:
-        tell(f"{path.name}: axle {record.axle}")
+        progress(f"{path.name}: axle {record.axle}")
         return analyze_axle(record, settings, estimators, start_ns)
 
     results, findings_by_axle = zip(*threads.run_each(analyzed, records), strict=True)

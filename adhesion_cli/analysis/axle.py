@@ -11,10 +11,11 @@ from ..core.finding import Finding
 from ..core.model import Z95, AxleRecord, AxleResult, Reference
 from ..core.time_axis import spans_of
 from ..diagnostics import noise_model
-from ..evaluation import metrics
 from ..rail import slip
+from ..records import brake_applications
 from ..reference import force
-from .axle_findings import of_axle
+from ..scores import metrics
+from .axle_findings import find_axle_findings
 from .settings import Settings
 
 
@@ -40,8 +41,8 @@ def analyze_axle(
     forces = {name: e.force for name, e in estimates.items()}
     sigmas = {name: e.sigma for name, e in estimates.items() if e.sigma is not None}
     nis = {name: innovations.mean(e.nis) for name, e in estimates.items() if e.nis is not None}
-    applications = metrics.find_applications(record)
-    findings = list(of_axle(record, vehicle, reference, applications, start_ns))
+    applications = brake_applications.find_applications(record)
+    findings = list(find_axle_findings(record, vehicle, reference, applications, start_ns))
     findings += noise_model.check(
         settings.checks["noise_model"],
         f"axle {record.axle}",
@@ -49,10 +50,10 @@ def analyze_axle(
     )
     drowned = [s for s in applications if _is_drowned(reference, s)]
     if drowned:
-        reference, finding = _without(record, reference, drowned, start_ns)
+        reference, finding = _remove_drowned(record, reference, drowned, start_ns)
         findings.append(finding)
-    known = tuple(s for s in applications if s not in drowned)
-    scores = metrics.score_estimates(record, reference, forces, known, sigmas)
+    scored_applications = tuple(s for s in applications if s not in drowned)
+    scores = metrics.score_estimates(record, reference, forces, scored_applications, sigmas)
     scores = tuple(replace(s, nis=nis.get(s.algo)) for s in scores)
     result = AxleResult(record, reference, forces, scores, applications, sigmas=sigmas)
     if record.train_speed is None:
@@ -65,15 +66,15 @@ def analyze_axle(
 
 def _is_drowned(reference: Reference, application: slice) -> bool:
     """Whether the force of a brake application is mostly smaller than its 95 % noise."""
-    known = np.isfinite(reference.force[application])
+    finite = np.isfinite(reference.force[application])
     force, noise = (
-        np.abs(reference.force[application][known]),
-        Z95 * reference.sigma[application][known],
+        np.abs(reference.force[application][finite]),
+        Z95 * reference.sigma[application][finite],
     )
-    return bool(known.any() and np.median(noise) > np.median(force))
+    return bool(finite.any() and np.median(noise) > np.median(force))
 
 
-def _without(
+def _remove_drowned(
     record: AxleRecord, reference: Reference, drowned: Sequence[slice], start_ns: int
 ) -> tuple[Reference, Finding]:
     """The reference without these applications, whose noise exceeds the force."""
@@ -83,9 +84,12 @@ def _without(
     for s in drowned:
         force[s] = sigma[s] = tolerance[s] = np.nan
     finding = Finding(
-        "reference-noise", "warning", channel=f"axle {record.axle}", count=len(drowned),
+        "reference-noise",
+        "warning",
+        channel=f"axle {record.axle}",
+        count=len(drowned),
         spans=spans_of(
             record.t[[s.start for s in drowned]], record.t[[s.stop - 1 for s in drowned]], start_ns
         ),
-    )  # fmt: skip
+    )
     return replace(reference, force=force, sigma=sigma, tolerance=tolerance), finding

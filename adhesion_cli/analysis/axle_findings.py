@@ -9,18 +9,18 @@ from ..core.finding import Finding, Severity
 from ..core.model import AxleRecord, Bools, Reference, Vehicle
 from ..core.stop import STANDING
 from ..core.time_axis import spans_of
-from ..evaluation import metrics
 from ..rail import slip
 from ..rail.events import HIDDEN_TIME
+from ..records import brake_applications
 
-_HIGHEST = 0.7  # no rail has a higher adhesion coefficient [-]
-_SURELY = 0.99  # probability from which a speed is an average since the last one
-_FEW = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
-_MOVES = 3.0  # train speed from which a standing wheel is surely locked [m/s]
-_SLIGHT = 0.02  # of the highest φK: as little is an error of the model
+_HIGHEST_COEFFICIENT = 0.7  # no rail has a higher adhesion coefficient [-]
+_SURE_PROBABILITY = 0.99  # probability from which a speed is an average since the last one
+_FEW_PULSES = 12.0  # pulses in 0.1 s: with fewer, slides do not exceed the rounding
+_MOVING_SPEED = 3.0  # train speed from which a standing wheel is surely locked [m/s]
+_MODEL_ERROR = 0.02  # of the highest φK: as little is an error of the model
 
 
-def of_axle(
+def find_axle_findings(
     record: AxleRecord,
     vehicle: Vehicle,
     ref: Reference,
@@ -37,36 +37,45 @@ def of_axle(
         start_ns: the log's start, from which spans count [ns].
     """
     name = f"axle {record.axle}"
-    masks = {**_without_value(record, vehicle, ref), **_wrong(record, vehicle, ref)}
+    masks = {**_without_value(record, vehicle, ref), **_impossible_force(record, vehicle, ref)}
     begins = np.zeros(len(record), dtype=np.bool_)
-    begins[[s.start for s in metrics.find_start_ups(record, applications)]] = True
+    begins[[s.start for s in brake_applications.find_start_ups(record, applications)]] = True
     masks["started-braked"] = ("info", begins)
     highest = float(physics.coefficient(np.nan_to_num(np.abs(ref.force)), vehicle).max(initial=0.0))
     values = {
-        "started-braked": {"startup_s": metrics.START_UP},
+        "started-braked": {"startup_s": brake_applications.START_UP},
         "coefficient-too-high": {"coefficient": highest},
     }
     for code, (severity, mask) in masks.items():
         if count := int(mask.sum()):
-            found = spans(record, mask, start_ns)
+            mask_spans = spans(record, mask, start_ns)
             yield Finding(
-                code, severity, channel=name, count=count, spans=found, values=values.get(code, {})
+                code,
+                severity,
+                channel=name,
+                count=count,
+                spans=mask_spans,
+                values=values.get(code, {}),
             )
     if record.train_speed is not None:
-        where, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
+        unknown, unknown_s = np.zeros(len(record), dtype=np.bool_), 0.0
         for s in applications:
-            where[s], lasts = slip.unknown_slip(record, s, vehicle)
+            unknown[s], lasts = slip.unknown_slip(record, s, vehicle)
             unknown_s += lasts
         if unknown_s > HIDDEN_TIME:
             yield Finding(
-                "slip-unknown", "warning", channel=name, count=int(where.sum()),
-                spans=spans(record, where, start_ns), values={"unknown_s": unknown_s},
-            )  # fmt: skip
+                "slip-unknown",
+                "warning",
+                channel=name,
+                count=int(unknown.sum()),
+                spans=spans(record, unknown, start_ns),
+                values={"unknown_s": unknown_s},
+            )
     if ref.runout:
         yield Finding("wheel-runout", "info", channel=name, values={"share": ref.runout})
-    if ref.averaged > _SURELY:
+    if ref.averaged > _SURE_PROBABILITY:
         yield Finding("speed-averaged", "info", channel=name)
-    if ref.pulses < _FEW:
+    if ref.pulses < _FEW_PULSES:
         yield Finding("few-pulses", "warning", channel=name, values={"pulses": ref.pulses})
     if not applications:
         yield Finding("no-application", "info", channel=name)
@@ -86,22 +95,25 @@ def _without_value(
     for run in signals.moving(record):
         turning[run] = True
     driven = signals.driven(record, vehicle.radius(record.axle).value)
-    short = turning & ~driven & ~np.isfinite(ref.force)
+    too_short = turning & ~driven & ~np.isfinite(ref.force)
     locked = np.zeros(len(record), dtype=np.bool_)
     if record.train_speed is not None:
         rim = record.wheel_speed * vehicle.radius(record.axle).value
-        locked = (rim < STANDING) & (record.train_speed > _MOVES)
+        locked = (rim < STANDING) & (record.train_speed > _MOVING_SPEED)
         locked &= record.clamping_force > physics.NO_FORCE
-    cut = any(short[s].any() and turning[s].all() for s in record.segments)
+    segment_lost = any(too_short[s].any() and turning[s].all() for s in record.segments)
     return {
         "standstill": ("info", ~turning & ~locked),
         "wheel-locked": ("info", locked),
         "traction": ("info", driven),
-        "no-reference" if cut else "turns-too-briefly": ("warning" if cut else "info", short),
+        "no-reference" if segment_lost else "turns-too-briefly": (
+            "warning" if segment_lost else "info",
+            too_short,
+        ),
     }
 
 
-def _wrong(
+def _impossible_force(
     record: AxleRecord, vehicle: Vehicle, ref: Reference
 ) -> dict[str, tuple[Severity, Bools]]:
     """Where the force is one that no rail and no brake gives."""
@@ -109,17 +121,17 @@ def _wrong(
         np.nan_to_num(np.abs(ref.force)),
         np.nan_to_num(np.abs(ref.force) - ref.half_width),
     )
-    high = physics.coefficient(force, vehicle) > 1.0
-    high |= physics.coefficient(surely, vehicle) > _HIGHEST
+    too_high = physics.coefficient(force, vehicle) > 1.0
+    too_high |= physics.coefficient(surely, vehicle) > _HIGHEST_COEFFICIENT
     # Without adhesion the wheel slows by aφK, and no rail makes it slow harder.
     K, w = record.clamping_force_smooth, physics.wheelset(vehicle, record.axle)
-    most = float(K.max(initial=0.0))
-    negative = np.nan_to_num(ref.upper) < -_SLIGHT * w.phi * most
-    negative &= (physics.RELEASED_SHARE * most < K) & ~high
+    highest_K = float(K.max(initial=0.0))
+    negative = np.nan_to_num(ref.upper) < -_MODEL_ERROR * w.phi * highest_K
+    negative &= (physics.RELEASED_SHARE * highest_K < K) & ~too_high
     slowing = w.a * (w.phi * K - np.nan_to_num(ref.force)) * vehicle.radius(record.axle).value
     locks = slowing > physics.LOCKING
     return {
-        "coefficient-too-high": ("warning", high),
+        "coefficient-too-high": ("warning", too_high),
         "speed-signal-loss": ("warning", negative & locks),
         "force-negative": ("warning", negative & ~locks),
     }

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from ..wsp.replay import Answer, Case
     from ..wsp.scenario import Limit, Scenario
     from ..wsp.sweep import Row
-    from .calibrate import Calibration
-    from .tune import Errors, Tuned
 
 
 class Coverage(NamedTuple):
@@ -109,44 +107,44 @@ def entry(
     """
     braked = brake_applications(result) if braked is None else braked
     log = result.log
-    used = [c for c in log.channels if c.meaning]
-    start = log.start_ns()
-    end = max((int(c.data.t.max()) for c in used if len(c.data.t)), default=start)
+    used_channels = [c for c in log.channels if c.meaning]
+    start_ns = log.start_ns()
+    stop_ns = max((int(c.data.t.max()) for c in used_channels if len(c.data.t)), default=start_ns)
     return {
         "log": {
             "path": log.path,
             "format": log.format,
             "sha256": log.sha256,
-            "start": iso(start) if log.absolute else None,
-            "duration_s": (end - start) / 1e9,
+            "start": iso(start_ns) if log.absolute else None,
+            "duration_s": (stop_ns - start_ns) / 1e9,
             "rows_read": log.rows_read,
             "rows_used": rows_used(result),
         },
         "outputs": outputs,
         "axles": [_axle(a, result, braked[a.record.axle]) for a in result.axles],
-        "channels": [channel_document(c) for c in used],
+        "channels": [channel_document(c) for c in used_channels],
         "findings": findings_document(result.findings),
     }
 
 
 def embedded(entries: Sequence[dict[str, Any]]) -> str:
     """The document as a result file carries it: by file names, wherever the files lie."""
-    carried = [{key: of for key, of in one.items() if key != "outputs"} for one in entries]
-    for one in carried:
-        one["log"] = {**one["log"], "path": Path(one["log"]["path"]).name}
+    carried = [{key: item for key, item in entry.items() if key != "outputs"} for entry in entries]
+    for entry in carried:
+        entry["log"] = {**entry["log"], "path": Path(entry["log"]["path"]).name}
     return dumps(document(carried))
 
 
 def _axle(axle: AxleResult, result: Result, braked: Sequence[BrakeApplication]) -> dict[str, Any]:
     ref = axle.reference
     # While the wheel only rolls, force and errors are almost zero.
-    where = np.r_[axle.applications] if axle.applications else slice(None)
+    selected = np.r_[axle.applications] if axle.applications else slice(None)
     return {
         "axle": axle.record.axle,
         "reference": {
             "method": ref.method,
-            "sigma_n": _median(ref.sigma[where]),
-            "band_n": _median(ref.half_width[where]),
+            "sigma_n": _median(ref.sigma[selected]),
+            "band_n": _median(ref.half_width[selected]),
             "nis": ref.nis and asdict(ref.nis),
         },
         "applications": [
@@ -171,7 +169,7 @@ def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]
 
 
 def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication:
-    slides, used = x.slides, x.utilisation
+    slides, utilisation = x.slides, x.utilisation
     return BrakeApplication(
         axle=axle,
         start_s=(x.start_ns - start_ns) / 1e9,
@@ -187,8 +185,8 @@ def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication
         max_slip=max((s.max_slip for s in slides), default=None),
         slide_energy_j=_sum([s.energy for s in slides]),
         at_least=any(s.is_lower_bound for s in slides),
-        utilisation=used and used.value,
-        utilisation_ci=used and (used.lower, used.upper),
+        utilisation=utilisation and utilisation.value,
+        utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
         budget=x.budget and x.budget.rows,
         coverage=x.budget and _coverage(x.budget),
         slip_unknown_s=x.unknown_time,
@@ -215,8 +213,8 @@ def _coverage(b: "Budget") -> Coverage:
 
 def _sum(values: Sequence[float | None]) -> float | None:
     """None where one is not known."""
-    known = [v for v in values if v is not None]
-    return sum(known) if len(known) == len(values) else None
+    numbers = [v for v in values if v is not None]
+    return sum(numbers) if len(numbers) == len(values) else None
 
 
 def slip_document(
@@ -236,20 +234,22 @@ def slip_document(
     """
     axles = [
         _slip_axle(log.path if outputs else Path(log.path).name, log.start_ns(), s)
-        for log, of in zip(logs, summaries, strict=True)
-        for s in of
+        for log, of_log in zip(logs, summaries, strict=True)
+        for s in of_log
     ]
-    told = findings_document([f for of in findings for f in of])
+    all_findings = findings_document([f for of_log in findings for f in of_log])
     if not outputs:
-        return tagged("slip", axles=axles, findings=told)
-    files = {log.path: of for log, of in zip(logs, outputs, strict=True)}
-    return tagged("slip", outputs=files, axles=axles, findings=told)
+        return tagged("slip", axles=axles, findings=all_findings)
+    files = {log.path: of_log for log, of_log in zip(logs, outputs, strict=True)}
+    return tagged("slip", outputs=files, axles=axles, findings=all_findings)
 
 
 def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
     """One axle of the `adhesion.slip/1` document; what the log does not show is None."""
     rail = summary.rail
-    peak, mu, used = (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
+    peak, mu, utilisation = (
+        (rail.peak_slip, rail.peak_mu, rail.utilisation) if rail else (None,) * 3
+    )
     fit = None
     if rail and rail.constants:
         fit = {
@@ -268,8 +268,8 @@ def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
         "train_speed_late_s": summary.delay and summary.delay.value,
         "train_speed_late_sigma_s": summary.delay and summary.delay.tolerance,
         "regions": summary.regions,
-        "utilisation": used and used.value,
-        "utilisation_ci": used and [used.lower, used.upper],
+        "utilisation": utilisation and utilisation.value,
+        "utilisation_ci": utilisation and [utilisation.lower, utilisation.upper],
         "slides": [
             {
                 "start_s": (x.start - start_ns) / 1e9,
@@ -284,43 +284,6 @@ def _slip_axle(log: str, start_ns: int, summary: "Summary") -> dict[str, Any]:
         "fit": fit,
         "fit_curve": "polach" if rail else None,
     }
-
-
-def calibrate_document(found: "Calibration", outputs: dict[str, str]) -> dict[str, Any]:
-    """The document of `calibrate`.
-
-    Args:
-        found: the calibration.
-        outputs: the files written, by format.
-    """
-    of = found.result
-    return tagged(
-        "calibrate", logs=len(found.logs), applications=len(found.applications), outputs=outputs,
-        parameters={name: row._asdict() for name, row in of.rows.items()},
-        correlation={"names": [*of.rows], "matrix": of.correlation.tolist()},
-        force_before_n=of.force[0], force_after_n=of.force[1],
-        band_before_n=of.band[0], band_after_n=of.band[1],
-        braked=[a._asdict() for a in found.applications],
-        used=[{"path": u.log.path, "sha256": u.log.sha256} for u in found.logs],
-        findings=findings_document(found.findings),
-    )  # fmt: skip
-
-
-def tune_document(found: "Tuned", outputs: dict[str, str]) -> dict[str, Any]:
-    """The document of `tune`; `outputs` are the files written, by format."""
-
-    def errors(of: "Errors") -> dict[str, Any]:
-        return {
-            "logs": len(of.logs), "rmse_n": of.rmse, "default_rmse_n": of.before,
-            "paths": list(of.logs),
-        }  # fmt: skip
-
-    return tagged(
-        "tune", algo=found.estimator.name, parameters=found.parameters,
-        default_parameters=found.before, train=errors(found.train),
-        held_back=errors(found.held_back), outputs=outputs,
-        findings=findings_document(found.findings),
-    )  # fmt: skip
 
 
 def antiskid_document(
@@ -342,9 +305,15 @@ def antiskid_document(
         more: limits, or entries of a replayed log.
     """
     return tagged(
-        "antiskid", scenario=scenario, seed=stop.seed, estimator=stop.algo, parameters=parameters,
-        dry_distance_m=dry, controllers=controllers, **more,
-    )  # fmt: skip
+        "antiskid",
+        scenario=scenario,
+        seed=stop.seed,
+        estimator=stop.algo,
+        parameters=parameters,
+        dry_distance_m=dry,
+        controllers=controllers,
+        **more,
+    )
 
 
 def replay_document(
@@ -352,30 +321,44 @@ def replay_document(
     case: "Case",
     parameters: Mapping[str, Mapping[str, float]],
     dry: float | None,
-    found: "dict[str, Answer]",
+    answers: "dict[str, Answer]",
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
     """The `adhesion.antiskid/1` document; medians of the draws with their 95 % intervals."""
-    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in found.items()}
-    spread = {law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in found.items()}
-    stop = next(iter(found.values())).stop
+    median = {law: {k: x and x[0] for k, x in a.values.items()} for law, a in answers.items()}
+    spread = {
+        law: {k: x and list(x[1:]) for k, x in a.values.items()} for law, a in answers.items()
+    }
+    stop = next(iter(answers.values())).stop
     return antiskid_document(
-        stop, case.scenario.name, parameters, dry, median,
-        log=log, draws=len(case.draws), start_s=case.start_s, logged_distance_m=case.logged_m,
-        intervals=spread, compared={law: a.compared._asdict() for law, a in found.items()},
+        stop,
+        case.scenario.name,
+        parameters,
+        dry,
+        median,
+        log=log,
+        draws=len(case.draws),
+        start_s=case.start_s,
+        logged_distance_m=case.logged_m,
+        intervals=spread,
+        compared={law: a.compared._asdict() for law, a in answers.items()},
         findings=findings_document(findings),
-    )  # fmt: skip
+    )
 
 
-def limits_document(kept: "Sequence[tuple[str, Limit, bool | float]]") -> list[dict[str, Any]]:
+def limits_document(rows: "Sequence[tuple[str, Limit, bool | float]]") -> list[dict[str, Any]]:
     """Which controller keeps which limit, or in what share; an end that is not stated is None."""
     return [
         {
-            "controller": law, "quantity": x.quantity, "least": finite(x.least),
-            "most": finite(x.most), "source": x.source, "kept": ok,
+            "controller": law,
+            "quantity": x.quantity,
+            "least": finite(x.least),
+            "most": finite(x.most),
+            "source": x.source,
+            "kept": ok,
         }
-        for law, x, ok in kept
-    ]  # fmt: skip
+        for law, x, ok in rows
+    ]
 
 
 def stop_settings(
@@ -403,7 +386,7 @@ def stop_settings(
     if track:  # its last knot is at infinity
         knots, conditions = track.knots[:-1].tolist(), track.values[:, :-1].tolist()
         scenario["rail"] = {"knots": knots, "conditions": conditions}
-    loop["scenario"] = _plain({**scenario, "seed": stop.seed})
+    loop["scenario"] = _as_json({**scenario, "seed": stop.seed})
     return {
         **tree(Settings(case.vehicle, bands=wsp_controller.bands(settings)), []),
         **wsp_controller.parameters([stop.controller], stop.algo, settings),
@@ -411,14 +394,14 @@ def stop_settings(
     }
 
 
-def _plain(value: Any) -> Any:
+def _as_json(value: Any) -> Any:
     """As JSON has it; what is not stated, or without a limit, is left out."""
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):
-        return {k: _plain(v) for k, v in value.items() if v is not None and v != math.inf}
+        return {k: _as_json(v) for k, v in value.items() if v is not None and v != math.inf}
     if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
+        return [_as_json(v) for v in value]
     return value
 
 
@@ -439,30 +422,48 @@ def sweep_document(
     limits = [
         {"rail": r.rail, **x}
         for r in rows
-        for x in limits_document([(r.controller, *of) for of in r.limits])
+        for x in limits_document([(r.controller, *row_limit) for row_limit in r.limits])
     ]
     return tagged(
-        "antiskid-sweep", scenario=scenario, seeds=seeds, estimator=algo, parameters=parameters,
-        dry_distance_m=rows[0].dry_distance_m, rails=rails, limits=limits, outputs={},
-    )  # fmt: skip
+        "antiskid-sweep",
+        scenario=scenario,
+        seeds=seeds,
+        estimator=algo,
+        parameters=parameters,
+        dry_distance_m=rows[0].dry_distance_m,
+        rails=rails,
+        limits=limits,
+        outputs={},
+    )
 
 
 def channel_document(channel: Channel) -> dict[str, Any]:
     """What a channel was taken for, and why."""
-    known = {k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")}
-    return known | ({"meaning": "truth"} if channel.meaning == "true_slip" else {})  # by its unit
+    document = {
+        k: getattr(channel, k) for k in ("name", "field", "meaning", "axle", "unit", "reason")
+    }
+    return document | (
+        {"meaning": "truth"} if channel.meaning == "true_slip" else {}
+    )  # by its unit
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """Findings as the JSON names them."""
     return [
         {
-            "code": f.code, "severity": f.severity, "channel": f.channel, "count": f.count,
-            "first_s": f.first_s, "spans": f.spans, "values": dict(f.values),
-            "names": dict(f.names), "message": f.message, "hint": f.hint,
+            "code": f.code,
+            "severity": f.severity,
+            "channel": f.channel,
+            "count": f.count,
+            "first_s": f.first_s,
+            "spans": f.spans,
+            "values": dict(f.values),
+            "names": dict(f.names),
+            "message": f.message,
+            "hint": f.hint,
         }
         for f in findings
-    ]  # fmt: skip
+    ]
 
 
 def rows_used(result: Result) -> int:
@@ -471,14 +472,14 @@ def rows_used(result: Result) -> int:
     for channel in result.log.channels:
         if not channel.meaning:
             continue
-        kept = np.zeros(len(channel.data.t), dtype=np.bool_)
+        used = np.zeros(len(channel.data.t), dtype=np.bool_)
         for axle in result.axles:
             if channel.axle in (None, axle.record.axle):
                 for s in axle.record.segments:
                     t = axle.record.t[s]
-                    kept |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
+                    used |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
         row = channel.row_of
-        by_origin[row] = max(by_origin.get(row, 0), int(kept.sum()))
+        by_origin[row] = max(by_origin.get(row, 0), int(used.sum()))
     return sum(by_origin.values())
 
 

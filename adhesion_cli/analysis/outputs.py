@@ -29,9 +29,13 @@ def named(files: Sequence[Path]) -> dict[str, str]:
 
 
 def write_result(
-    places: Sequence[Path], result: "Result", entry: Entry, slip: str = "",
-    notes: "Sequence[Note]" = (), full: bool = False,
-) -> None:  # fmt: skip
+    places: Sequence[Path],
+    result: "Result",
+    entry: Entry,
+    slip: str = "",
+    notes: "Sequence[Note]" = (),
+    every_sample: bool = False,
+) -> None:
     """Writes record and recording of one analysed log.
 
     Args:
@@ -40,27 +44,29 @@ def write_result(
         entry: its entry of the document, from `json_documents.entry`.
         slip: the document on its slip, if that was asked for.
         notes: text on the slip of each axle, with its rail.
-        full: whether the files of a long log have every computed sample.
+        every_sample: whether the files of a long log have every computed sample.
     """
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_result(record, result, embedded([entry]), slip, full)
-    rrd.write_result(recording, result, notes, full)
+    mcap.write_result(record, result, embedded([entry]), slip, every_sample)
+    rrd.write_result(recording, result, notes, every_sample)
 
 
 def write_comparison(
-    places: Sequence[Path], results: "Sequence[Result]", entries: Sequence[Entry],
-    full: bool = False,
-) -> None:  # fmt: skip
+    places: Sequence[Path],
+    results: "Sequence[Result]",
+    entries: Sequence[Entry],
+    every_sample: bool = False,
+) -> None:
     """Writes record and recording of several analysed logs, see `write_result`."""
     from ..results import mcap, rrd
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_comparison(record, results, embedded(entries), full)
-    rrd.write_comparison(recording, results, full)
+    mcap.write_comparison(record, results, embedded(entries), every_sample)
+    rrd.write_comparison(recording, results, every_sample)
 
 
 def write_report(place: Path, record: Path, name: str) -> None:

@@ -60,11 +60,13 @@ def prepare(
     if not any(a.record.axle in choice.requested for a in sampled):
         raise no_records_error(log, choice, view, findings)
     aligned = align(sampled, choice.acceleration, vehicle, view)
-    asked = [a for a in aligned.axles if a.record.axle in choice.requested]
+    requested = [a for a in aligned.axles if a.record.axle in choice.requested]
     findings += aligned.findings
     scene = None
     if aligned.grid:
         scene = Scene(aligned.axles, aligned.grid, vehicle, view.start_ns, aligned.explanation)
-        titles = {"", *(c.title for a in asked for c in (a.speed, a.brake, a.train) if c)}
+        titles = {"", *(c.title for a in requested for c in (a.speed, a.brake, a.train) if c)}
         findings += [f for f in diagnose(scene, checks) if f.channel in titles]
-    return Prepared([a.record for a in asked], [a.record for a in aligned.axles], findings, scene)
+    return Prepared(
+        [a.record for a in requested], [a.record for a in aligned.axles], findings, scene
+    )

@@ -1,7 +1,7 @@
 """What a run is asked for: estimators, window and settings that exist, and a log that opens."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ..core import estimator
@@ -22,11 +22,11 @@ def choose_estimators(algos: Sequence[str]) -> list[Estimator]:
     Raises:
         UserError: for a name the registry does not have.
     """
-    known = estimator.registry()
+    by_name = estimator.registry()
     for name in algos:
-        if name not in known:
-            raise unknown("algorithm", name, list(known))
-    return [known[name] for name in dict.fromkeys(algos)] or list(known.values())
+        if name not in by_name:
+            raise unknown("algorithm", name, list(by_name))
+    return [by_name[name] for name in dict.fromkeys(algos)] or list(by_name.values())
 
 
 def check_settings(settings: Settings) -> Settings:
@@ -40,36 +40,32 @@ def check_settings(settings: Settings) -> Settings:
     return settings
 
 
-def check_request(
-    load: Callable[..., Settings], algos: Sequence[str], window: Window
-) -> Callable[..., Settings]:
-    """The same `load`, after a check of what a run is asked for.
+def check_request(settings: Settings, algos: Sequence[str], window: Window) -> Settings:
+    """The same settings, after a check of what a run is asked for.
 
     Raises:
         UserError: for an unknown name, a value out of range.
     """
     choose_estimators(algos)
-    stated = dict(zip(("--from", "--to"), window, strict=True))
-    span = {flag: value for flag, value in stated.items() if value is not None}
-    ends = span.get("--from", 0.0) < span.get("--to", math.inf)
-    if not (ends and all(map(math.isfinite, span.values()))):
+    by_flag = dict(zip(("--from", "--to"), window, strict=True))
+    span = {flag: value for flag, value in by_flag.items() if value is not None}
+    in_order = span.get("--from", 0.0) < span.get("--to", math.inf)
+    if not (in_order and all(map(math.isfinite, span.values()))):
         text = " and ".join(f"{flag} {value:g}" for flag, value in span.items())
         hint = "--to is later than --from; both are seconds after the log's start"
         raise UserError(f"{text} are not two times in order", hint, code=2)
-    check_settings(load())
-    return load
+    return check_settings(settings)
 
 
-def open_log(path: Path | Signals, load: Callable[..., Settings]) -> tuple[Settings, Source]:
-    """A log and its settings, see `analyze`.
+def open_log(path: Path | Signals, settings: Settings) -> tuple[Settings, Source]:
+    """A log, and the settings of its analysis: over those that a result file carries.
 
     Raises:
         UserError: where it cannot be read, and for wrong settings.
     """
-    settings = load()
     source = open_source(path, settings.read)
     if carried := _carried(path, source):
-        settings = load(base=settings_module.nested(carried))
+        settings = settings.over(settings_module.nested(carried))
     return check_settings(settings), source
 
 

@@ -26,15 +26,20 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 
-_IS = "settings are TOML, for example the line: vehicle.friction = 0.3"
+_FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
 CAN_KEYS = {"dbc": list}
 TIME_KEYS = {"channel": str, "unit": str, "source": str}
 GROUP_KEYS = {"channel": str, "equals": str}
 CHANNEL_KEYS = {
-    "channel": str, "field": str, "unit": str, "group": str, "teeth": int, "wrap": float,
-}  # fmt: skip
+    "channel": str,
+    "field": str,
+    "unit": str,
+    "group": str,
+    "teeth": int,
+    "wrap": float,
+}
 _ROUNDING = -1e-4  # eigenvalue of correlations that are rounded
 _ORIGIN = ("channels", "csv", "mcap", "can", "selection", "antiskid")  # what a result was made from
 MEANINGS = {
@@ -69,7 +74,8 @@ class Settings:
         overrides: parameters as stated, by name of estimator, of controller, and of "slope": in
             the loop, the slope has other defaults.
         checks: thresholds of every check of the diagnostics, by its name.
-        stated: vehicle parameters that the user states, though it may be the default's value.
+        tables: what the user states, with one name for each vehicle parameter.
+        flags: reading options that the user states by flags.
     """
 
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -82,22 +88,40 @@ class Settings:
     checks: dict[str, Any] = field(
         default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
     )
-    stated: frozenset[str] = field(default=frozenset(), compare=False)
+    tables: Tree[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    flags: Tree[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def stated(self) -> frozenset[str]:
+        """Vehicle parameters that the user states, though it may be the default's value."""
+        return frozenset(self.tables.get("vehicle", {}))
+
+    def over(self, carried: Tree[str, Any]) -> "Settings":
+        """These settings over those that a result file carries.
+
+        Those on reading its log are ignored: the result is another file. So are thresholds that
+        this version does not have.
+
+        Raises:
+            UserError: for an unknown key, a value out of range.
+        """
+        base = {k: v for k, v in carried.items() if k not in _ORIGIN}
+        base |= {"diagnostics": _known_thresholds(base.get("diagnostics", {}))}
+        return _build([_normalise_names(base), self.tables], self.flags)
 
     def params(self, est: Estimator) -> Any:
         """An estimator's parameters: its defaults and what the user stated."""
         return methods.validate(est, self.overrides.get(est.name, {}))
 
 
-Stated = Path | Tree[str, Any]  # a settings file, or its tables
+SettingsSource = Path | Tree[str, Any]  # a settings file, or its tables
 
 
 def load(
-    config: Stated | Sequence[Stated] | None = None,
+    config: SettingsSource | Sequence[SettingsSource] | None = None,
     assignments: Sequence[str | Tree[str, Any]] = (),
-    base: Tree[str, Any] | None = None,
     folder: bool = True,
-    **read: Any,
+    **flags: Any,
 ) -> Settings:
     """Settings from files and `--set`.
 
@@ -105,24 +129,23 @@ def load(
         config: the `-c` files, later ones first; what none of them states, `./adhesion.toml` does
             where there is one.
         assignments: `name=value`, as in ``neso.beta1=100`` or ``vehicle.phi=0.28``; or tables.
-        base: settings that a result file carries; every other overrides them. Those on reading
-            its log are ignored: the result is another file. So are thresholds that this version
-            does not have.
         folder: whether `./adhesion.toml` counts.
-        read: reading options from flags.
+        flags: reading options.
 
     Raises:
         UserError: for an unreadable file, an unknown key, a value out of range.
     """
-    carried = {k: v for k, v in (base or {}).items() if k not in _ORIGIN}
-    carried |= {"diagnostics": _of_today(carried.get("diagnostics", {}))}
-    mine = stated(config, assignments, folder)
-    names = frozenset(mine.get("vehicle", {}))
-    return replace(_typed(_merged([_one_spelling(carried), mine]), read), stated=names)
+    return _build([stated_tables(config, assignments, folder)], flags)
 
 
-def stated(
-    config: Stated | Sequence[Stated] | None = None,
+def _build(layers: Sequence[Tree[str, Any]], flags: Tree[str, Any]) -> Settings:
+    """The settings of these layers, of which the last is what the user states."""
+    checked = _checked_settings(_merge_layers(layers), flags)
+    return replace(checked, tables=layers[-1], flags=flags)
+
+
+def stated_tables(
+    config: SettingsSource | Sequence[SettingsSource] | None = None,
     assignments: Sequence[str | Tree[str, Any]] = (),
     folder: bool = True,
 ) -> dict[str, Any]:
@@ -131,17 +154,20 @@ def stated(
     Raises:
         UserError: for an unreadable file, and an unknown vehicle parameter.
     """
-    here = Path("adhesion.toml")
-    layers = [toml.read(here, _IS)] if folder and here.is_file() else []
+    local_file = Path("adhesion.toml")
+    layers = [toml.read(local_file, _FORMAT_HINT)] if folder and local_file.is_file() else []
     files = [config] if isinstance(config, Path | Tree) else config or ()
-    layers += [toml.read(of, _IS) if isinstance(of, Path) else dict(of) for of in files]
+    layers += [
+        toml.read(source, _FORMAT_HINT) if isinstance(source, Path) else dict(source)
+        for source in files
+    ]
     layers.append({})
-    for of in assignments:
-        _merge(layers[-1], assignment(of) if isinstance(of, str) else of)
-    return _merged(map(_one_spelling, layers))
+    for source in assignments:
+        _merge(layers[-1], assignment(source) if isinstance(source, str) else source)
+    return _merge_layers(map(_normalise_names, layers))
 
 
-def _merged(layers: Iterable[Tree[str, Any]]) -> dict[str, Any]:
+def _merge_layers(layers: Iterable[Tree[str, Any]]) -> dict[str, Any]:
     tree: dict[str, Any] = {}
     for layer in layers:
         _forget(tree, layer)
@@ -151,29 +177,30 @@ def _merged(layers: Iterable[Tree[str, Any]]) -> dict[str, Any]:
 
 def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:
     """Removes the correlations of the vehicle parameters that the next layer states anew."""
-    new, vehicle = layer.get("vehicle", {}), tree.get("vehicle", {})
-    known = vehicle.pop("correlation", {}) if new else {}
-    kept = {
-        a: left
-        for a, of in known.items()
-        if a not in new and (left := {b: x for b, x in of.items() if b not in new})
+    stated_vehicle, vehicle = layer.get("vehicle", {}), tree.get("vehicle", {})
+    correlations = vehicle.pop("correlation", {}) if stated_vehicle else {}
+    remaining = {
+        a: others_left
+        for a, related in correlations.items()
+        if a not in stated_vehicle
+        and (others_left := {b: x for b, x in related.items() if b not in stated_vehicle})
     }
-    vehicle |= {"correlation": kept} if kept else {}
+    vehicle |= {"correlation": remaining} if remaining else {}
 
 
-def _of_today(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
+def _known_thresholds(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
     """The thresholds of a result that this version has as well."""
-    known = {name: check.Params._fields for name, check in tunable().items()}
+    fields_by_check = {name: check.Params._fields for name, check in tunable().items()}
     return {
-        name: {k: v for k, v in stated.items() if k in known[name]}
-        for name, stated in checks.items()
-        if name in known
+        name: {k: v for k, v in thresholds.items() if k in fields_by_check[name]}
+        for name, thresholds in checks.items()
+        if name in fields_by_check
     }
 
 
 def stated_sections(assignments: Sequence[str]) -> set[str]:
     """The sections of which `--set` states something."""
-    return {name for text in assignments for name in _one_spelling(assignment(text))}
+    return {name for text in assignments for name in _normalise_names(assignment(text))}
 
 
 def tree(
@@ -182,7 +209,7 @@ def tree(
     axles: Sequence[int] = (),
     window: tuple[float | None, float | None] = (None, None),
 ) -> dict[str, Any]:
-    """Every parameter in force, as a TOML would state it; `load(base=…)` takes it back.
+    """Every parameter in force, as a TOML would state it; `Settings.over` takes it back.
 
     Args:
         settings: the settings.
@@ -192,55 +219,56 @@ def tree(
     """
     vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
     radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
-    plain = {name: p._asdict() for name, p in vehicle.items()}
-    together: dict[str, Any] = {}
+    parameters = {name: p._asdict() for name, p in vehicle.items()}
+    correlations: dict[str, Any] = {}
     for a, b, share in settings.vehicle.correlation:
-        together.setdefault(a, {})[b] = share
-    related = {"correlation": together} if together else {}
+        correlations.setdefault(a, {})[b] = share
+    related = {"correlation": correlations} if correlations else {}
     return {
-        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **plain, **related},
+        "vehicle": {"wheel_radius": radii if len(radii) > 1 else radii[0], **parameters, **related},
         "analysis": dataclasses.asdict(settings.analysis),
         "slope": settings.slope._asdict(),
         "bands": settings.bands._asdict(),
         "diagnostics": {name: p._asdict() for name, p in settings.checks.items()},
         **{e.name: settings.params(e)._asdict() for e in algos},
-        **_of_log(settings, axles, window),
+        **_log_sections(settings, axles, window),
     }
 
 
-def _of_log(
+def _log_sections(
     settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
 ) -> dict[str, Any]:
     """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
     channels: dict[str, Any] = {}
-    for owner, known in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
-        stated = {k: getattr(read, f"{owner}_{k}") for k in known}
-        channels[owner] = {k: v for k, v in stated.items() if v is not None}
+    for owner, key_names in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
+        values = {k: getattr(read, f"{owner}_{k}") for k in key_names}
+        channels[owner] = {k: v for k, v in values.items() if v is not None}
     for m in settings.mappings:
         entry = {k: v for k in CHANNEL_KEYS if (v := getattr(m, k))}
         place = channels.setdefault(m.meaning, {})
         place.update({f"axle {m.axle}": entry} if m.axle else entry)
-    first, last = window
-    taken: dict[str, Any] = {"from": first, "to": last, "axles": list(axles) or None}
+    from_s, to_s = window
+    selection: dict[str, Any] = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
         "channels": channels,
         "csv": {k: getattr(read, k) for k in CSV_KEYS},
         "mcap": {k: getattr(read, k) for k in MCAP_KEYS},
         "can": {"dbc": list(read.dbc)},
-        "selection": {**taken, "strict": read.strict},
+        "selection": {**selection, "strict": read.strict},
     }
     return {
-        s: {k: v for k, v in of.items() if v not in (None, {}, [])} for s, of in sections.items()
+        s: {k: v for k, v in entries.items() if v not in (None, {}, [])}
+        for s, entries in sections.items()
     }
 
 
 def nested(flat: Tree[str, str]) -> dict[str, Any]:
     """The tree from dotted keys with JSON values, as a result file carries it."""
-    out: dict[str, Any] = {}
+    tree: dict[str, Any] = {}
     for name, text in flat.items():
-        _merge(out, _nested(name.split("."), json.loads(text)))
-    return out
+        _merge(tree, _nested(name.split("."), json.loads(text)))
+    return tree
 
 
 def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
@@ -263,22 +291,22 @@ def assignment(text: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError:
         value = value.strip()
         # as people write numbers and TOML does not; else a bare word is a text
-        plain = re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value)
+        bare_number = re.fullmatch(r"[+-]?(\.\d+|\d+\.)(e[+-]?\d+)?", value)
     *sections, key = name.strip().split(".", toml.DEEPEST)
-    return toml.bounded(_nested([*sections, key], float(value) if plain else value), "--set")
+    return toml.bounded(_nested([*sections, key], float(value) if bare_number else value), "--set")
 
 
-def _merge(into: dict[str, Any], new: Tree[str, Any]) -> None:
-    """Lays `new` over `into`; tables merge, a number laid over `{value, tolerance}` replaces it."""
-    for key, value in new.items():
-        known = into.get(key)
-        if isinstance(value, dict) and isinstance(known, dict) and _alike(known, value):
-            _merge(known, value)
+def _merge(target: dict[str, Any], layer: Tree[str, Any]) -> None:
+    """Lays `layer` over `target`; tables merge, a number over `{value, tolerance}` replaces it."""
+    for key, value in layer.items():
+        existing = target.get(key)
+        if isinstance(value, dict) and isinstance(existing, dict) and _same_kind(existing, value):
+            _merge(existing, value)
         else:
-            into[key] = copy.deepcopy(value)
+            target[key] = copy.deepcopy(value)
 
 
-def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
+def _same_kind(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
     tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
     return not tables or ({"channel", "unit"} & a.keys() == set()) == (
@@ -286,28 +314,28 @@ def _alike(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
     )
 
 
-def _one_spelling(layer: Tree[str, Any]) -> dict[str, Any]:
+def _normalise_names(layer: Tree[str, Any]) -> dict[str, Any]:
     """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
     keys = vehicle_keys()
-    out = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
-    given = {k: v for k, v in layer.items() if k in keys}
+    normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
+    bare_keys = {k: v for k, v in layer.items() if k in keys}
     vehicle: dict[str, Any] = {}
-    for key, value in [*given.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
+    for key, value in [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
         if key not in keys:
             raise unknown("vehicle parameter", key, list(keys))
         if keys[key] in vehicle:
             message = f"vehicle.{keys[key]} is stated twice in one place, once as {key!r}"
             raise UserError(message, "keep one of them", code=2)
-        vehicle[keys[key]] = _halved(value) if key == "wheel_diameter" else value
-    return {**out, "vehicle": vehicle} if vehicle else out
+        vehicle[keys[key]] = _halve(value) if key == "wheel_diameter" else value
+    return {**normalised, "vehicle": vehicle} if vehicle else normalised
 
 
-def _halved(value: Any) -> Any:
+def _halve(value: Any) -> Any:
     """A radius from a diameter: a number, `{value, tolerance}`, or a list of them."""
     if isinstance(value, list):
-        return [_halved(v) for v in value]
+        return [_halve(v) for v in value]
     if isinstance(value, dict):
-        return {k: _halved(v) for k, v in value.items()}
+        return {k: _halve(v) for k, v in value.items()}
     return _number("vehicle.wheel_diameter", value) / 2.0
 
 
@@ -318,23 +346,23 @@ def sections() -> list[str]:
 
 def _numeric() -> "dict[str, methods.Tunable]":
     """The sections that hold numbers only."""
-    own = {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
-    return {**estimator.registry(), **controller.registry(), **own}
+    own_sections = {x.name: x for x in (_Section("slope", Params), _Section("bands", Bands))}
+    return {**estimator.registry(), **controller.registry(), **own_sections}
 
 
-def _typed(tree: dict[str, Any], read: dict[str, Any]) -> Settings:
-    numeric, known = _numeric(), sections()
+def _checked_settings(tree: dict[str, Any], read: Tree[str, Any]) -> Settings:
+    numeric, section_names = _numeric(), sections()
     for key, value in tree.items():
-        if key not in known:
-            raise unknown("setting", key, [*known, *vehicle_keys()])
+        if key not in section_names:
+            raise unknown("setting", key, [*section_names, *vehicle_keys()])
         _table_of(key, value)
     overrides = {
         key: _numbers(numeric[key], value) for key, value in tree.items() if key in numeric
     }
     bands = Bands(**overrides.pop("bands", {}))
-    mappings, stated = _channels(tree.get("channels", {}))
+    mappings, time_options = _channels(tree.get("channels", {}))
     options = {
-        **stated,
+        **time_options,
         **_fields("csv", tree.get("csv", {}), CSV_KEYS),
         **_fields("mcap", tree.get("mcap", {}), MCAP_KEYS),
         **_files(_fields("can", tree.get("can", {}), CAN_KEYS)),
@@ -366,10 +394,12 @@ class _Section(NamedTuple):
     Params: type[Any]
 
 
-def _numbers(of: methods.Tunable, stated: Any) -> dict[str, float]:
+def _numbers(tunable: methods.Tunable, table: Any) -> dict[str, float]:
     """The numbers that a section states, checked against their ranges."""
-    numbers = {k: _number(f"{of.name}.{k}", v) for k, v in _table_of(of.name, stated).items()}
-    methods.validate(of, numbers)
+    numbers = {
+        k: _number(f"{tunable.name}.{k}", v) for k, v in _table_of(tunable.name, table).items()
+    }
+    methods.validate(tunable, numbers)
     return numbers
 
 
@@ -377,72 +407,74 @@ def vehicle_keys() -> dict[str, str]:
     """Every spelling of a vehicle parameter, and the field it means."""
     names = {name: name for name in quantities(Vehicle)}
     symbols = {q.symbol: name for name, q in quantities(Vehicle).items() if q.symbol}
-    same = {"wheel_diameter": "wheel_radius", "correlation": "correlation"}
-    return {**names, **symbols, **same}
+    further = {"wheel_diameter": "wheel_radius", "correlation": "correlation"}
+    return {**names, **symbols, **further}
 
 
-def _vehicle(stated: dict[str, Any]) -> Vehicle:
+def _vehicle(table: dict[str, Any]) -> Vehicle:
     values: dict[str, Any] = {}
-    for name, value in stated.items():
-        known = getattr(Vehicle(), name)
+    for name, value in table.items():
+        default = getattr(Vehicle(), name)
         if name == "correlation":
             values[name] = _correlation(value)
         elif name == "wheel_radius":
-            many = value if isinstance(value, list) else [value]
-            if not many:
+            radii = value if isinstance(value, list) else [value]
+            if not radii:
                 line = f"vehicle.{name} = [0.43, 0.43]"
                 hint = f"one value, or one per axle, as {toml.option(line)}"
                 raise UserError(f"vehicle.{name} is an empty list", hint, code=2)
-            values[name] = tuple(_parameter(name, v, known[0]) for v in many)
+            values[name] = tuple(_parameter(name, v, default[0]) for v in radii)
         else:
-            values[name] = _parameter(name, value, known)
+            values[name] = _parameter(name, value, default)
     return Vehicle(**values)
 
 
-def _correlation(stated: Any) -> tuple[tuple[str, str, float], ...]:
+def _correlation(table: Any) -> tuple[tuple[str, str, float], ...]:
     """The correlation coefficients that the vehicle states, which some errors must have.
 
     Raises:
         UserError: for an unknown parameter, and for coefficients that no errors have.
     """
     section, names = "vehicle.correlation", list(quantities(Vehicle))
-    found = []
-    for a, of in _table_of(section, stated).items():
-        for b, share in _table_of(f"{section}.{a}", of).items():
+    coefficients = []
+    for a, row in _table_of(section, table).items():
+        for b, share in _table_of(f"{section}.{a}", row).items():
             for name in (a, b):
                 if name not in names:
                     raise unknown("vehicle parameter", name, names)
-            found.append((a, b, _number(f"{section}.{a}.{b}", share)))
+            coefficients.append((a, b, _number(f"{section}.{a}.{b}", share)))
     matrix = np.eye(len(names))
-    for a, b, share in found:
+    for a, b, share in coefficients:
         matrix[names.index(a), names.index(b)] = matrix[names.index(b), names.index(a)] = share
-    if found and (np.linalg.eigvalsh(matrix)[0] < _ROUNDING or (np.diag(matrix) != 1.0).any()):
+    if coefficients and (
+        np.linalg.eigvalsh(matrix)[0] < _ROUNDING or (np.diag(matrix) != 1.0).any()
+    ):
         hint = "state each pair of two parameters once, from −1 to 1, as `calibrate` writes them"
         raise UserError(f"{section}: no errors have these correlations", hint, code=2)
-    return tuple(found)
+    return tuple(coefficients)
 
 
-def _parameter(key: str, stated: Any, default: Parameter) -> Parameter:
+def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     """A value, or `{value, tolerance}`; without a tolerance the default's share of the value."""
     name = f"vehicle.{key}"
-    table = stated if isinstance(stated, dict) else {"value": stated}
-    given = _fields(name, table, {"value": float, "tolerance": float})
-    of = quantities(Vehicle)[key]
-    value = of.check(name, given.get("value", default.value))
+    table = entry if isinstance(entry, dict) else {"value": entry}
+    fields = _fields(name, table, {"value": float, "tolerance": float})
+    quantity = quantities(Vehicle)[key]
+    value = quantity.check(name, fields.get("value", default.value))
     share = default.tolerance / default.value if default.value else 0.0
-    tolerance = given.get("tolerance", share * abs(value))
-    if not 0.0 <= tolerance <= of.maximum:
-        hint = f"1 sigma, in the parameter's unit: {replace(of, minimum=0.0).range}"
+    tolerance = fields.get("tolerance", share * abs(value))
+    if not 0.0 <= tolerance <= quantity.maximum:
+        hint = f"1 sigma, in the parameter's unit: {replace(quantity, minimum=0.0).range}"
         raise UserError(f"{name}: tolerance = {tolerance:g} is out of range", hint, code=2)
     return Parameter(value, tolerance)
 
 
-def _channels(stated: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
+def _channels(section: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
     """`[channels]`: what each log name means, and how to read the time."""
     mappings: list[Mapping] = []
     options: dict[str, Any] = {}
     of_rows = {"time": TIME_KEYS, "group": GROUP_KEYS}
-    for key, value in stated.items():
+    for key, value in section.items():
         if key in of_rows:
             table = _fields(f"channels.{key}", _table(value), of_rows[key])
             options |= {f"{key}_{k}": v for k, v in table.items()}
@@ -470,15 +502,15 @@ def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
     """`pressure = "p"` is every axle's, `pressure."axle 2" = …` one axle's."""
     if not isinstance(value, dict) or value.keys() & CHANNEL_KEYS.keys():
         return [(None, value)]
-    out: list[tuple[int | None, Any]] = []
+    entries: list[tuple[int | None, Any]] = []
     for name, entry in value.items():
         digits = name.lower().removeprefix("axle").strip(" _")
         if not digits.isdigit() or int(digits) < 1:
             line = f'channels.{key}."axle 1" = {{channel = "NAME"}}'
             hint = f"axles count from 1, as {toml.option(line)}"
             raise UserError(f"channels.{key}.{name!r} is no axle", hint, code=2)
-        out.append((int(digits), entry))
-    return out
+        entries.append((int(digits), entry))
+    return entries
 
 
 def _table(value: Any) -> dict[str, Any]:
@@ -493,37 +525,37 @@ def _table_of(section: str, value: Any) -> dict[str, Any]:
     return value
 
 
-def _fields(section: str, stated: Any, known: Tree[str, type]) -> dict[str, Any]:
+def _fields(section: str, table: Any, types: Tree[str, type]) -> dict[str, Any]:
     """A table's entries, each of its type; a column's number may stand for a text."""
-    out: dict[str, Any] = {}
-    for key, value in _table_of(section, stated).items():
+    fields: dict[str, Any] = {}
+    for key, value in _table_of(section, table).items():
         name = f"{section}.{key}"
-        if key not in known:
-            raise unknown(f"key of [{section}]", key, list(known))
-        if known[key] is str and isinstance(value, (int, float)) and not isinstance(value, bool):
-            out[key] = str(value)
-        elif known[key] is float:
-            out[key] = _number(name, value)
-        elif type(value) is known[key]:
-            out[key] = value
+        if key not in types:
+            raise unknown(f"key of [{section}]", key, list(types))
+        if types[key] is str and isinstance(value, (int, float)) and not isinstance(value, bool):
+            fields[key] = str(value)
+        elif types[key] is float:
+            fields[key] = _number(name, value)
+        elif type(value) is types[key]:
+            fields[key] = value
         else:
             kind = {bool: "true or false", str: "a text in quotes", int: "a whole number"}
             kind[list] = 'a list of texts, as ["brake.dbc"]'
-            raise UserError(f"{name} = {value!r} is wrong", f"write {kind[known[key]]}", code=2)
-    return out
+            raise UserError(f"{name} = {value!r} is wrong", f"write {kind[types[key]]}", code=2)
+    return fields
 
 
-def _files(stated: Tree[str, Any]) -> dict[str, Any]:
+def _files(lists: Tree[str, Any]) -> dict[str, Any]:
     """Lists of file names, checked; --dbc gives them as the section does.
 
     Raises:
         UserError: where an entry is no text.
     """
-    for key, names in stated.items():
+    for key, names in lists.items():
         if not all(isinstance(name, str) for name in names):
             text = f"can.{key} = {names!r} is wrong"
             raise UserError(text, 'write a list of texts, as ["brake.dbc"]', code=2)
-    return {key: tuple(names) for key, names in stated.items()}
+    return {key: tuple(names) for key, names in lists.items()}
 
 
 def _number(name: str, value: Any) -> float:

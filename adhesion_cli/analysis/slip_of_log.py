@@ -23,12 +23,16 @@ class SlipOfLog(NamedTuple):
 
 def slip_of(result: Result) -> SlipOfLog:
     """The slip of an analysed log."""
-    found, told = zip(*(summary(axle, result.vehicle) for axle in result.axles), strict=True)
-    return SlipOfLog(result, found, [*result.findings, *(f for axle in told for f in axle)])
+    summaries, rail_findings = zip(
+        *(summary(axle, result.vehicle) for axle in result.axles), strict=True
+    )
+    return SlipOfLog(
+        result, summaries, [*result.findings, *(f for axle in rail_findings for f in axle)]
+    )
 
 
-def carried(of: SlipOfLog) -> "tuple[str, list[Note]]":
+def carried(slip: SlipOfLog) -> "tuple[str, list[Note]]":
     """What a result file has of it: the document, and a text on each axle with its rail."""
-    start = of.result.log.start_ns()
-    notes = [(f"```\n{note(s, start)}\n```", s.rail) for s in of.axles]
-    return dumps(slip_document([of.result.log], [of.axles], [of.findings])), notes
+    start = slip.result.log.start_ns()
+    notes = [(f"```\n{note(s, start)}\n```", s.rail) for s in slip.axles]
+    return dumps(slip_document([slip.result.log], [slip.axles], [slip.findings])), notes

@@ -20,32 +20,37 @@ from ..formats.memory import Signals
 Source = str | os.PathLike[str] | Signals | Any
 """A log: the path of a file, `Signals`, or a table of pandas, pyarrow or polars."""
 File = str | os.PathLike[str]
-Stated = File | Mapping[str, Any] | Sequence[File | Mapping[str, Any]] | None
+SettingsSources = File | Mapping[str, Any] | Sequence[File | Mapping[str, Any]] | None
 """Settings: a TOML file or its tables, or several, of which the later ones count."""
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _OPTION = re.compile(r"`?--set ('(?:[^']|'\"'\"')*'|[^\s;,`)]+)`?")
 _VALUE = re.compile(r"--(from|to|axle|dt|seed) (\d[\d.]*)")
-_WORDS = {
-    "--from": "from_s", "--to": "to_s", "--axle": "axles", "--algo": "algos",
-    "--strict": "strict=True", "--force": "force=True", "--out": "folder",
+_KEYWORD_OF_OPTION = {
+    "--from": "from_s",
+    "--to": "to_s",
+    "--axle": "axles",
+    "--algo": "algos",
+    "--strict": "strict=True",
+    "--force": "force=True",
+    "--out": "folder",
     "-c FILE.toml": "settings='FILE.toml'",
-}  # fmt: skip
+}
 _KEYWORD = {"from": "from_s", "to": "to_s", "axle": "axles"}
 
 
 class Choices(NamedTuple):
     """What a run is asked for, checked."""
 
-    load: Callable[..., settings.Settings]
+    settings: settings.Settings
     algos: list[str]
     axles: list[int]
     window: tuple[float | None, float | None]
 
 
 def choices(  # noqa: PLR0913 (the keywords of a call)
-    stated: Stated,
+    sources: SettingsSources,
     sections: Mapping[str, Any],
     *,
     algos: str | Iterable[str] = (),
@@ -58,7 +63,7 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     """Settings and options from the keywords of a call.
 
     Args:
-        stated: files or tables of settings.
+        sources: files or tables of settings.
         sections: further keywords: each a section of the settings, or a vehicle parameter.
         algos: names of estimators.
         reference: name of the offline reference.
@@ -70,25 +75,30 @@ def choices(  # noqa: PLR0913 (the keywords of a call)
     Raises:
         UserError: for an unknown name, a value out of range.
     """
-    known = settings.sections()
+    section_names = settings.sections()
     vehicle = settings.vehicle_keys()
     for name in sections:
-        if name not in known and name not in vehicle:
-            raise unknown("keyword", name, [*keywords, *known])
-        if name in known and not isinstance(sections[name], Mapping | None):
+        if name not in section_names and name not in vehicle:
+            raise unknown("keyword", name, [*keywords, *section_names])
+        if name in section_names and not isinstance(sections[name], Mapping | None):
             hint = f"give its keys, as {name}={{'KEY': value}}"
             raise UserError(f"{name}={sections[name]!r} is no table", hint, code=2)
-    tables = [_table(name, {name: of}) for name, of in sections.items() if of is not None]
+    tables = [_table(name, {name: table}) for name, table in sections.items() if table is not None]
     if reference is not None:
         tables.append({"analysis": {"reference": reference}})
-    many = [stated] if isinstance(stated, str | os.PathLike | Mapping) else list(stated or ())
-    files = [_table("settings", of) if isinstance(of, Mapping) else Path(of) for of in many]
-    load = functools.partial(settings.load, files, tables, strict=strict)
-    found = Choices(
-        load, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
+    source_list = (
+        [sources] if isinstance(sources, str | os.PathLike | Mapping) else list(sources or ())
     )
-    check_request(load, found.algos, found.window)
-    return found
+    files = [
+        _table("settings", table) if isinstance(table, Mapping) else Path(table)
+        for table in source_list
+    ]
+    checked = settings.load(files, tables, strict=strict)
+    chosen = Choices(
+        checked, [algos] if isinstance(algos, str) else list(algos), axles_of(axles), _span(span)
+    )
+    check_request(checked, chosen.algos, chosen.window)
+    return chosen
 
 
 def log_of(source: Source) -> Path | Signals:
@@ -113,10 +123,10 @@ def logs_of(sources: Any) -> list[Path | Signals]:
     Raises:
         UserError: as `log_of`, and where there is none.
     """
-    many = list(sources) if isinstance(sources, list | tuple) else [sources]
-    if not many:
+    source_list = list(sources) if isinstance(sources, list | tuple) else [sources]
+    if not source_list:
         raise UserError("no log given", "give the path of a log, or a list of paths", code=2)
-    return [log_of(source) for source in many]
+    return [log_of(source) for source in source_list]
 
 
 def in_python(function: Callable[_P, _T]) -> Callable[_P, _T]:
@@ -127,12 +137,12 @@ def in_python(function: Callable[_P, _T]) -> Callable[_P, _T]:
         try:
             return function(*args, **kwargs)
         except UserError as error:
-            raise UserError(words(error.text), words(error.hint), error.code) from None
+            raise UserError(as_keywords(error.text), as_keywords(error.hint), error.code) from None
 
     return run
 
 
-def words(text: str) -> str:
+def as_keywords(text: str) -> str:
     r"""A message of the command line with its options as keywords.
 
     >>> words("state it, as --set 'csv.decimal = \",\"', or leave out --strict")
@@ -140,7 +150,7 @@ def words(text: str) -> str:
     """
     text = _OPTION.sub(_keywords, text)
     text = _VALUE.sub(lambda m: f"{_KEYWORD.get(m[1], m[1])}={m[2]}", text)
-    for option, word in _WORDS.items():
+    for option, word in _KEYWORD_OF_OPTION.items():
         text = text.replace(option, word)
     return text
 
@@ -154,35 +164,35 @@ def _keywords(option: re.Match[str]) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in tables.items())
 
 
-def _table(where: str, tables: Mapping[str, Any]) -> dict[str, Any]:
-    return toml.bounded(_plain(tables), where)
+def _table(origin: str, tables: Mapping[str, Any]) -> dict[str, Any]:
+    return toml.bounded(_as_toml(tables), origin)
 
 
-def _plain(value: Any) -> Any:
+def _as_toml(value: Any) -> Any:
     """Tables, lists and numbers as TOML has them."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(of) for key, of in value.items()}
+        return {str(key): _as_toml(item) for key, item in value.items()}
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
-    return [_plain(of) for of in value] if isinstance(value, list | tuple) else value
+    return [_as_toml(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def axles_of(stated: Any) -> list[int]:
+def axles_of(axles: Any) -> list[int]:
     """Numbers of axles, of which a call names one or several.
 
     Raises:
         UserError: for what is no number from 1.
     """
-    many: list[Any] = [stated] if isinstance(stated, Real) else list(stated)
-    if not all(isinstance(of, int | np.integer) and of >= 1 for of in many):
-        raise UserError(f"axles={stated!r} are no axles", "axles count from 1, as [1, 3]", code=2)
-    return [int(of) for of in many]
+    numbers: list[Any] = [axles] if isinstance(axles, Real) else list(axles)
+    if not all(isinstance(number, int | np.integer) and number >= 1 for number in numbers):
+        raise UserError(f"axles={axles!r} are no axles", "axles count from 1, as [1, 3]", code=2)
+    return [int(number) for number in numbers]
 
 
-def _span(stated: tuple[Any, Any]) -> tuple[float | None, float | None]:
-    for name, value in zip(("from_s", "to_s"), stated, strict=True):
+def _span(span: tuple[Any, Any]) -> tuple[float | None, float | None]:
+    for name, value in zip(("from_s", "to_s"), span, strict=True):
         if value is not None and not isinstance(value, Real):
             hint = "seconds after the log's start, as 12.5"
             raise UserError(f"{name}={value!r} is no number", hint, code=2)
-    first, last = (None if x is None else float(x) for x in stated)
-    return first, last
+    from_s, to_s = (None if x is None else float(x) for x in span)
+    return from_s, to_s

@@ -18,28 +18,28 @@ from pathlib import Path
 from typing import Any
 
 from ..analysis import analyze as analysis
-from ..analysis import calibrate as calibration
-from ..analysis.inspection import inspected
+from ..analysis.inspection import inspect_log
 from ..analysis.slip_of_log import slip_of
 from ..channels.log import unchanged
 from ..formats.memory import Signals
 from ..formats.open import open_source
 from ..results import atomic_files
 from ..results.log_writer import writer
+from ..studies import calibrate as calibration
 from ..wsp import simulate as simulation
-from .choices import Choices, File, Source, Stated, choices, in_python, log_of, logs_of
+from .choices import Choices, File, SettingsSources, Source, choices, in_python, log_of, logs_of
 from .results import Analysis, Calibration, Comparison, Inspection, SlipAnalysis
 
 _OF_LOG = ("settings", "strict")
 _OF_SPAN = (*_OF_LOG, "reference", "axles", "from_s", "to_s")
-_EVERY = (*_OF_SPAN, "algos")
+_ALL_KEYWORDS = (*_OF_SPAN, "algos")
 
 
 @in_python
 def analyze(  # noqa: PLR0913 (the options of the command, each with a default)
     log: Source,
     *,
-    settings: Stated = None,
+    settings: SettingsSources = None,
     algos: str | Iterable[str] = (),
     reference: str | None = None,
     axles: int | Iterable[int] = (),
@@ -69,15 +69,21 @@ def analyze(  # noqa: PLR0913 (the options of the command, each with a default)
     ... # doctest: +SKIP
     """
     chosen = choices(
-        settings, sections, algos=algos, reference=reference, axles=axles, span=(from_s, to_s),
-        strict=strict, keywords=_EVERY,
-    )  # fmt: skip
-    return _analysed(log_of(log), chosen, train_speed=True)
+        settings,
+        sections,
+        algos=algos,
+        reference=reference,
+        axles=axles,
+        span=(from_s, to_s),
+        strict=strict,
+        keywords=_ALL_KEYWORDS,
+    )
+    return _analyze(log_of(log), chosen, train_speed=True)
 
 
 @in_python
 def inspect(
-    log: Source, *, settings: Stated = None, strict: bool = False, **sections: Any
+    log: Source, *, settings: SettingsSources = None, strict: bool = False, **sections: Any
 ) -> Inspection:
     """Channels of a log with meaning, unit and reason, its rates, gaps and findings.
 
@@ -91,14 +97,14 @@ def inspect(
         UserError: where the log cannot be read.
     """
     chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
-    return Inspection(inspected(log_of(log), chosen.load()))
+    return Inspection(inspect_log(log_of(log), chosen.settings))
 
 
 @in_python
 def compare(  # noqa: PLR0913 (the options of the command, each with a default)
     logs: Source | Sequence[Source],
     *,
-    settings: Stated = None,
+    settings: SettingsSources = None,
     algos: str | Iterable[str] = (),
     reference: str | None = None,
     axles: int | Iterable[int] = (),
@@ -124,17 +130,23 @@ def compare(  # noqa: PLR0913 (the options of the command, each with a default)
         UserError: see `analyze`.
     """
     chosen = choices(
-        settings, sections, algos=algos, reference=reference, axles=axles, span=(from_s, to_s),
-        strict=strict, keywords=_EVERY,
-    )  # fmt: skip
-    return Comparison(tuple(_analysed(log, chosen) for log in logs_of(logs)))
+        settings,
+        sections,
+        algos=algos,
+        reference=reference,
+        axles=axles,
+        span=(from_s, to_s),
+        strict=strict,
+        keywords=_ALL_KEYWORDS,
+    )
+    return Comparison(tuple(_analyze(log, chosen) for log in logs_of(logs)))
 
 
 @in_python
 def slip(  # noqa: PLR0913 (the options of the command, each with a default)
     log: Source,
     *,
-    settings: Stated = None,
+    settings: SettingsSources = None,
     reference: str | None = None,
     axles: int | Iterable[int] = (),
     from_s: float | None = None,
@@ -158,18 +170,26 @@ def slip(  # noqa: PLR0913 (the options of the command, each with a default)
         UserError: see `analyze`.
     """
     chosen = choices(
-        settings, sections, reference=reference, axles=axles, span=(from_s, to_s), strict=strict,
+        settings,
+        sections,
+        reference=reference,
+        axles=axles,
+        span=(from_s, to_s),
+        strict=strict,
         keywords=_OF_SPAN,
-    )  # fmt: skip
-    found = _analysed(log_of(log), chosen, train_speed=True)
-    return SlipAnalysis(found, slip_of(found.result))
+    )
+    analysis_of_log = _analyze(log_of(log), chosen, train_speed=True)
+    return SlipAnalysis(analysis_of_log, slip_of(analysis_of_log.result))
 
 
 @in_python
 def calibrate(
-    logs: Source | Sequence[Source], *, settings: Stated = None, strict: bool = False,
+    logs: Source | Sequence[Source],
+    *,
+    settings: SettingsSources = None,
+    strict: bool = False,
     **sections: Any,
-) -> Calibration:  # fmt: skip
+) -> Calibration:
     """The vehicle's force from the deceleration of its own logs.
 
     Args:
@@ -182,7 +202,7 @@ def calibrate(
         UserError: where the logs do not determine the vehicle, or contradict each other.
     """
     chosen = choices(settings, sections, strict=strict, keywords=_OF_LOG)
-    return Calibration(calibration.calibrate(logs_of(logs), chosen.load))
+    return Calibration(calibration.calibrate(logs_of(logs), chosen.settings))
 
 
 @in_python
@@ -203,9 +223,14 @@ def simulate(scenario: File, *, seed: int | None = None, dt: float | None = None
 
 @in_python
 def convert(
-    log: Source, target: File, *, settings: Stated = None, strict: bool = False,
-    force: bool = False, **sections: Any,
-) -> Path:  # fmt: skip
+    log: Source,
+    target: File,
+    *,
+    settings: SettingsSources = None,
+    strict: bool = False,
+    force: bool = False,
+    **sections: Any,
+) -> Path:
     """Writes a log in the format of the target's suffix; units survive.
 
     Args:
@@ -224,15 +249,15 @@ def convert(
     """
     path, source = Path(target), log_of(log)
     write = writer(path)
-    stated = choices(settings, sections, strict=strict, keywords=(*_OF_LOG, "force")).load()
+    checked = choices(settings, sections, strict=strict, keywords=(*_OF_LOG, "force")).settings
     inputs = [source] if isinstance(source, Path) else []
     atomic_files.check([path], force, inputs=inputs)
-    read = unchanged(open_source(source, stated.read), stated.mappings)
+    read = unchanged(open_source(source, checked.read), checked.mappings)
     with atomic_files.outputs([path], force, inputs=inputs) as (place,):
         write(place, read)
     return path
 
 
-def _analysed(log: Path | Signals, chosen: Choices, train_speed: bool = False) -> Analysis:
-    load, algos, axles, window = chosen
-    return Analysis(analysis.analyze(log, load, algos, axles, window, train_speed=train_speed))
+def _analyze(log: Path | Signals, chosen: Choices, train_speed: bool = False) -> Analysis:
+    settings, algos, axles, window = chosen
+    return Analysis(analysis.analyze(log, settings, algos, axles, window, train_speed=train_speed))

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..analysis import calibrate, json_documents, outputs
-from ..analysis.inspection import Inspected
+from ..analysis import json_documents, outputs
+from ..analysis.inspection import InspectedLog
 from ..analysis.json_documents import BrakeApplication
 from ..analysis.slip_of_log import SlipOfLog, carried
 from ..core import physics, toml
@@ -30,12 +30,13 @@ from ..core.model import (
     Vehicle,
     quantities,
 )
-from ..evaluation.metrics import pool_scores
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS
 from ..reference.calibrated_vehicle import Row
 from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
+from ..scores.metrics import pool_scores
+from ..studies import calibrate
 from . import shown
 from .choices import File, axles_of, in_python
 
@@ -55,7 +56,7 @@ class _Tables(ABC):
         """The arrow table of this name."""
 
     @abstractmethod
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
         """What is shown: a title, and rows by the caption of their table."""
 
     @property
@@ -95,19 +96,23 @@ class _Tables(ABC):
         return frame
 
     def __repr__(self) -> str:
-        title, of = self._shown()
-        parts = [f"{caption}\n{records(rows)}" for caption, rows in of.items() if rows]
-        lines = [f"{log}{_line(f)}" for log, of in self._told() for f in of]
-        text = "\n\n".join(filter(None, [title, *parts, "\n".join(lines)]))
+        title, captioned = self._display()
+        sections = [f"{caption}\n{records(rows)}" for caption, rows in captioned.items() if rows]
+        lines = [
+            f"{log}{_line(f)}" for log, captioned in self._grouped_findings() for f in captioned
+        ]
+        text = "\n\n".join(filter(None, [title, *sections, "\n".join(lines)]))
         return "\n".join(line.rstrip() for line in text.splitlines())
 
     def _repr_html_(self) -> str:
-        title, of = self._shown()
-        parts = [shown.table(rows, caption) for caption, rows in of.items()]
-        told = (shown.findings(of, log) for log, of in self._told())
-        return shown.page(title, *parts, *told)
+        title, captioned = self._display()
+        sections = [shown.table(rows, caption) for caption, rows in captioned.items()]
+        finding_lists = (
+            shown.findings(captioned, log) for log, captioned in self._grouped_findings()
+        )
+        return shown.page(title, *sections, *finding_lists)
 
-    def _told(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
         """The findings, each group with what stands in front of it."""
         return [("", self.findings)]
 
@@ -126,8 +131,8 @@ class _Axles(dict[int, Any]):
 class AxleError(UserError, KeyError):
     """The error for an axle that was not analysed."""
 
-    def __init__(self, axle: object, known: Sequence[int] = ()) -> None:
-        numbers = ", ".join(map(str, known))
+    def __init__(self, axle: object, analysed: Sequence[int] = ()) -> None:
+        numbers = ", ".join(map(str, analysed))
         UserError.__init__(self, f"no axle {axle!r} was analysed", f"analysed: {numbers}", 2)
 
     def __str__(self) -> str:  # KeyError shows a repr
@@ -199,9 +204,9 @@ class Axle(_Tables):
         columns = {n: (getattr(self, n), q.unit) for n, q in quantities(Axle).items()}
         columns |= {f"estimate_{n}": (x, "N") for n, x in self.estimates.items()}
         columns |= {f"sigma_{n}": (x, "N") for n, x in self.sigmas.items()}
-        return tables.series({n: of for n, of in columns.items() if of[0] is not None})
+        return tables.series({n: column for n, column in columns.items() if column[0] is not None})
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [result_rows.score_row(str(self.number), s) for s in self.estimators]
         title = f"axle {self.number}: {len(self.t_s)} samples, reference {self.method}"
         return title, {"Estimators": rows}
@@ -210,15 +215,29 @@ class Axle(_Tables):
 def _axle(axle: AxleResult, result: Result, braked: tuple[BrakeApplication, ...]) -> Axle:
     record, ref = axle.record, axle.reference
     return Axle(
-        number=record.axle, method=ref.method, applications=braked, estimators=axle.scores,
-        time_ns=record.t, t_s=(record.t - result.log.start_ns()).astype(np.float64) * 1e-9,
-        clamping_force=record.clamping_force, wheel_speed=record.wheel_speed,
-        force=ref.force, sigma=ref.sigma, lower=ref.lower, upper=ref.upper,
+        number=record.axle,
+        method=ref.method,
+        applications=braked,
+        estimators=axle.scores,
+        time_ns=record.t,
+        t_s=(record.t - result.log.start_ns()).astype(np.float64) * 1e-9,
+        clamping_force=record.clamping_force,
+        wheel_speed=record.wheel_speed,
+        force=ref.force,
+        sigma=ref.sigma,
+        lower=ref.lower,
+        upper=ref.upper,
         coefficient=physics.coefficient(ref.force, result.vehicle),
-        estimates=axle.estimates, sigmas=axle.sigmas, pressure=record.pressure,
-        train_speed=record.train_speed, slip=axle.slip, slope=axle.slope,
-        slope_confidence=axle.slope_confidence, region=axle.region, truth=record.truth,
-    )  # fmt: skip
+        estimates=axle.estimates,
+        sigmas=axle.sigmas,
+        pressure=record.pressure,
+        train_speed=record.train_speed,
+        slip=axle.slip,
+        slope=axle.slope,
+        slope_confidence=axle.slope_confidence,
+        region=axle.region,
+        truth=record.truth,
+    )
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -252,13 +271,13 @@ class Analysis(_Tables):
     @cached_property
     def axles(self) -> Mapping[int, Axle]:
         """Every axle with its time series, by its number."""
-        of = {a.record.axle: a for a in self.result.axles}
-        return _Axles({n: _axle(a, self.result, self._braked[n]) for n, a in of.items()})
+        by_number = {a.record.axle: a for a in self.result.axles}
+        return _Axles({n: _axle(a, self.result, self._braked[n]) for n, a in by_number.items()})
 
     @property
     def applications(self) -> tuple[BrakeApplication, ...]:
         """Every brake application of every axle, with force, adhesion coefficient and slides."""
-        return tuple(one for of in self._braked.values() for one in of)
+        return tuple(application for of_axle in self._braked.values() for application in of_axle)
 
     @property
     def estimators(self) -> tuple[Score, ...]:
@@ -332,11 +351,15 @@ class Analysis(_Tables):
                 outputs.write_report(place, places[0], files[0].name)
         return files
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
-        every = [(str(a["axle"]), one) for a in self._entry["axles"] for one in a["applications"]]
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
+        pairs = [
+            (str(a["axle"]), application)
+            for a in self._entry["axles"]
+            for application in a["applications"]
+        ]
         return self.log.path, {
-            "Brake applications (± is 95 %)": [result_rows.row(*of) for of in every],
-            "Slides": [result_rows.slid_row(*of) for of in every if of[1]["slides"]],
+            "Brake applications (± is 95 %)": [result_rows.row(*pair) for pair in pairs],
+            "Slides": [result_rows.slid_row(*pair) for pair in pairs if pair[1]["slides"]],
         }
 
 
@@ -356,26 +379,26 @@ class Comparison(_Tables):
     @property
     def estimators(self) -> tuple[Score, ...]:
         """Scores over all axles of all logs, best first."""
-        scores = [a.scores for one in self.analyses for a in one.result.axles]
+        scores = [a.scores for analysis in self.analyses for a in analysis.result.axles]
         return scores[0] if len(scores) == 1 else pool_scores(scores)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found about the data of all logs."""
-        return tuple(f for one in self.analyses for f in one.findings)
+        return tuple(f for analysis in self.analyses for f in analysis.findings)
 
-    def _told(self) -> Sequence[tuple[str, Sequence[Finding]]]:
+    def _grouped_findings(self) -> Sequence[tuple[str, Sequence[Finding]]]:
         if len(self.analyses) == 1:
             return [("", self.findings)]
-        return [(f"{one.log.path}: ", one.findings) for one in self.analyses]
+        return [(f"{analysis.log.path}: ", analysis.findings) for analysis in self.analyses]
 
     @property
     def document(self) -> dict[str, Any]:
         """What `adhesion compare --json` prints."""
-        return json_documents.document([one._entry for one in self.analyses])
+        return json_documents.document([analysis._entry for analysis in self.analyses])
 
     def _table(self, name: str) -> Any:
-        return getattr(tables, name)([one._entry for one in self.analyses])
+        return getattr(tables, name)([analysis._entry for analysis in self.analyses])
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -384,19 +407,21 @@ class Comparison(_Tables):
         Raises:
             UserError: as there.
         """
-        logs = [one.log for one in self.analyses]
+        logs = [analysis.log for analysis in self.analyses]
         files = outputs.pair(Path(folder), logs[0].path, "compare")
         with _written(files, force, logs) as places:
-            every = [one.result for one in self.analyses]
-            outputs.write_comparison(places, every, [one._entry for one in self.analyses])
+            results = [analysis.result for analysis in self.analyses]
+            outputs.write_comparison(
+                places, results, [analysis._entry for analysis in self.analyses]
+            )
         return files
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
         by_target: dict[str, list[dict[str, str]]] = {}
         for s in self.estimators:
             rows = by_target.setdefault(f"Against {s.against}", [])
             rows.append(result_rows.score_row("all", s))
-        return ", ".join(one.log.path for one in self.analyses), dict(by_target)
+        return ", ".join(analysis.log.path for analysis in self.analyses), dict(by_target)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -410,24 +435,26 @@ class SlipAnalysis(_Tables):
     """
 
     analysis: Analysis
-    _of: SlipOfLog
+    _slip: SlipOfLog
     _tables = ("slides", "axles")
 
     @property
     def axles(self) -> Mapping[int, Summary]:
         """By its number, what the log shows of the rail under each axle."""
-        return _Axles({s.axle: s for s in self._of.axles})
+        return _Axles({s.axle: s for s in self._slip.axles})
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found about the log and about the rails."""
-        return tuple(self._of.findings)
+        return tuple(self._slip.findings)
 
     @cached_property
     def document(self) -> dict[str, Any]:
         """What `adhesion slip --json` prints."""
-        of, files = self._of, dict[str, str]()
-        return json_documents.slip_document([of.result.log], [of.axles], [of.findings], [files])
+        slip, files = self._slip, dict[str, str]()
+        return json_documents.slip_document(
+            [slip.result.log], [slip.axles], [slip.findings], [files]
+        )
 
     def _table(self, name: str) -> Any:
         return tables.slides(self.document) if name == "slides" else tables.rails(self.document)
@@ -443,14 +470,14 @@ class SlipAnalysis(_Tables):
         files = outputs.pair(Path(folder), log.path, "slip")
         with _written(files, force, [log]) as places:
             entry = self.analysis._entry
-            outputs.write_result(places, self._of.result, entry, *carried(self._of))
+            outputs.write_result(places, self._slip.result, entry, *carried(self._slip))
         return files
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
-        axles, log = self._of.axles, self.analysis.log
-        known = [{"axle": str(s.axle)} | slip_text.rail_row(s.rail) for s in axles if s.rail]
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
+        axles, log = self._slip.axles, self.analysis.log
+        rails = [{"axle": str(s.axle)} | slip_text.rail_row(s.rail) for s in axles if s.rail]
         slides = slip_text.slide_rows(axles, log.start_ns())
-        return log.path, {"Rail": known, "Slides": slides}
+        return log.path, {"Rail": rails, "Slides": slides}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -460,13 +487,13 @@ class Inspection(_Tables):
     `to_arrow` and `to_pandas` give the tables ``channels`` and ``findings``.
     """
 
-    _of: Inspected
+    _inspected: InspectedLog
     _tables = ("channels", "findings")
 
     @property
     def log(self) -> Log:
         """The log with every numeric channel; SI where the unit is known."""
-        return self._of.log
+        return self._inspected.log
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -476,28 +503,32 @@ class Inspection(_Tables):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found about the data."""
-        return tuple(self._of.findings)
+        return tuple(self._inspected.findings)
 
     @property
     def document(self) -> dict[str, Any]:
         """What `adhesion inspect --json` prints."""
-        return json_documents.tagged("inspect", logs=[self._of.document])
+        return json_documents.tagged("inspect", logs=[self._inspected.document])
 
     def _table(self, name: str) -> Any:
         if name == "channels":
-            return tables.channels(self._of.document)
+            return tables.channels(self._inspected.document)
         sha256 = {"path": self.log.path, "sha256": self.log.sha256}
-        return tables.findings([{"log": sha256, "findings": self._of.document["findings"]}])
+        return tables.findings([{"log": sha256, "findings": self._inspected.document["findings"]}])
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [
             {
-                "channel": c.title, "meaning": c.meaning or "-", "axle": number(c.axle),
-                "unit": c.unit or "-", "Hz": number(c.rate_hz, 2), "rows": str(c.rows),
+                "channel": c.title,
+                "meaning": c.meaning or "-",
+                "axle": number(c.axle),
+                "unit": c.unit or "-",
+                "Hz": number(c.rate_hz, 2),
+                "rows": str(c.rows),
                 "why": c.reason,
             }
             for c in self.channels
-        ]  # fmt: skip
+        ]
         return self.log.path, {"Channels": rows}
 
 
@@ -508,33 +539,33 @@ class Calibration(_Tables):
     `to_arrow` and `to_pandas` give the table ``parameters``.
     """
 
-    _of: calibrate.Calibration
+    _calibration: calibrate.Calibration
     _tables = ("parameters",)
 
     @property
     def parameters(self) -> Mapping[str, Row]:
         """By name: `prior`, `prior_u`, `posterior`, `posterior_u` (1 sigma) and `unit`."""
-        return self._of.result.rows
+        return self._calibration.result.rows
 
     @property
     def vehicle(self) -> Vehicle:
         """The calibrated vehicle."""
-        return self._of.settings.vehicle
+        return self._calibration.settings.vehicle
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """Tables that `analyze(log, settings=...)` takes."""
-        return calibrate.as_tables(self._of)
+        return calibrate.as_tables(self._calibration)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found about the data of all logs."""
-        return self._of.findings
+        return self._calibration.findings
 
     @property
     def document(self) -> dict[str, Any]:
         """What `adhesion calibrate --json` prints."""
-        return json_documents.calibrate_document(self._of, {})
+        return calibrate.document(self._calibration, {})
 
     def _table(self, name: str) -> Any:
         return tables.parameters(self.document)
@@ -551,14 +582,14 @@ class Calibration(_Tables):
             UserError: where it exists already, or the disk refuses.
         """
         path = toml.target(Path(file))
-        read = [Path(u.log.path) for u in self._of.logs]
+        read = [Path(u.log.path) for u in self._calibration.logs]
         with atomic_files.outputs([path], force, inputs=read) as (place,):
-            place.write_text(calibrate.as_toml(self._of), encoding="utf-8")
+            place.write_text(calibrate.as_toml(self._calibration), encoding="utf-8")
         return path
 
-    def _shown(self) -> tuple[str, dict[str, _Rows]]:
-        title = f"Calibration by {len(self._of.applications)} brake applications"
-        return title, {"± is 1 sigma": calibrate.as_rows(self._of)}
+    def _display(self) -> tuple[str, dict[str, _Rows]]:
+        title = f"Calibration by {len(self._calibration.applications)} brake applications"
+        return title, {"± is 1 sigma": calibrate.as_rows(self._calibration)}
 
 
 @contextmanager

@@ -6,7 +6,15 @@ from html import escape
 from ..core.finding import Finding
 from ..core.text import printable
 
-_LEFT = ("axle", "method", "channel", "meaning", "parameter", "unit", "why")  # columns of text
+_TEXT_COLUMNS = (
+    "axle",
+    "method",
+    "channel",
+    "meaning",
+    "parameter",
+    "unit",
+    "why",
+)  # columns of text
 
 
 def page(title: str, *parts: str) -> str:
@@ -25,19 +33,19 @@ def table(rows: Sequence[Mapping[str, str]], caption: str = "") -> str:
     return f"<table>{title}{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
 
 
-def findings(found: Sequence[Finding], log: str = "") -> str:
+def findings(items: Sequence[Finding], log: str = "") -> str:
     """A line for each finding, with what stands in front of it; "" without."""
     lines = (
         f"<li>{_text(log)}{f.severity}: {_text(f.message)} "
         f"<code>{_text(f.code)}</code> {_text(f.channel)}</li>"
-        for f in found
+        for f in items
     )
-    return f"<ul>{''.join(lines)}</ul>" if found else ""
+    return f"<ul>{''.join(lines)}</ul>" if items else ""
 
 
 def _cell(tag: str, column: str, text: str) -> str:
-    side = "left" if column in _LEFT else "right"
-    return f'<{tag} style="text-align:{side}">{_text(text)}</{tag}>'
+    alignment = "left" if column in _TEXT_COLUMNS else "right"
+    return f'<{tag} style="text-align:{alignment}">{_text(text)}</{tag}>'
 
 
 def _text(text: str) -> str:

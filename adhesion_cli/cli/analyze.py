@@ -102,7 +102,7 @@ def _show(
     result: "Result", entry: dict[str, Any], by_axle: bool, budget: bool, quiet: bool
 ) -> None:
     """One log: brake applications, findings, scores, files."""
-    from ..evaluation.metrics import pool_scores
+    from ..scores.metrics import pool_scores
     from . import applications, terminal
 
     print(f"{terminal.of_log(entry)}\n\n{applications.tables(entry['axles'])}\n", flush=True)

@@ -16,7 +16,7 @@ from .options import (
     draw,
     estimators,
     inputs,
-    loader,
+    load_settings,
     option,
     pictures,
     shared,
@@ -87,7 +87,7 @@ def command(  # noqa: PLR0913 (one parameter per option)
     given |= {"--from-log": from_log, "--rails": rails, "--seed": seed, "--seeds": seeds}
     if shared.figure:
         given["--force"] = False  # has an effect on the figure
-    settings: Stated = loader(shared)().overrides
+    settings: Stated = load_settings(shared).overrides
     idle = [flag for flag in _IDLE[how] if _is_given(given[flag])]
     idle += [] if from_log else _idle_settings(shared, settings)
     if idle:
@@ -116,7 +116,7 @@ def _idle_settings(shared: Shared, settings: "Stated") -> list[str]:
     from . import terminal
 
     flags = [f"--set {x}" for x in sorted(stated_sections(shared.set_) - set(settings))]
-    if not flags and loader(shared)().vehicle != Vehicle():
+    if not flags and load_settings(shared).vehicle != Vehicle():
         text = "note: [vehicle] has no effect here: the TOML of a scenario states its vehicle"
         terminal.message(text, shared.quiet)
     return flags
@@ -191,7 +191,7 @@ def _replay(log: Path, shared: Shared, algo: str, seed: int, train_speed: TrainS
     (result,) = results.analysed(replace(shared, algo=[algo]), [log], paths, train_speed=True)
     tell(f"{log.name}: rail under each axle")
     replayed = case(result, train_speed)
-    settings, name = loader(shared)().overrides, printable(log.name)
+    settings, name = load_settings(shared).overrides, printable(log.name)
     count = len(registry()) * (1 + len(replayed.draws))
     terminal.message(f"{name}: rail fitted; {count} stops to simulate", shared.quiet)
     dry, found = answers(replayed, algo, settings, seed, tell)

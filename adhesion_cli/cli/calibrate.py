@@ -10,7 +10,7 @@ from .options import (
     check,
     draw,
     inputs,
-    loader,
+    load_settings,
     option,
     pictures,
     settings_file,
@@ -18,7 +18,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..analysis.calibrate import Calibration
+    from ..studies.calibrate import Calibration
 
 
 @shared("config", "set_", "dbc", "json", "force", "strict", "figure")
@@ -37,15 +37,15 @@ def command(
 
     Example: adhesion calibrate sample_logs/service-brake.csv leaf-film.mcap
     """
-    from ..analysis import calibrate
-    from ..analysis.json_documents import calibrate_document, dumps
+    from ..analysis.json_documents import dumps
     from ..results import atomic_files
+    from ..studies import calibrate
     from . import terminal
 
     written = settings_file(out)
     files = [*written, *pictures(shared)]
     check(shared, written, *logs)
-    found = calibrate.calibrate(logs, loader(shared), terminal.progress(shared.quiet))
+    found = calibrate.calibrate(logs, load_settings(shared), terminal.progress(shared.quiet))
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as places:
             if out:
@@ -54,7 +54,7 @@ def command(
                 title = f"Calibration by {len(found.applications)} brake applications"
                 draw(shared, places[-1], title, calibrate.panels(found.applications))
     if shared.json:
-        print(dumps(calibrate_document(found, results.named(files))))
+        print(dumps(calibrate.document(found, results.named(files))))
     else:
         print(report(found))
         terminal.show(found.findings, shared.quiet)
@@ -65,7 +65,7 @@ def command(
 
 def report(found: "Calibration") -> str:
     """The table prior → posterior, and the band before and after."""
-    from ..analysis.calibrate import as_rows
+    from ..studies.calibrate import as_rows
     from .terminal import folded, records
 
     of = found.result

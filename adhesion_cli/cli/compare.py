@@ -28,7 +28,7 @@ def command(
     from ..analysis.json_documents import document, dumps, entry
     from ..analysis.outputs import write_comparison
     from ..core.text import printable
-    from ..evaluation.metrics import pool_scores
+    from ..scores.metrics import pool_scores
     from . import terminal
 
     if not logs:

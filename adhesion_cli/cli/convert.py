@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from . import results
-from .options import LOG_KINDS, Shared, check, loader, places, shared
+from .options import LOG_KINDS, Shared, check, load_settings, places, shared
 
 
 @shared("config", "set_", "dbc", "json", "force", "strict", "rejects")
@@ -26,7 +26,7 @@ def command(
     from ..results.log_writer import writer
 
     write = writer(target)
-    settings = loader(shared)()
+    settings = load_settings(shared)
     check(shared, [target], log)
     result = unchanged(open_source(log, settings.read), settings.mappings)
     with places(shared, [[target]], [result], [log]) as ((temporary,),):

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from .options import Shared, loader, option, shared
+from .options import Shared, load_settings, option, shared
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
@@ -30,7 +30,7 @@ def command(
     from ..analysis.request import choose_estimators
     from ..core.errors import UserError
 
-    known, settings = choose_estimators(shared.algo), loader(shared)()
+    known, settings = choose_estimators(shared.algo), load_settings(shared)
     if response:
         return _response(known, settings, shared)
     if shared.out or shared.axle or shared.force:
@@ -79,8 +79,8 @@ def _text(e: "Estimator", values: dict[str, float]) -> str:
 def _response(known: "list[Estimator]", settings: "Settings", shared: Shared) -> int:
     from ..analysis.json_documents import dumps, finite, tagged
     from ..core.physics import wheelset
-    from ..evaluation.response import FREQUENCIES, panels, responses
     from ..results import atomic_files, charts
+    from ..studies.response import FREQUENCIES, panels, responses
     from . import terminal
 
     picture = (shared.out or Path()) / "response.svg"

@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from .options import Shared, check, completes, controllers, estimators, loader, option, shared
+from .options import (
+    Shared,
+    check,
+    completes,
+    controllers,
+    estimators,
+    load_settings,
+    option,
+    shared,
+)
 
 
 @shared("config", "set_", "out", "json", "force")
@@ -42,7 +51,7 @@ def command(
     paths = [folder / name for name in files.names(algo)]
     _check_folder(folder, algo, paths)
     check(shared, paths)
-    settings = loader(shared)()
+    settings = load_settings(shared)
     tell = terminal.progress(shared.quiet)
     made = files.export(algo, settings.overrides, settings.vehicle, axle, not single, tell)
     with atomic_files.outputs(paths, shared.force, inputs=shared.config) as places:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Shared, assignments, checked, option, shared
+from .options import Shared, assignments, check_settings, option, shared
 
 if TYPE_CHECKING:
     from ..fleet.run import State, Workers
@@ -102,12 +102,12 @@ def _run(paths: list[str], shared: Shared, out: Path, on: "Workers", records: bo
 def _job(shared: Shared, recordings: Path | None) -> "Job":
     """What is the same for every log, after a check of options and settings."""
     from .. import __version__
-    from ..analysis.settings import stated
+    from ..analysis.settings import stated_tables
     from ..fleet.dataset import hashed
     from ..fleet.work import Job
 
-    checked(shared)
-    tree = stated(shared.config, assignments(shared))
+    check_settings(shared)
+    tree = stated_tables(shared.config, assignments(shared))
     dbc = [os.path.abspath(name) for name in tree.get("can", {}).get("dbc", ())]
     tree |= {"can": {"dbc": dbc}} if dbc else {}  # a worker may have another folder
     algos, axles = tuple(dict.fromkeys(shared.algo)), tuple(dict.fromkeys(shared.axle))

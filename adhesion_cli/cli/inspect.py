@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from .options import Logs, Shared, check, loader, places, shared
+from .options import Logs, Shared, check, load_settings, places, shared
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
@@ -28,7 +28,7 @@ def command(logs: Logs, shared: Shared) -> int:
         text = "--force has no effect without --rejects: inspect writes nothing else"
         raise UserError(text, "leave out --force", code=2)
     check(shared, [], *logs)
-    seen = [inspect(log, loader(shared), shared.debug) for log in logs]
+    seen = [inspect(log, load_settings(shared), shared.debug) for log in logs]
     with places(shared, [[]], (one.log for one in seen if one.log), logs):
         pass
     if shared.json:

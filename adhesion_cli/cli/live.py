@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from .options import Ended, Shared, checked, option, shared
+from .options import Ended, Shared, check_settings, option, shared
 
 if TYPE_CHECKING:
     from ..analysis.settings import Settings
@@ -71,7 +71,7 @@ def command(
     """
     from ..core.errors import UserError
 
-    settings = checked(shared)()
+    settings = check_settings(shared)
     if (replay is None) == (not source):
         raise UserError("name SOURCE, or --replay LOG", "adhesion live --help", code=2)
     if speed is not None and replay is None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 import typer
 
 if TYPE_CHECKING:
+    from ..analysis.settings import Settings
     from ..core.model import Log
     from ..results.charts import Panel
 
@@ -167,12 +168,16 @@ def shared(
     return decorate
 
 
-def loader(shared: Shared) -> Callable[..., Any]:
-    """Reads the settings these options state; called again with a result file's own as `base`."""
+def load_settings(shared: Shared) -> "Settings":
+    """The settings that these options state.
+
+    Raises:
+        UserError: as `settings.load`.
+    """
     from ..analysis.settings import load
 
-    return functools.partial(
-        load, shared.config, assignments(shared), strict=shared.strict,
+    return load(
+        shared.config, assignments(shared), strict=shared.strict,
         rejects=shared.rejects is not None,
     )  # fmt: skip
 
@@ -273,12 +278,12 @@ def draw(shared: Shared, place: Path, title: str, panels: "Sequence[Panel]") -> 
     charts.write(place, printable(title), panels, suffix=charts.kind(shared.figure))
 
 
-def checked(shared: Shared) -> Callable[..., Any]:
-    """The `loader`, after a check of options and settings.
+def check_settings(shared: Shared) -> "Settings":
+    """The settings that these options state, after a check of all that a run is asked for.
 
     Raises:
         UserError: for an unknown name, a value out of range.
     """
     from ..analysis.request import check_request
 
-    return check_request(loader(shared), shared.algo, (shared.from_, shared.to))
+    return check_request(load_settings(shared), shared.algo, (shared.from_, shared.to))

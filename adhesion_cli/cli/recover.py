@@ -7,7 +7,7 @@ import typer
 
 from ..core.errors import UserError
 from . import results
-from .options import Shared, check, inputs, loader, option, shared
+from .options import Shared, check, inputs, load_settings, option, shared
 
 
 @shared("config", "set_", "json", "force", "strict")
@@ -25,7 +25,7 @@ def command(
     from ..formats.mcap.reader import McapSource
     from ..results import atomic_files, mcap_container
 
-    options = loader(shared)().read
+    options = load_settings(shared).read
     if out.suffix.lower() != ".mcap":
         raise UserError(f"{out}: the output is an MCAP file", "-o FILE.mcap", code=2)
     check(shared, [out], log)

@@ -17,13 +17,13 @@ def command(shared: Shared) -> int:
     Example: adhesion reproduce
     """
     from ..analysis.json_documents import dumps
-    from ..analysis.reproduce import panels, reproduce
     from ..results import atomic_files, charts, mcap
+    from ..studies.reproduce import panels, reproduce
     from .terminal import progress, wrote
 
     paths = [(shared.out or Path()) / f"reproduce.{kind}" for kind in ("mcap", "rrd", "svg")]
     check(shared, paths)
-    made = reproduce(tell=progress(shared.quiet))
+    made = reproduce(progress=progress(shared.quiet))
 
     from ..results import rrd  # slow to import: only after the checks
 

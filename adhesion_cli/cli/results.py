@@ -10,7 +10,7 @@ from ..analysis import outputs
 from ..analysis.outputs import Entry, Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
-from .options import Shared, check, checked, places
+from .options import Shared, check, check_settings, places
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
@@ -100,10 +100,10 @@ def _analyzer(
     from ..analysis.analyze import analyze
     from . import terminal
 
-    load = checked(shared)
+    settings = check_settings(shared)
     check(shared, [*paths], *logs)
     window, tell = (shared.from_, shared.to), terminal.progress(shared.quiet)
-    return lambda log: analyze(log, load, shared.algo, shared.axle, window, tell, train_speed)
+    return lambda log: analyze(log, settings, shared.algo, shared.axle, window, tell, train_speed)
 
 
 def write(

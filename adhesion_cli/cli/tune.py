@@ -11,14 +11,14 @@ from .options import (
     completes,
     estimators,
     inputs,
-    loader,
+    load_settings,
     option,
     settings_file,
     shared,
 )
 
 if TYPE_CHECKING:
-    from ..analysis.tune import Tuned
+    from ..studies.tune import Tuned
 
 
 @shared("config", "set_", "dbc", "json", "force", "strict")
@@ -41,10 +41,10 @@ def command(
 
     Example: adhesion tune sample_logs/service-brake.csv leaf-film.mcap -a leso
     """
-    from ..analysis import tune
-    from ..analysis.json_documents import dumps, tune_document
+    from ..analysis.json_documents import dumps
     from ..core.errors import UserError
     from ..results import atomic_files
+    from ..studies import tune
     from . import terminal
 
     files = settings_file(out)
@@ -53,14 +53,14 @@ def command(
         raise UserError(text, "--hold-back 0.3", code=2)
     check(shared, files, *logs)
     found = tune.tune(
-        logs, loader(shared), algo, hold_back=hold_back, seed=seed,
-        tell=terminal.progress(shared.quiet),
+        logs, load_settings(shared), algo, hold_back=hold_back, seed=seed,
+        progress=terminal.progress(shared.quiet),
     )  # fmt: skip
     if files:
         with atomic_files.outputs(files, shared.force, inputs=inputs(shared, *logs)) as (place,):
             place.write_text(tune.as_toml(found), encoding="utf-8")
     if shared.json:
-        print(dumps(tune_document(found, results.named(files))))
+        print(dumps(tune.document(found, results.named(files))))
     else:
         print(report(found, seed))
         terminal.show(found.findings, shared.quiet)
@@ -78,10 +78,10 @@ def report(found: "Tuned", seed: int) -> str:
     parameters = [
         {"parameter": name, "unit": of[name].unit, "before": f"{before:g}",
          "tuned": f"{found.parameters[name]:g}"}
-        for name, before in found.before.items()
+        for name, before in found.default_parameters.items()
     ]  # fmt: skip
     shares = [
-        {"logs": what, "number": str(len(e.logs)), "RMSE before [N]": number(e.before),
+        {"logs": what, "number": str(len(e.logs)), "RMSE before [N]": number(e.default_rmse),
          "RMSE tuned [N]": number(e.rmse)}
         for what, e in (("tuned on", found.train), ("held back", found.held_back))
     ]  # fmt: skip

@@ -1,6 +1,5 @@
 """`adhesion view`: a result in the Rerun viewer."""
 
-import functools
 import os
 import re
 import shlex
@@ -78,9 +77,10 @@ def _remake(result: Path, recording: Path, tell: Callable[[str], None]) -> None:
             f"{result}: {recording.name} is missing, or was not made from it",
             f"write both again by the command that wrote it, with --force; or view {recording}",
         )
-    load = functools.partial(settings.load, folder=False)
     algos = [name for name in registry() if name in ran]
-    analysed = analyze.analyze(result, load, algos, tell=tell, train_speed=True)
+    analysed = analyze.analyze(
+        result, settings.load(folder=False), algos, progress=tell, train_speed=True
+    )
     with atomic_files.outputs([result, recording], force=True) as (record, picture):
         shutil.copyfile(result, record)
         rrd.write_result(picture, analysed)

@@ -22,7 +22,7 @@ both keep their value at t_{k-1}.
 Start. ω̂ = y and F̂ = 0, as in the paper, also where a segment starts while the brake is on. The
 wheel may slide there, so no better force is known. `td` has no force but the paper's (5): it starts
 at φK. `imm` assumes a wheel that rolls, and an uncertainty. The response time at the start of such
-a segment is not scored (`metrics.started`).
+a segment is not scored (`brake_applications.find_start_ups`).
 """
 
 import math

@@ -185,9 +185,8 @@ class AxleRecord:
     clamping_force_step: float = 0.0  # quantisation step of K [N]
     train_speed_interval: float = 0.0  # between the train speed's own samples [s]
     train_speed_sigma: Floats | None = None  # standard uncertainty, if it was integrated [m/s]
-    train_speed_late: Parameter | None = (
-        None  # its delay, removed from the stamps [s]; None: not known
-    )
+    # its delay, removed from the stamps [s]; None: not known
+    train_speed_late: Parameter | None = None
     train_speed_made: bool = False  # estimated from the axles: wrong where all creep or slide
     pressure_late: Parameter = Parameter(0.0, 0.0)  # delay against the wheel speed, not removed [s]
     of_totals: bool = False  # the wheel speed was logged as a total of pulses or as an angle

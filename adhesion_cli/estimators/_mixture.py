@@ -15,9 +15,8 @@ from typing import NamedTuple
 _TAU = 2.0 * math.pi
 _ROOT2, _ROOT_TAU = math.sqrt(2.0), math.sqrt(_TAU)
 _SMALLEST_PROBABILITY = 1e-12  # probability that every regime keeps
-_IMPROBABLE = (
-    1e-20  # probability of a rounded reading below which the normal distribution takes over
-)
+# probability of a rounded reading below which the normal distribution takes over
+_IMPROBABLE = 1e-20
 
 
 class Gaussian(NamedTuple):

@@ -31,7 +31,7 @@ The filters are Blom's and Bar-Shalom's. Regimes, rates, train, creep and the no
 | modes rolling, sliding, changing | `State.rolling`, `State.sliding`, `State.changing` |
 | x̂, P of a mode | (x, r) of a `Gaussian`, and xx, xr, rr |
 | mode probability μ | `Gaussian.p`; `mu_r`, `mu_s`, `mu_c` with the likelihood |
-| transition rates between modes | `ROLLING_TO_SLIDING` and its like, with the brake and the last slide |
+| rates between modes | `ROLLING_TO_SLIDING` and others, by the brake and the last slide |
 | mixing of the modes | `_mix`, `_mixture.merge` |
 | prediction | `_predict`, `_mixture.predict` |
 | innovation ν, its variance S | `nu`, `S` in `_mixture.update` |

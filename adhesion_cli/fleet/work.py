@@ -5,7 +5,6 @@ import hashlib
 import threading
 import time
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -111,9 +110,9 @@ def row(one: dict[str, Any], job: Job, seconds: float | None) -> dict[str, Any]:
     return tables.log_row(one, seconds=seconds, version=job.version, settings=job.settings)
 
 
-def loader(job: Job) -> "partial[settings.Settings]":
-    """Gives the settings of a job."""
-    return partial(settings.load, job.stated, folder=False, strict=job.strict)
+def load_settings(job: Job) -> settings.Settings:
+    """The settings of a job."""
+    return settings.load(job.stated, folder=False, strict=job.strict)
 
 
 def prepare() -> None:
@@ -125,9 +124,9 @@ def prepare() -> None:
 
 def warm() -> None:
     """Loads what an analysis needs, and compiles it where that was not done on this machine."""
-    load, folder = partial(settings.load, folder=False), bundled.folder("sample_logs")
+    default, folder = settings.load(folder=False), bundled.folder("sample_logs")
     for name, axles in _SAMPLES.items():
-        entry(analyze(folder / name, load, axles=axles, train_speed=True), {})
+        entry(analyze(folder / name, default, axles=axles, train_speed=True), {})
 
 
 def recordings(item: Item, job: Job) -> list[Path]:
@@ -145,7 +144,7 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[dict[str, Any], dict[str,
         UserError: it cannot be analysed, or has changed since it was identified.
     """
     result = analyze(
-        path, loader(job), job.algos, job.axles, job.window, train_speed=True
+        path, load_settings(job), job.algos, job.axles, job.window, train_speed=True
     )  # fmt: skip
     if result.log.sha256 != item.sha256:
         hint = "run again when the logger has closed it"

@@ -40,9 +40,8 @@ class ReadOptions:
     """
 
     time_channel: str | None = None  # CSV column that holds the time, by name or "column 3"
-    time_unit: str | None = (
-        None  # "s", "ms", "us", "ns", "iso", "excel"; None: decided, in a finding
-    )
+    # "s", "ms", "us", "ns", "iso", "excel"; None: decided, in a finding
+    time_unit: str | None = None
     time_source: TimeSource | None = None  # MCAP; None: decided, in a finding
     group_channel: str | None = None  # CSV column that separates devices or axles
     group_equals: str | None = None  # keep only these rows of it

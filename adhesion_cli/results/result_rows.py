@@ -8,39 +8,45 @@ from ..core.text import by_uncertainty
 from .text_tables import at_least, number
 
 
-def row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
+def row(axle: str, application: Mapping[str, Any]) -> dict[str, str]:
     """A brake application: when, how fast, adhesion coefficient and force; keys as in the JSON."""
-    mu, force = one["coefficient"] or {}, one["force_n"] or {}
-    speeds = [number(one[key], 1) for key in ("from_mps", "to_mps")]
+    mu, force = application["coefficient"] or {}, application["force_n"] or {}
+    speeds = [number(application[key], 1) for key in ("from_mps", "to_mps")]
     return {
-        "axle": axle, "at [s]": number(one["start_s"], 1),
-        "for [s]": number(one["end_s"] - one["start_s"], 1), "v [m/s]": "–".join(speeds),
+        "axle": axle, "at [s]": number(application["start_s"], 1),
+        "for [s]": number(application["end_s"] - application["start_s"], 1), "v [m/s]": "–".join(speeds),
         "µ mean": _with_u95(mu, "mean", 1.0, 3), "µ max": _with_u95(mu, "max", 1.0, 3),
         "F [kN]": _with_u95(force, "mean", 1e-3), "Fmax [kN]": _with_u95(force, "max", 1e-3),
     }  # fmt: skip
 
 
-def _with_u95(of: Mapping[str, float], key: str, factor: float, digits: int | None = None) -> str:
+def _with_u95(
+    values: Mapping[str, float], key: str, factor: float, digits: int | None = None
+) -> str:
     """A value with its uncertainty, to at most these decimals; without them to three digits."""
-    if not of:
+    if not values:
         return "-"
-    value, u95 = factor * of[key], factor * of[f"{key}_u95"]
+    value, u95 = factor * values[key], factor * values[f"{key}_u95"]
     if digits is None:
         digits = 2 if abs(value) < 10.0 else 1
     return "±".join(by_uncertainty(value, u95, digits))
 
 
-def slid_row(axle: str, one: Mapping[str, Any]) -> dict[str, str]:
+def slid_row(axle: str, application: Mapping[str, Any]) -> dict[str, str]:
     """The slides of a brake application, together; keys as in the JSON."""
-    energy, used, bound = one["slide_energy_j"], one["utilisation"], one["at_least"]
-    highest = min(100.0 * one["max_slip"], 100.0)
+    energy, utilisation, bound = (
+        application["slide_energy_j"],
+        application["utilisation"],
+        application["at_least"],
+    )
+    highest = min(100.0 * application["max_slip"], 100.0)
     return {
-        "axle": axle, "at [s]": number(one["start_s"], 1), "slides": str(one["slides"]),
-        "for [s]": at_least(one["slide_s"], 1, bound),
-        "distance [m]": at_least(one["slide_distance_m"], 0, bound),
+        "axle": axle, "at [s]": number(application["start_s"], 1), "slides": str(application["slides"]),
+        "for [s]": at_least(application["slide_s"], 1, bound),
+        "distance [m]": at_least(application["slide_distance_m"], 0, bound),
         "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
         "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
-        "used [%]": number(used and 100.0 * used, 0),
+        "used [%]": number(utilisation and 100.0 * utilisation, 0),
     }  # fmt: skip
 
 

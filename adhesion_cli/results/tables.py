@@ -21,7 +21,7 @@ from ..core.text import printable, utf8
 from . import names
 from .verified import verified
 
-_TEXT, _WHOLE, _NUMBER, _TRUTH = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TEXT, _INTEGER, _NUMBER, _TRUTH = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 
 
 def _field(name: str, kind: Any, unit: str = "") -> Any:
@@ -37,13 +37,13 @@ def _measured(name: str, unit: str) -> list[Any]:
 
 
 _OF_LOG = [_field("log", _TEXT), _field("sha256", _TEXT)]
-_OF_AXLE = [*_OF_LOG, _field("axle", _WHOLE)]
+_OF_AXLE = [*_OF_LOG, _field("axle", _INTEGER)]
 APPLICATIONS = pa.schema([
     *_OF_AXLE,
     *_numbers(start_s="s", end_s="s", from_mps="m/s", to_mps="m/s"),
     *_measured("force_n", "N"),
     *_measured("coefficient", "-"),
-    _field("slides", _WHOLE),
+    _field("slides", _INTEGER),
     *_numbers(slide_s="s", slide_distance_m="m", max_slip="-", slide_energy_j="J"),
     _field("at_least", _TRUTH),
     *_numbers(utilisation="-", utilisation_ci_low="-", utilisation_ci_high="-"),
@@ -63,7 +63,7 @@ ESTIMATORS = pa.schema([
 FINDINGS = pa.schema([
     *_OF_LOG,
     _field("code", _TEXT), _field("severity", _TEXT), _field("channel", _TEXT),
-    _field("count", _WHOLE), *_numbers(first_s="s"), _field("message", _TEXT),
+    _field("count", _INTEGER), *_numbers(first_s="s"), _field("message", _TEXT),
     _field("hint", _TEXT),
 ])  # fmt: skip
 LOGS = pa.schema([
@@ -71,27 +71,27 @@ LOGS = pa.schema([
     _field("status", _TEXT), _field("lossy", _TRUTH), _field("error", _TEXT),
     _field("hint", _TEXT),
     _field("format", _TEXT), _field("start", pa.timestamp("us", "UTC")), *_numbers(duration_s="s"),
-    _field("rows_read", _WHOLE), _field("rows_used", _WHOLE), *_numbers(seconds="s"),
+    _field("rows_read", _INTEGER), _field("rows_used", _INTEGER), *_numbers(seconds="s"),
     _field("version", _TEXT), _field("settings", _TEXT),
 ])  # fmt: skip
 
 
 SLIDES = pa.schema([
-    _field("log", _TEXT), _field("axle", _WHOLE),
+    _field("log", _TEXT), _field("axle", _INTEGER),
     *_numbers(start_s="s", duration_s="s", distance_m="m", max_slip="-", energy_j="J"),
     _field("at_least", _TRUTH),
 ])  # fmt: skip
 RAILS = pa.schema([
-    _field("log", _TEXT), _field("axle", _WHOLE),
+    _field("log", _TEXT), _field("axle", _INTEGER),
     *_numbers(
         peak_slip="-", peak_slip_below="-", peak_mu="-", peak_speed_mps="m/s", utilisation="-",
         slip_rmse="-", train_speed_late_s="s", train_speed_late_sigma_s="s",
     ),
 ])  # fmt: skip
 CHANNELS = pa.schema([
-    *(_field(name, _TEXT) for name in ("name", "field", "meaning")), _field("axle", _WHOLE),
+    *(_field(name, _TEXT) for name in ("name", "field", "meaning")), _field("axle", _INTEGER),
     _field("unit", _TEXT), _field("reason", _TEXT), *_numbers(rate_hz="Hz"),
-    *(_field(name, _WHOLE) for name in ("rows", "valid", "gaps", "duplicates", "backward")),
+    *(_field(name, _INTEGER) for name in ("rows", "valid", "gaps", "duplicates", "backward")),
 ])  # fmt: skip
 PARAMETERS = pa.schema([
     _field("parameter", _TEXT), _field("unit", _TEXT), _field("source", _TEXT),
@@ -109,10 +109,10 @@ def applications(entries: Iterable[Mapping[str, Any]]) -> Any:
         A `pyarrow.Table` with the schema `APPLICATIONS`.
     """
     rows = (
-        {**_log(entry), "axle": axle["axle"], **_flat(one)}
+        {**_log(entry), "axle": axle["axle"], **_flat(application)}
         for entry in entries
         for axle in entry.get("axles", ())
-        for one in axle["applications"]
+        for application in axle["applications"]
     )
     return _table(rows, APPLICATIONS)
 
@@ -130,16 +130,18 @@ def estimators(entries: Iterable[Mapping[str, Any]]) -> Any:
 
 def findings(entries: Iterable[Mapping[str, Any]]) -> Any:
     """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
-    rows = ({**_log(entry), **one} for entry in entries for one in entry.get("findings", ()))
+    rows = (
+        {**_log(entry), **finding} for entry in entries for finding in entry.get("findings", ())
+    )
     return _table(rows, FINDINGS)
 
 
 def slides(document: Mapping[str, Any]) -> Any:
     """A row per axle and slide of the `adhesion.slip/1` document; the schema is `SLIDES`."""
     rows = (
-        {"log": axle["log"], "axle": axle["axle"], **one}
+        {"log": axle["log"], "axle": axle["axle"], **slide}
         for axle in document["axles"]
-        for one in axle["slides"]
+        for slide in axle["slides"]
     )
     return _table(rows, SLIDES)
 
@@ -156,7 +158,7 @@ def channels(document: Mapping[str, Any]) -> Any:
 
 def parameters(document: Mapping[str, Any]) -> Any:
     """A row per parameter of the `adhesion.calibrate/1` document; the schema is `PARAMETERS`."""
-    rows = ({"parameter": name, **of} for name, of in document["parameters"].items())
+    rows = ({"parameter": name, **row} for name, row in document["parameters"].items())
     return _table(rows, PARAMETERS)
 
 
@@ -179,11 +181,11 @@ def log_row(entry: Mapping[str, Any], **run: str | float | None) -> dict[str, An
         entry: of the log; `error` and `hint` stand in place of results if it failed.
         run: `seconds` of the analysis, `version` of the program, hash of the `settings`.
     """
-    of, found = entry["log"], {(f["code"], f["severity"]) for f in entry.get("findings", ())}
-    damaged = any(severity == "error" for _, severity in found)
-    row = {**of, **_log(entry), "status": "damaged" if damaged else "ok", **run}
-    row["lossy"] = any(is_lossy(*one) for one in found)
-    if start := of.get("start"):
+    log, codes = entry["log"], {(f["code"], f["severity"]) for f in entry.get("findings", ())}
+    damaged = any(severity == "error" for _, severity in codes)
+    row = {**log, **_log(entry), "status": "damaged" if damaged else "ok", **run}
+    row["lossy"] = any(is_lossy(*pair) for pair in codes)
+    if start := log.get("start"):
         row["start"] = datetime.fromisoformat(start)
     if entry.get("error") is not None:
         row |= {"status": "error", "error": utf8(entry["error"]), "hint": utf8(entry["hint"])}
@@ -212,16 +214,16 @@ def kind(path: Path, decimal: str | None) -> str:
     Raises:
         UserError: for another suffix, and a decimal mark that it cannot have.
     """
-    found = path.suffix.lower()
-    if found not in (".csv", ".parquet"):
+    suffix = path.suffix.lower()
+    if suffix not in (".csv", ".parquet"):
         raise UserError(
             f"{path}: a table is CSV or Parquet", "--table FILE.csv or FILE.parquet", code=2
         )
     if decimal not in (None, ".", ","):
         raise UserError(f"--decimal {decimal}: not a decimal mark", '"." or ","', code=2)
-    if decimal and found != ".csv":
+    if decimal and suffix != ".csv":
         raise UserError("--decimal is for CSV", "--table FILE.csv", code=2)
-    return found
+    return suffix
 
 
 def write_csv(path: Path, table: Any, decimal: str = ".") -> None:
@@ -237,15 +239,15 @@ def write_csv(path: Path, table: Any, decimal: str = ".") -> None:
         UserError: it does not read back.
     """
 
-    def shown(value: Any) -> str:
+    def cell_text(value: Any) -> str:
         if isinstance(value, str):
             return names.cell(printable(value))
         return "" if value is None else str(value).replace(".", decimal)
 
-    with verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as out:
-        rows = csv.writer(out, delimiter=";" if decimal == "," else ",", lineterminator="\n")
+    with verified(path) as file, io.TextIOWrapper(file, "utf-8", newline="") as text_file:
+        rows = csv.writer(text_file, delimiter=";" if decimal == "," else ",", lineterminator="\n")
         rows.writerow(table.column_names)
-        rows.writerows([shown(x) for x in row.values()] for row in table.to_pylist())
+        rows.writerows([cell_text(x) for x in row.values()] for row in table.to_pylist())
 
 
 def packed(table: Any) -> bytes:
@@ -256,20 +258,20 @@ def packed(table: Any) -> bytes:
 
 
 def _table(rows: Iterable[Mapping[str, Any]], schema: Any) -> Any:
-    kept = [{name: row.get(name) for name in schema.names} for row in rows]
-    return pa.Table.from_pylist(kept, schema=schema)
+    cells = [{name: row.get(name) for name in schema.names} for row in rows]
+    return pa.Table.from_pylist(cells, schema=schema)
 
 
 def _log(entry: Mapping[str, Any]) -> dict[str, Any]:
-    of = entry["log"]
-    return {"log": utf8(of["path"]), "sha256": of.get("sha256")}
+    log = entry["log"]
+    return {"log": utf8(log["path"]), "sha256": log.get("sha256")}
 
 
 def _flat(document: Mapping[str, Any]) -> dict[str, Any]:
     """One application with joined keys; without lists."""
-    low, high = document["utilisation_ci"] or (None, None)
+    lower, upper = document["utilisation_ci"] or (None, None)
     flat = dict(_joined({k: x for k, x in document.items() if k != "utilisation_ci"}, ""))
-    return {**flat, "utilisation_ci_low": low, "utilisation_ci_high": high}
+    return {**flat, "utilisation_ci_low": lower, "utilisation_ci_high": upper}
 
 
 def _joined(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:

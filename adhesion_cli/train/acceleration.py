@@ -37,9 +37,8 @@ _BIAS = 0.5  # 1 sigma of b: tilt, zero, a gradient of 3 % [m/s²]
 _DRIFT = 0.02  # b's walk: a gradient that changes by 1 % in 25 s [m/s² per √s]
 _GAP_SIGMA = 1.0  # 1 sigma of a in a gap of it, per √s [m/s²]
 _PITCH = 0.03  # share of a change of a by which b changes: gain, pitch
-_WHEEL_SIGMA = (
-    0.02  # 1 sigma of a wheel's speed that lasts for `_CORRELATION_TIME`, without noise [m/s]
-)
+# 1 sigma of a wheel's speed that lasts for `_CORRELATION_TIME`, without noise [m/s]
+_WHEEL_SIGMA = 0.02
 _CORRELATION_TIME = 1.0  # [s]
 _CREEP = 0.004  # 1 sigma of the creep of a wheel that a motor drives, at 1 m/s² [s²/m]
 _GATE = 12.0  # χ² of two errors, in v and b, beyond which it is not the train that stands

@@ -40,9 +40,8 @@ _SLOWING = 0.2  # a train that does is braked [m/s²]
 _SLIDE_MARGIN = 1.0  # before and behind a slide creep is no straight line of force [s]
 _SHORTEST_ROLLING = 3.0  # shortest rolling of a braked wheel [s]
 _SHARE = 0.5  # and for this share of the braking
-_ROLLING_SHARE = (
-    0.85  # of the time that the best axle rolls: an axle that rolls less does not count
-)
+# of the time that the best axle rolls: an axle that rolls less does not count
+_ROLLING_SHARE = 0.85
 _NOISE_TIME = 1.5  # a receiver's noise is as slow as this, or as three of its samples [s]
 _DELAY_SIGMAS = (
     0.015,

@@ -22,14 +22,12 @@ from ..records.axle_channels import AxleChannels
 
 FEWEST = 8  # samples on it that show anything
 STEP = 0.25  # where the log is fast enough [s]
-_LONGEST_INTERVAL = (
-    5.0  # a log with longer intervals has more likely the wrong time unit than noise [s]
-)
+# a log with longer intervals has more likely the wrong time unit than noise [s]
+_LONGEST_INTERVAL = 5.0
 _MOST_SAMPLES = 20_000  # samples on it
 _FIRM_BRAKE = 0.3  # of the highest K: a brake that no motor works against
-_DRIVEN_RATE = (
-    0.3  # a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
-)
+# a train that gains more than this without brake is driven: 3 % of gradient [m/s²]
+_DRIVEN_RATE = 0.3
 
 
 @dataclass(frozen=True)

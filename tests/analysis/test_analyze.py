@@ -1,6 +1,5 @@
 """The main job in one process: what a result file must give back."""
 
-import functools
 import math
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ SAMPLES = Path(__file__).resolve().parents[2] / "sample_logs"
 
 
 def analysed(path: Path, **given: object) -> Result:
-    return analyze(path, functools.partial(settings.load, None, ()), **given)  # type: ignore[arg-type]
+    return analyze(path, settings.load(None, ()), **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("rate", [20.0, 100.0])
@@ -68,7 +67,7 @@ def test_a_speed_that_was_filtered_contradicts_the_noise_model(
         assert told[0].values["nis"] == nis["imm"]["mean"] > 1.1
         loose = analyze(
             tmp_path / "a.csv",
-            functools.partial(settings.load, None, ["diagnostics.noise_model.nis=2"]),
+            settings.load(None, ["diagnostics.noise_model.nis=2"]),
             algos=["imm"],
         )
         assert not any(f.code == "noise-model" for f in loose.findings)
@@ -205,7 +204,7 @@ def test_a_comparison_of_one_log_is_a_log_and_one_of_several_is_not(tmp_path: Pa
 
 def test_what_of_the_vehicle_nobody_stated_is_told_with_its_value() -> None:
     def told(*stated: str) -> list[tuple[str, str]]:
-        load = functools.partial(settings.load, None, stated)
+        load = settings.load(None, stated)
         result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
         found = [f for f in result.findings if f.code == "vehicle-default"]
         return [(f.severity, f.names["parameters"]) for f in found]
@@ -234,7 +233,7 @@ def test_of_the_vehicle_few_defaults_are_named_in_the_line_and_all_are_counted()
     stated = [f"vehicle.{k}={v}" for k, v in every.items() if not k.startswith("friction_")]
 
     def told(left_out: int) -> Finding:
-        load = functools.partial(settings.load, None, stated[left_out:])
+        load = settings.load(None, stated[left_out:])
         result = analyze(SAMPLES / "service-brake.csv", load, algos=["td"])
         (found,) = [f for f in result.findings if f.code == "vehicle-default"]
         assert found.values == {"defaults": left_out + 1, "of": len(stated) + 1}

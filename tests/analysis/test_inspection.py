@@ -18,7 +18,7 @@ def test_a_damaged_gzip_is_damaged_and_its_whole_rows_are_read(
     text = "t [s],bc pressure [bar],axle 1 [km/h]\n" + rows
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(text.encode())[damage])
-    seen = inspect(path, settings.load)
+    seen = inspect(path, settings.load())
     assert (seen.document["status"], seen.document["format"], seen.code) == ("damaged", "csv", 3)
     assert 1000 < seen.document["rows_read"] <= 3000
     (found,) = (f for f in seen.findings if f.severity == "error")
@@ -32,6 +32,6 @@ def test_an_mcap_without_messages_is_one(tmp_path: Path) -> None:
         writer = Writer(file)
         writer.start()
         writer.finish()
-    document = inspect(path, settings.load).document
+    document = inspect(path, settings.load()).document
     assert (document["format"], document["status"]) == ("mcap", "error")
-    assert inspect(tmp_path / "none.mcap", settings.load).document["format"] is None
+    assert inspect(tmp_path / "none.mcap", settings.load()).document["format"] is None

@@ -29,7 +29,7 @@ def test_defaults_are_the_papers_vehicle() -> None:
 def test_precedence_is_set_then_file_then_folder_then_base(tmp_path: Path) -> None:
     Path("adhesion.toml").write_text("[vehicle]\naxle_mass = 5000\nfriction = 0.2\n")
     base = {"vehicle": {"axle_mass": 6000.0, "wheelset_inertia": 100.0}}
-    here = settings.load(base=base).vehicle
+    here = settings.load().over(base).vehicle
     assert (here.axle_mass.value, here.friction.value, here.wheelset_inertia.value) == (
         5000,
         0.2,
@@ -55,7 +55,7 @@ def test_of_several_files_the_later_one_counts(tmp_path: Path) -> None:
 def test_what_is_stated_is_known_even_if_it_is_the_defaults_value(tmp_path: Path) -> None:
     given = tmp_path / "given.toml"
     given.write_text("[vehicle]\nwheel_diameter = 0.84\nm = 4797\n")
-    stated = settings.load(given, ["vehicle.phi=0.28"], base={"vehicle": {"discs": 2.0}}).stated
+    stated = settings.load(given, ["vehicle.phi=0.28"]).over({"vehicle": {"discs": 2.0}}).stated
     assert stated == {"wheel_radius", "axle_mass", "friction"}
 
 
@@ -81,7 +81,7 @@ def test_estimator_parameters_come_from_the_registry() -> None:
 def test_what_a_result_carries_loads_back() -> None:
     known = list(estimator.registry().values())
     s = settings.load(assignments=["vehicle.phi=0.28", "neso.beta1=100", "analysis.slowest=2"])
-    again = settings.load(base=settings.tree(s, known))
+    again = settings.load().over(settings.tree(s, known))
     assert again.vehicle == s.vehicle
     assert again.analysis == s.analysis
     assert [again.params(e) for e in known] == [s.params(e) for e in known]
@@ -172,7 +172,7 @@ def test_thresholds_of_checks_are_settings() -> None:
     s = settings.load(assignments=["diagnostics.vehicle.sigmas=5"])
     assert s.checks["vehicle"].sigmas == 5.0
     assert s.checks["pressure_zero"] == settings.load().checks["pressure_zero"]
-    again = settings.load(base=settings.tree(s, []))
+    again = settings.load().over(settings.tree(s, []))
     assert again.checks == s.checks
     with pytest.raises(UserError, match=r"diagnostics\.vehicel"):
         settings.load(assignments=["diagnostics.vehicel.sigmas=5"])
@@ -188,7 +188,7 @@ def test_thresholds_that_a_later_version_dropped_do_not_block_a_result() -> None
     known = settings.Settings().checks[name]
     key = known._fields[0]
     stated[name] = {key: getattr(known, key), "former": 1.0}
-    again = settings.load(base={"diagnostics": stated}, folder=False)
+    again = settings.load(folder=False).over({"diagnostics": stated})
     assert again.checks[name] == known
 
 

@@ -487,7 +487,7 @@ def test_mappings_of_raw_logs_do_not_concern_results(run: Run, tmp_path: Path) -
     assert carried["channels"]["pressure"] == {"channel": "x", "unit": "bar"}
     assert carried["channels"]["wheel_speed"]["axle 1"] == {"channel": "y", "unit": "km/h"}
     assert carried["selection"] == {"from": 1.0, "axles": [1], "strict": False}
-    again = settings.load(base=carried, folder=False)
+    again = settings.load(folder=False).over(carried)
     assert again.mappings == ()
     assert again.vehicle.friction.value == 0.28
     metrics = json.loads(metadata["adhesion.metrics"]["json"])

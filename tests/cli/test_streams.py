@@ -32,7 +32,7 @@ def test_an_interrupt_is_told(tmp_path: Path, as_json: bool) -> None:
     arguments = ["reproduce", *(["--json"] if as_json else [])]
     code = (
         "import signal, sys, time; from adhesion_cli import __main__\n"
-        "from adhesion_cli.analysis import reproduce\n"
+        "from adhesion_cli.studies import reproduce\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "def wait(**_): open('begun', 'w').close(); time.sleep(60)\n"
         f"reproduce.reproduce = wait; sys.argv[1:] = {arguments!r}; __main__.main()"
@@ -59,7 +59,7 @@ def test_an_interrupt_that_python_tells_as_another_error(number: int, code: int)
     """While modules are imported, too, as where a class is made."""
     program = (
         "import signal; from adhesion_cli import __main__\n"
-        "from adhesion_cli.analysis import reproduce\n"
+        "from adhesion_cli.studies import reproduce\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "class Comes:\n"
         f"    def __set_name__(self, *_): signal.raise_signal({number})\n"
@@ -76,7 +76,7 @@ def test_an_interrupt_in_a_callback_of_the_compiler_is_not_lost(number: int, cod
     """What Python raises in a callback, C drops, as when the compiler asks for its cache."""
     program = (
         "import ctypes, signal, sys, time; from adhesion_cli import __main__\n"
-        "from adhesion_cli.analysis import reproduce\n"
+        "from adhesion_cli.studies import reproduce\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background\n"
         "callback = ctypes.CFUNCTYPE(None)\n"
         "def compiles(**_):\n"

@@ -228,7 +228,7 @@ def faults(log: Recordings, random: np.random.Generator) -> dict[str, Fault]:
 
 def analysed(log: Recordings, folder: Path) -> Result:
     path = simulated.write(folder / "log.csv", log)
-    return analyze.analyze(path, lambda **_: DEFAULT, algos=["leso"])
+    return analyze.analyze(path, DEFAULT, algos=["leso"])
 
 
 def outside(result: Result) -> float:

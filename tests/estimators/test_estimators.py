@@ -19,7 +19,8 @@ from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.model import AxleRecord, Vehicle, Wheelset
 from adhesion_cli.core.physics import clamping_force, wheelset
 from adhesion_cli.estimators._han import fhan
-from adhesion_cli.evaluation import metrics
+from adhesion_cli.records import brake_applications
+from adhesion_cli.scores import metrics
 from adhesion_cli.wsp import scenario, simulate
 
 W = wheelset(Vehicle(), 1)
@@ -440,7 +441,9 @@ def measured(name, seeds=(1, 2, 3)):
                     est, est.Params(), W, record.t, record.clamping_force, record.wheel_speed,
                     np.array([0]),
                 )[0]  # fmt: skip
-                c = metrics.compare(record, F, record.truth, metrics.find_applications(record))
+                c = metrics.compare(
+                    record, F, record.truth, brake_applications.find_applications(record)
+                )
                 found[algo].append((metrics.measure(c)["rmse_n"], metrics.measure(c)["lag_s"]))
     return {algo: np.mean(pairs, axis=0) for algo, pairs in found.items()}
 

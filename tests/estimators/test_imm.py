@@ -11,7 +11,7 @@ from adhesion_cli.core import compiled, methods
 from adhesion_cli.core.model import Z95
 from adhesion_cli.core.physics import G
 from adhesion_cli.estimators import _noise
-from adhesion_cli.evaluation import metrics
+from adhesion_cli.records import brake_applications
 
 IMM = REGISTRY["imm"]
 P = methods.validate(IMM, {})
@@ -201,7 +201,7 @@ def test_its_band_holds_the_true_force(name):
     """Not the vehicle's tolerances: the simulated vehicle is the stated one."""
     for record in simulated(name, seed=4):
         found = states(record.t * 1e-9, record.clamping_force, record.wheel_speed)
-        used = np.r_[metrics.find_applications(record)]
+        used = np.r_[brake_applications.find_applications(record)]
         error = np.array([s.F for s in found])[used] - record.truth[used]
         sigma = np.array([s.sigma for s in found])[used]
         assert np.mean(np.abs(error) < Z95 * sigma) > 0.90

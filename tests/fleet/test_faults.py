@@ -175,7 +175,7 @@ cache = Path(sys.argv[1])
 before = {path.name for path in cache.glob("**/*.nbc")}
 for name in ("service-brake.csv", "low-adhesion.csv"):
     log = bundled.folder("sample_logs") / name
-    entry(analyze(log, partial(settings.load, folder=False), train_speed=True), {})
+    entry(analyze(log, settings.load(folder=False), train_speed=True), {})
 assert before
 print(sorted({path.name for path in cache.glob("**/*.nbc")} - before))
 """

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
-from adhesion_cli.analysis.inspection import inspected
+from adhesion_cli.analysis.inspection import inspect_log
 from adhesion_cli.analysis.settings import load
 from adhesion_cli.channels.log import needed
 from adhesion_cli.core.errors import UserError
@@ -170,7 +170,7 @@ def test_a_cut_file_says_which_channels_end_early(
     assert found["w"].t is found["p"].t
     lost = findings["value-damaged"]
     assert lost.count == source.rows - known[lost.channel]
-    document = inspected(path, load(folder=False)).document
+    document = inspect_log(path, load(folder=False)).document
     assert document["rows_read"] == source.rows
     (channel,) = (c for c in document["channels"] if c["name"].endswith("w"))
     assert channel["rows"] - channel["valid"] == source.rows - known["w"]

@@ -17,7 +17,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_logs"
 
 @pytest.fixture(scope="module")
 def low() -> Result:
-    return analyze(SAMPLES / "low-adhesion.csv", settings.load, ["td"])
+    return analyze(SAMPLES / "low-adhesion.csv", settings.load(), ["td"])
 
 
 def test_mean_and_highest_force_hold_the_true_ones(low: Result) -> None:
@@ -57,7 +57,7 @@ def test_slides_belong_to_the_application_in_which_they_begin(low: Result) -> No
 
 
 def test_every_application_is_one_row_and_noise_does_not_make_the_highest_force() -> None:
-    result = analyze(SAMPLES / "service-brake.csv", settings.load, ["td"])
+    result = analyze(SAMPLES / "service-brake.csv", settings.load(), ["td"])
     (axle,) = result.axles
     (one,) = find_applications(axle, result.vehicle)
     middle = (one.samples.start + one.samples.stop) // 2

@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,10 +32,7 @@ def analysed(name: str, train: bool | None = None, *stated: str) -> Result:
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / f"{name}.csv", recordings(name, train=train))
 
-        def load(**more: object) -> settings.Settings:
-            return settings.load(None, stated, **more)  # type: ignore[arg-type]
-
-        return analyze.analyze(log, load, ["leso"], train_speed=True)
+        return analyze.analyze(log, settings.load(None, stated), ["leso"], train_speed=True)
 
 
 @cache
@@ -261,7 +258,7 @@ def test_a_wheel_that_swings_about_the_peak_tells_it(
     capsys.readouterr()
     for law in ("rule", "patent"):
         log = tmp_path / f"slippery-stop.{law}.antiskid.mcap"
-        result = analyze.analyze(log, partial(settings.load, folder=False), ["leso"])
+        result = analyze.analyze(log, settings.load(folder=False), ["leso"])
         found, _ = slip.summary(result.axles[0], result.vehicle)
         assert sum(x.duration for x in found.slides) < 2.0 * fit.SHORTEST
         assert found.rail is not None
@@ -289,7 +286,7 @@ def test_diameters_of_calibrated_wheels_are_stated_as_the_hint_says(tmp_path: Pa
     log = write(tmp_path / "x.csv", changed(recordings("four-axles"), "wheel_speed", turning))
 
     def found(*stated: str) -> list[Finding]:
-        load = partial(settings.load, None, stated, folder=False)
+        load = settings.load(None, stated, folder=False)
         every = analyze.analyze(log, load, ["leso"]).findings
         return [f for f in every if f.code == "wheel-calibrated"]
 
@@ -438,7 +435,7 @@ def late_by(name: str, seconds: float, axle: int) -> tuple[Result, slip.Summary]
     """The log with another clock for the train speed, analysed, and one axle's summary."""
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / "late.csv", late(recordings(name), "train_speed", seconds))
-        result = analyze.analyze(log, settings.load, ["leso"])
+        result = analyze.analyze(log, settings.load(), ["leso"])
     return result, slip.summary(result.axles[axle - 1], result.vehicle)[0]
 
 
@@ -477,12 +474,12 @@ def test_a_train_speed_on_time_is_left_alone() -> None:
 def test_a_delay_that_no_rolling_wheel_tells_is_said_so() -> None:
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / "slide.csv", recordings("low-adhesion"))
-        result = analyze.analyze(log, settings.load, ["leso"], axles=[1])
+        result = analyze.analyze(log, settings.load(), ["leso"], axles=[1])
     assert result.axles[0].record.train_speed_late is not None  # the other axles tell
     alone = [r for r in recordings("low-adhesion") if r.axle in (None, 1)]
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / "alone.csv", alone)
-        result = analyze.analyze(log, settings.load, ["leso"])
+        result = analyze.analyze(log, settings.load(), ["leso"])
     assert result.axles[0].record.train_speed_late is None
     assert "train-speed-delay-unknown" in codes(result)
 
@@ -496,7 +493,7 @@ def test_on_a_receiver_that_nothing_times_slides_are_at_least_as_told(seconds: f
     alone = [r for r in recordings("low-adhesion") if r.axle in (None, 1)]
     with TemporaryDirectory() as folder:
         log = write(Path(folder) / "gnss.csv", changed(alone, "train_speed", slow))
-        result = analyze.analyze(log, settings.load, ["leso"])
+        result = analyze.analyze(log, settings.load(), ["leso"])
     (axle,) = result.axles
     assert axle.record.train_speed_late is None
     (found,) = (f for f in result.findings if f.code == "train-speed-slow")
@@ -566,7 +563,7 @@ def test_slope_settings_are_checked() -> None:
         settings.load(None, ["slope.delta=-1"])
     stated = settings.load(None, ["bands.slip_high=0.1", "slope.rho=5"])
     assert stated.bands.slip_high == 0.1
-    assert settings.load(base=settings.tree(stated, [])).slope.rho == 5.0
+    assert settings.load().over(settings.tree(stated, [])).slope.rho == 5.0
 
 
 def test_the_command(tmp_path: Path) -> None:
@@ -647,10 +644,10 @@ def test_a_result_is_told_as_its_log_was(tmp_path: Path, lag: float | None) -> N
     """Same clock, same refusals: a train speed made of the axles is none that was measured."""
     log = late(recordings("low-adhesion", train=lag is not None), "train_speed", lag or 0.0)
     first = analyze.analyze(
-        write(tmp_path / "log.csv", log), settings.load, ["leso"], train_speed=True
+        write(tmp_path / "log.csv", log), settings.load(), ["leso"], train_speed=True
     )
     mcap.write_result(tmp_path / "log.mcap", first, "{}")
-    again = analyze.analyze(tmp_path / "log.mcap", settings.load, ["leso"], train_speed=True)
+    again = analyze.analyze(tmp_path / "log.mcap", settings.load(), ["leso"], train_speed=True)
     for a, b in zip(first.axles, again.axles, strict=True):
         one, other = a.record, b.record
         assert one.train_speed_made == other.train_speed_made == (lag is None)

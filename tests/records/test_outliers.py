@@ -227,7 +227,7 @@ def test_the_force_around_a_drop_out_is_as_without_it(
 
     def force(log: simulated.Recordings) -> tuple[Floats, Floats, list[str]]:
         path = simulated.write(tmp_path / "log.csv", log)
-        result = analyze.analyze(path, lambda **_: settings.load(), algos=["leso"])
+        result = analyze.analyze(path, settings.load(), algos=["leso"])
         axle = result.axles[0]
         return axle.record.t, axle.reference.force, [f.code for f in result.findings]
 

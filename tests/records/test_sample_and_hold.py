@@ -98,7 +98,7 @@ def test_held_cells_mean_what_empty_ones_do(rate: float, tmp_path: Path) -> None
     for hold in (False, True):
         changed = simulated.changed(log, "pressure", lambda r: slow(r, hold))  # noqa: B023
         path = simulated.write(tmp_path / f"{hold}.csv", changed)
-        results.append(analyze.analyze(path, lambda **_: settings.load(), algos=["td"]))
+        results.append(analyze.analyze(path, settings.load(), algos=["td"]))
     (empty,), (filled,) = (r.axles for r in results)
     n = min(len(empty.record), len(filled.record))
     a, b = empty.reference, filled.reference
@@ -130,7 +130,7 @@ def test_repeated_speeds_are_no_measurements(meaning: str, scenario: str, tmp_pa
             return simulated.replace(r, t=r.t[new], value=r.value[new])
 
         path = simulated.write(tmp_path / f"{hold}.csv", simulated.changed(log, meaning, slow))
-        results.append(analyze.analyze(path, lambda **_: settings.load(), algos=["td"]))
+        results.append(analyze.analyze(path, settings.load(), algos=["td"]))
     for empty, filled in zip(*(r.axles for r in results), strict=True):
         n = min(len(empty.record), len(filled.record))
         a, b = empty.reference, filled.reference

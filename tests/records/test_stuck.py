@@ -37,7 +37,7 @@ def codes(log: Recordings, folder: Path) -> set[str]:
 
 def analysed(log: Recordings, folder: Path) -> Result:
     path = simulated.write(folder / "log.csv", log)
-    return analyze.analyze(path, lambda **_: DEFAULT, algos=["leso"])
+    return analyze.analyze(path, DEFAULT, algos=["leso"])
 
 
 @cache
@@ -122,7 +122,7 @@ def test_a_speed_that_never_changes_is_dead(
     ]
     without = [r for r in log if r.axle != 2]
     one, other = (
-        analyze.analyze(simulated.write(tmp_path / "x.csv", x), lambda **_: DEFAULT, ["td"],
+        analyze.analyze(simulated.write(tmp_path / "x.csv", x), DEFAULT, ["td"],
                          train_speed=True)
         for x in (dead, without)
     )  # fmt: skip
@@ -146,7 +146,7 @@ def test_a_log_of_a_dead_sensor_alone_says_so(tmp_path: Path) -> None:
     log = simulated.put(clean("low-adhesion"), "wheel_speed", 2, ALWAYS, 50.0)
     path = simulated.write(tmp_path / "log.csv", log)
     with pytest.raises(UserError, match=r"nothing to analyse: wheel_speed_2") as told:
-        analyze.analyze(path, lambda **_: DEFAULT, ["td"], axles=[2])
+        analyze.analyze(path, DEFAULT, ["td"], axles=[2])
     assert "sensor" in told.value.hint
 
 

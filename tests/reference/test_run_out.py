@@ -67,7 +67,7 @@ def test_the_reference_is_cleaned_and_the_estimators_are_not(tmp_path: Path) -> 
     for bad in (False, True):
         changed = simulated.changed(log, "wheel_speed", worse) if bad else log
         path = simulated.write(tmp_path / f"{bad}.csv", changed)
-        results.append(analyze.analyze(path, lambda **_: settings_module.load(), algos=["kalman"]))
+        results.append(analyze.analyze(path, settings_module.load(), algos=["kalman"]))
     good, bad = ((r, r.axles[0]) for r in results)
     (told,) = [f for f in bad[0].findings if f.code == "wheel-runout"]
     assert told.severity == "info"
@@ -112,7 +112,7 @@ def test_a_driven_wheel_has_no_reference(tmp_path: Path) -> None:
     rows = (f"{a:.3f},{b:.5f},{c:.5f}" for a, b, c in zip(t, pressure, y, strict=True))
     path = tmp_path / "driven.csv"
     path.write_text("\n".join(["time [s],bc_pressure [bar],wheel_speed [rad/s]", *rows]))
-    result = analyze.analyze(path, lambda **_: settings_module.load(), algos=["td"])
+    result = analyze.analyze(path, settings_module.load(), algos=["td"])
     (told,) = [f for f in result.findings if f.code == "traction"]
     assert (told.severity, told.channel) == ("info", "axle 1")
     assert told.first_s == pytest.approx(3.0, abs=1.1)

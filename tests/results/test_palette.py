@@ -7,8 +7,8 @@ from made_results import result
 from test_rrd import static
 
 from adhesion_cli.core import controller, estimator
-from adhesion_cli.evaluation.response import Response, panels
 from adhesion_cli.results import palette, rrd
+from adhesion_cli.studies.response import Response, panels
 
 
 def test_every_method_has_its_own_colour() -> None:

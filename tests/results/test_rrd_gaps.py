@@ -1,7 +1,6 @@
 """Gaps of a log in its recording: no line is drawn over one, at any zoom."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ SECOND = 10**9
 
 def analysed(path: Path, lines: list[str]) -> Result:
     path.write_text("".join([SAMPLE[0], *lines]))
-    return analyze(path, partial(settings.load, folder=False), ("neso", "imm"))
+    return analyze(path, settings.load(folder=False), ("neso", "imm"))
 
 
 def seconds(line: str) -> float:

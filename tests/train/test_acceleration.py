@@ -159,12 +159,11 @@ def test_while_nothing_is_read_the_speed_is_not_sure(tmp_path: Path) -> None:
 def test_a_result_analysed_again_is_told_as_its_log_was(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", logged())
 
-    def load(**more: object) -> settings.Settings:
-        return settings.load(None, (), **more)  # type: ignore[arg-type]
-
-    first = analyze.analyze(path, load, ["leso"], train_speed=True)
+    first = analyze.analyze(path, settings.load(), ["leso"], train_speed=True)
     mcap.write_result(tmp_path / "a.adhesion.mcap", first, "{}")
-    again = analyze.analyze(tmp_path / "a.adhesion.mcap", load, ["leso"], train_speed=True)
+    again = analyze.analyze(
+        tmp_path / "a.adhesion.mcap", settings.load(), ["leso"], train_speed=True
+    )
     for a, b in zip(first.axles, again.axles, strict=True):
         np.testing.assert_allclose(a.record.train_speed, b.record.train_speed, atol=1e-6)
         np.testing.assert_allclose(a.record.train_speed_sigma, b.record.train_speed_sigma, 1e-3)
@@ -175,7 +174,7 @@ def test_a_result_analysed_again_is_told_as_its_log_was(tmp_path: Path) -> None:
     assert told(first) == told(again)
     # Both wheels slide: what the axles alone tell of it is far off.
     alone = write(tmp_path / "alone.csv", [r for r in logged() if r.name != "acceleration"])
-    made = analyze.analyze(alone, load, ["leso"], train_speed=True)
+    made = analyze.analyze(alone, settings.load(), ["leso"], train_speed=True)
     true = simulation("low-adhesion")
     off = []
     for result in (first, made):

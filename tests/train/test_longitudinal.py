@@ -96,7 +96,7 @@ def told(one: AxleChannels) -> Explanation:
 def test_sigma_holds_a_late_pressure(name: str, late: float, rate: float, tmp_path: Path) -> None:
     log = simulated.late(simulated.recordings(name, rate=rate, noise=1e-4), "pressure", late)
     path = simulated.write(tmp_path / "log.csv", log)
-    result = analyze.analyze(path, lambda **_: DEFAULT, ["td"])
+    result = analyze.analyze(path, DEFAULT, ["td"])
     (told,) = [f for f in result.findings if f.code == "pressure-delay"]
     assert told.severity == ("warning" if abs(late) > 0.25 else "info")
     for a in result.axles:

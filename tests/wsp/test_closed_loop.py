@@ -6,7 +6,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -825,7 +825,7 @@ def test_a_stop_reads_as_a_log(tmp_path: Path) -> None:
     path = tmp_path / "short.rule.antiskid.mcap"
     carried = settings.tree(settings.Settings(vehicle), [])
     mcap.write_stop(path, "short", stop, vehicle, carried, "{}", ["a book"])
-    result = analyze.analyze(path, partial(settings.load, folder=False), ["kalman"])
+    result = analyze.analyze(path, settings.load(folder=False), ["kalman"])
     assert not [f for f in result.findings if f.lossy]
     assert result.vehicle == vehicle
     (axle,) = result.axles
@@ -880,7 +880,7 @@ def test_a_receiver_of_1_hz_where_every_wheel_slides_has_no_known_delay(
         lines.append(f"{t[j]:.3f},{own}" + "".join(f",{x:.4f},{K:.1f}" for x, K in pairs))
     log = tmp_path / "gnss.csv"
     log.write_text("\n".join(lines) + "\n")
-    stated = partial(settings.load, folder=False)(None, [])
+    stated = settings.load(folder=False)(None, [])
     one = read(open_source(log, stated.read), (), vehicle)
     records = prepare(one, vehicle).records
     assert [record.train_speed_late for record in records] == [None] * 4
@@ -990,7 +990,7 @@ def test_a_stop_has_the_settings_of_every_command_and_records_them(
     assert {(x["least"], x["most"], x["source"]) for x in doc["limits"]} == {(None, 0.0, "a test")}
     found = doc["controllers"]["patent"]["stopping_distance_m"]
     assert found == closed_loop.verdict(again, best, 1.0).stopping_distance_m
-    read = analyze.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load, ["neso"])
+    read = analyze.analyze(Path(doc["outputs"]["patent.mcap"]), settings.load(), ["neso"])
     assert (read.settings["slope"]["rho"], read.settings["neso"]["beta1"]) == (0.7, 90.0)
 
 

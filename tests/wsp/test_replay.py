@@ -34,7 +34,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @cache
 def analysed(path: Path) -> Result:
-    return analyze.analyze(path, settings.load, ["kalman"], train_speed=True)
+    return analyze.analyze(path, settings.load(), ["kalman"], train_speed=True)
 
 
 @pytest.fixture(autouse=True)
@@ -116,7 +116,7 @@ def test_the_rail_does_not_end_while_the_train_stops(log: Path) -> None:
 
 def test_a_train_in_part_is_told(log: Path) -> None:
     """Axles left out, or a train that slows harder than its axles say, as one with others does."""
-    part = analyze.analyze(log, settings.load, ["kalman"], [1, 2], train_speed=True)
+    part = analyze.analyze(log, settings.load(), ["kalman"], [1, 2], train_speed=True)
     (told,) = (f for f in replay.case(part).findings if f.code == "replay-axles-missing")
     assert told.names == {"axles": "3, 4"}
     whole = analysed(log)
@@ -150,7 +150,7 @@ def test_a_short_slide_is_replayed_on_every_rail_that_fits_it(tmp_path: Path) ->
     patch = [Section(x, name) for x, name in ((0.0, "dry"), (60.0, "low"), (141.0, "dry"))]
     true = simulate.run(replace(s, rail=replace(s.rail, section=tuple(patch))))
     log = write(tmp_path / "log.csv", simulate.log(true))
-    result = analyze.analyze(log, settings.load, ["kalman"], train_speed=True)
+    result = analyze.analyze(log, settings.load(), ["kalman"], train_speed=True)
     case = replay.case(result)
     found = {f.code: f for f in case.findings if f.channel == "axle 1"}
     assert found["replay-slides-short"].severity == "warning"
@@ -244,7 +244,7 @@ def braked(
     s = replace(s, duration=duration, train=train, brake=brake, wsp=wsp, rail=low or s.rail)
     true = simulate.run(s)
     log = write(path / "log.csv", simulate.log(true))
-    return replay.case(analyze.analyze(log, settings.load, ["kalman"], train_speed=True)), true
+    return replay.case(analyze.analyze(log, settings.load(), ["kalman"], train_speed=True)), true
 
 
 FULL = Command(2.0, pressure=6.5e5, ramp=1.5)

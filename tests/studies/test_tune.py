@@ -13,7 +13,7 @@ from adhesion_cli.analysis import analyze, settings, tune
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.estimator import registry
 from adhesion_cli.core.model import Floats, quantities
-from adhesion_cli.evaluation import metrics
+from adhesion_cli.scores import metrics
 
 KINDS = [("service-brake", 1), ("service-brake", 2), ("leaf-film", 3)]
 
@@ -28,7 +28,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def tuned(logs: list[Path], algo: str = "leso", seed: int = 0, share: float = 0.3) -> tune.Tuned:
-    return tune.tune(logs, settings.load, algo, hold_back=share, seed=seed, tell=lambda _: None)
+    return tune.tune(
+        logs, settings.load(), algo, hold_back=share, seed=seed, progress=lambda _: None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -39,9 +41,9 @@ def leso(logs: list[Path]) -> tune.Tuned:
 def test_it_is_better_on_logs_held_back(leso: tune.Tuned, logs: list[Path]) -> None:
     assert len(leso.held_back.logs) == 1
     assert sorted([*leso.train.logs, *leso.held_back.logs]) == [str(p) for p in logs]
-    assert leso.train.rmse < leso.train.before
-    assert leso.held_back.rmse < 0.5 * leso.held_back.before
-    assert leso.parameters["euler"] == leso.before["euler"] == 0.0
+    assert leso.train.rmse < leso.train.default_rmse
+    assert leso.held_back.rmse < 0.5 * leso.held_back.default_rmse
+    assert leso.parameters["euler"] == leso.default_parameters["euler"] == 0.0
 
 
 def test_its_figures_are_those_of_compare(leso: tune.Tuned, tmp_path: Path) -> None:
@@ -50,10 +52,10 @@ def test_its_figures_are_those_of_compare(leso: tune.Tuned, tmp_path: Path) -> N
     path.write_text(tune.as_toml(leso))
     assert tomllib.loads(path.read_text()) == {"leso": leso.parameters}
     for of in (leso.train, leso.held_back):
-        for config, rmse in ((path, of.rmse), (None, of.before)):
-            load = lambda config=config, **more: settings.load(config, **more)  # noqa: E731
+        for config, rmse in ((path, of.rmse), (None, of.default_rmse)):
+            stated = settings.load(config)
             scores = [
-                a.scores for p in of.logs for a in analyze.analyze(Path(p), load, ["leso"]).axles
+                a.scores for p in of.logs for a in analyze.analyze(Path(p), stated, ["leso"]).axles
             ]
             pooled = [s.rmse_n for s in metrics.pool_scores(scores)]
             assert np.sqrt(np.mean(np.square(pooled))) == pytest.approx(rmse, rel=1e-9)
@@ -127,11 +129,11 @@ def test_a_log_without_a_brake_does_not_count(logs: list[Path], tmp_path: Path) 
 
 def test_an_unstable_loop_is_the_worst(logs: list[Path]) -> None:
     """With euler = 1 the interval is too long for high gains: an error of no size."""
-    load = lambda **more: settings.load(None, ["leso.euler=1", "leso.beta1=20"], **more)  # noqa: E731
-    result = analyze.analyze(logs[0], load, ["leso"])
+    stated = settings.load(None, ["leso.euler=1", "leso.beta1=20"])
+    result = analyze.analyze(logs[0], stated, ["leso"])
     axles = [a for x in result.axles if (a := tune._axle(x, result))]
     est = registry()["leso"]
-    sets = [load().params(est), load().params(est)._replace(beta1=1e5)]
+    sets = [stated.params(est), stated.params(est)._replace(beta1=1e5)]
     assert tune.rmse(est, sets[0], axles) < np.inf
     assert tune.rmse(est, sets[1], axles) == np.inf
     assert np.isinf(tune.errors(est, sets, axles)).tolist() == [False, True]

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from adhesion_cli.analysis import reproduce
 from adhesion_cli.cli.reproduce import report
 from adhesion_cli.core import estimator, methods
+from adhesion_cli.studies import reproduce
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

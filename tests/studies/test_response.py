@@ -13,7 +13,7 @@ import pytest
 from adhesion_cli.core import estimator
 from adhesion_cli.core.model import Vehicle
 from adhesion_cli.core.physics import wheelset
-from adhesion_cli.evaluation import response
+from adhesion_cli.studies import response
 
 W = wheelset(Vehicle(), 1)
 REGISTRY = estimator.registry()

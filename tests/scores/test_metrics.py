@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from adhesion_cli.core.model import AxleRecord, Floats, Reference, Score
-from adhesion_cli.evaluation import metrics
+from adhesion_cli.records import brake_applications
+from adhesion_cli.scores import metrics
 
 RATES = [10.0, 100.0, 400.0]
 
@@ -44,7 +45,7 @@ def record(
 
 def compared(t: Floats, estimate: Floats, target: Floats) -> metrics.Comparison:
     r = record(t, force(t) / 0.27)
-    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
+    c = metrics.compare(r, estimate, target, brake_applications.find_applications(r))
     assert c is not None
     return c
 
@@ -107,7 +108,7 @@ def test_response_is_the_time_to_95_percent_of_a_step(rate: float, tau: float) -
     target = np.where(t >= 2.0, 5400.0, 0.0)
     estimate = 5400.0 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / tau))
     r = record(t, K)
-    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
+    c = metrics.compare(r, estimate, target, brake_applications.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(tau * np.log(20.0), abs=1.5 / rate)
 
@@ -117,10 +118,12 @@ def test_response_to_a_step_between_two_levels() -> None:
     target = np.where(t >= 6.0, 2700.0, 5400.0)
     r = record(t, np.full(len(t), 21000.0))
     late = np.where(t >= 6.35, 2700.0, 5400.0)
-    c = metrics.compare(r, late, target, metrics.find_applications(r))
+    c = metrics.compare(r, late, target, brake_applications.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(0.35, abs=0.011)
-    never = metrics.compare(r, np.full(len(t), 5400.0), target, metrics.find_applications(r))
+    never = metrics.compare(
+        r, np.full(len(t), 5400.0), target, brake_applications.find_applications(r)
+    )
     assert never is not None
     assert metrics.response(never) is None
 
@@ -130,7 +133,7 @@ def test_an_estimate_that_never_gets_there_has_no_response(factor: float) -> Non
     t = np.arange(0.0, 20.0, 0.01)
     target = np.where((t >= 2.0) & (t < 12.0), 5400.0, 0.0)  # and a release, as high as the step
     r = record(t, target / 0.27)
-    c = metrics.compare(r, factor * target, target, metrics.find_applications(r))
+    c = metrics.compare(r, factor * target, target, brake_applications.find_applications(r))
     assert c is not None
     assert metrics.response(c) is None
 
@@ -146,7 +149,7 @@ def test_noise_and_a_release_do_not_choose_the_response(
     target = np.where(pressed, 5400.0, 0.0) + noise[0]
     estimate = 5400.0 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / tau)) * (t < 12.0) + noise[1]
     r = record(t, pressed * 2e4)
-    c = metrics.compare(r, estimate, target, metrics.find_applications(r))
+    c = metrics.compare(r, estimate, target, brake_applications.find_applications(r))
     assert c is not None
     assert metrics.response(c) == pytest.approx(3.0 * tau, rel=0.15)
 
@@ -159,7 +162,7 @@ def test_response_waits_for_the_estimate_to_stay() -> None:
         since >= 0.0, 5400.0 * (1.0 - np.exp(-2.0 * since) * np.cos(6 * since)), 0
     )
     r = record(t, target / 0.27)
-    c = metrics.compare(r, overshoots, target, metrics.find_applications(r))
+    c = metrics.compare(r, overshoots, target, brake_applications.find_applications(r))
     assert c is not None
     below = since[(overshoots < 0.95 * 5400.0) & (since > 0.0)]
     assert below[-1] > 1.0 > since[(overshoots > 5400.0)][0]
@@ -172,7 +175,10 @@ def test_a_periodic_force_is_late_and_not_early(late: float) -> None:
     wave = 3000.0 + 1000.0 * np.sin(np.pi * t)
     r = record(t, np.full(len(t), 2e4))
     c = metrics.compare(
-        r, 3000.0 + 1000.0 * np.sin(np.pi * (t - late)), wave, metrics.find_applications(r)
+        r,
+        3000.0 + 1000.0 * np.sin(np.pi * (t - late)),
+        wave,
+        brake_applications.find_applications(r),
     )
     assert c is not None
     assert metrics.measure(c)["lag_s"] == pytest.approx(late, abs=0.01)
@@ -186,9 +192,9 @@ def test_a_clock_set_back_in_mid_brake_does_not_change_the_score(back: float) ->
     r = record(np.where(t < 12.0, t, t - back), K, splits=(1200,))
     truth, estimate = 0.27 * K, 0.27 * K + 50.0
     estimate[1200:] -= 5000.0 * np.exp(-(t[1200:] - t[1200]) / 0.3)  # it starts anew
-    applications = metrics.find_applications(r)
-    assert metrics.find_start_ups(r, applications) == [
-        slice(1200, 1200 + round(100 * metrics.START_UP))
+    applications = brake_applications.find_applications(r)
+    assert brake_applications.find_start_ups(r, applications) == [
+        slice(1200, 1200 + round(100 * brake_applications.START_UP))
     ]
     r = replace(r, truth=truth)
     (score,) = metrics.score_estimates(r, reference(truth), {"late": estimate}, applications)
@@ -207,8 +213,8 @@ def test_a_gap_in_mid_brake_does_not_change_the_score(gaps: int) -> None:
         since = t[first:] - t[first]
         estimate[first:] = truth[first:] + 50.0 - 5000.0 * np.exp(-since / 0.3)
     r = replace(r, truth=truth)
-    applications = metrics.find_applications(r)
-    assert [s.start for s in metrics.find_start_ups(r, applications)] == at
+    applications = brake_applications.find_applications(r)
+    assert [s.start for s in brake_applications.find_start_ups(r, applications)] == at
     (score,) = metrics.score_estimates(r, reference(truth), {"late": estimate}, applications)
     assert score.rmse_n == pytest.approx(50.0, rel=0.01)
     assert score.max_error_n == pytest.approx(50.0, rel=0.01)
@@ -232,7 +238,7 @@ def test_ripple_is_what_is_quick_and_not_a_step(step: float, rate: float) -> Non
 def spans(r: AxleRecord) -> list[tuple[float, float]]:
     return [
         ((r.t[s][0] - r.t[0]) * 1e-9, (r.t[s][-1] - r.t[0]) * 1e-9)
-        for s in metrics.find_applications(r)
+        for s in brake_applications.find_applications(r)
     ]
 
 
@@ -284,9 +290,9 @@ def test_applications_stay_within_segments_and_out_of_standstill() -> None:
 def test_coasting_has_no_application() -> None:
     t = np.arange(0.0, 30.0, 0.01)
     noise = np.random.default_rng(7).normal(0.0, 30.0, len(t))
-    assert metrics.find_applications(record(t, np.maximum(noise, 0.0))) == ()
-    assert metrics.find_applications(record(t, np.zeros(len(t)))) == ()
-    assert metrics.find_applications(record(t, np.zeros(len(t)), np.zeros(len(t)))) == ()
+    assert brake_applications.find_applications(record(t, np.maximum(noise, 0.0))) == ()
+    assert brake_applications.find_applications(record(t, np.zeros(len(t)))) == ()
+    assert brake_applications.find_applications(record(t, np.zeros(len(t)), np.zeros(len(t)))) == ()
 
 
 def reference(F: Floats) -> Reference:
@@ -297,7 +303,7 @@ def test_an_estimate_with_an_uncertainty_is_scored_on_its_band() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
     estimates = {"sure": force(t) + 100.0, "none": force(t)}
-    applications = metrics.find_applications(r)
+    applications = brake_applications.find_applications(r)
     used = np.r_[applications]
     sigma = np.full(len(t), 50.0)  # too small for an error of 100 N, but at every second sample
     sigma[used[::2]] = 52.0
@@ -319,7 +325,7 @@ def test_a_difference_within_the_references_noise_is_marked(noise: float) -> Non
     r = record(t, force(t) / 0.27)
     of = replace(reference(force(t)), sigma=np.full(len(t), noise))
     estimates = {"a": force(t) + 100.0, "b": force(t) - 101.0, "far": force(t) + 400.0}
-    found = metrics.score_estimates(r, of, estimates, metrics.find_applications(r))
+    found = metrics.score_estimates(r, of, estimates, brake_applications.find_applications(r))
     assert [s.alike for s in found] == [True, noise > 1.0, False]
     pooled = metrics.pool_scores([found, found])
     assert [s.alike for s in pooled] == [True, noise > 1.0, False]
@@ -330,7 +336,7 @@ def test_against_the_truth_only_equals_are_alike() -> None:
     r = replace(record(t, force(t) / 0.27), truth=force(t))
     estimates = {"a": force(t) + 100.0, "b": force(t) - 100.0, "c": force(t) + 100.1}
     of = replace(reference(force(t)), sigma=np.full(len(t), 1e4))
-    found = metrics.score_estimates(r, of, estimates, metrics.find_applications(r))
+    found = metrics.score_estimates(r, of, estimates, brake_applications.find_applications(r))
     assert [s.alike for s in found] == [True, True, False]
 
 
@@ -338,7 +344,9 @@ def test_scores_prefer_truth_and_rank_by_rmse() -> None:
     t = times(50.0)
     r = record(t, force(t) / 0.27)
     estimates = {"far": force(t) + 300.0, "near": force(t) + 100.0, "none": np.full(len(t), np.nan)}
-    found = metrics.score_estimates(r, reference(force(t)), estimates, metrics.find_applications(r))
+    found = metrics.score_estimates(
+        r, reference(force(t)), estimates, brake_applications.find_applications(r)
+    )
     assert [s.algo for s in found] == ["near", "far", "none"]
     assert [s.relative for s in found] == [1.0, pytest.approx(3.0), None]
     assert {s.against for s in found} == {"reference"}
@@ -353,7 +361,7 @@ def test_scores_prefer_truth_and_rank_by_rmse() -> None:
         truth=force(t) + 300.0,
     )
     found = metrics.score_estimates(
-        known, reference(force(t)), estimates, metrics.find_applications(r)
+        known, reference(force(t)), estimates, brake_applications.find_applications(r)
     )
     assert [s.algo for s in found] == ["far", "near", "none"]
     assert found[0].against == "truth"

@@ -15,21 +15,21 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.analyze import analyze
+from ..analysis.json_documents import tagged
+from ..analysis.settings import Settings
 from ..core import compiled
 from ..core.estimator import registry
 from ..core.model import AxleResult, Floats, Result, Vehicle
 from ..core.physics import wheelset
 from ..estimators import PAPER
-from ..evaluation import metrics
-from ..evaluation.response import harmonic
 from ..results.charts import Line, Panel
 from ..results.log_writer import writer
 from ..results.palette import BLACK, BLUE, GREY, ORANGE, of_method
+from ..scores import metrics
 from ..wsp import simulate
 from ..wsp.scenario import Scenario, Wave
-from .analyze import analyze
-from .json_documents import tagged
-from .settings import Settings
+from .response import harmonic
 
 PUBLISHED = {  # Table 2: response time [s], maximum error [N]
     "td": (1.52, 49.0),
@@ -44,11 +44,11 @@ FREQUENCIES = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the varying friction [Hz]; 0.5: t
 INTERVAL = 4e-3  # of the samples [s]
 DELAY = 0.05  # of the measured signals, as printed [s]
 POWER = 1e-5  # of the noise, as printed
-_WITHIN = 0.05  # a response time is the time to 95 %
-_LAST = 2.0  # the maximum error is that of the last seconds [s]
-_SETTLING = 4.0  # of the varying condition that does not count [s]
-_COUNTED = 8.0  # and what does: whole periods of every frequency [s]
-_MATCHED = 0.25  # a maximum error this near the printed one, response as near, is found again
+_RESPONSE_BAND = 0.05  # a response time is the time to 95 %
+_ERROR_SECONDS = 2.0  # the maximum error is that of the last seconds [s]
+_SETTLING_SECONDS = 4.0  # of the varying condition that does not count [s]
+_COUNTED_SECONDS = 8.0  # and what does: whole periods of every frequency [s]
+_MATCH_SHARE = 0.25  # a maximum error this near the printed one, response as near, is found again
 
 READINGS = (
     "Sample interval 4 ms, not printed. It is the one at which the printed Kalman filter, whose "
@@ -84,7 +84,7 @@ class Reading:
     variance: float = POWER  # of each sample of the wheel speed [rad²/s²]
     coasting: float = DELAY  # before the brake [s]
     settled: bool = False  # the response time is that of settling
-    last: float = _LAST  # seconds of which the maximum error is taken
+    error_seconds: float = _ERROR_SECONDS  # seconds of which the maximum error is taken
 
 
 _ALL = tuple(PUBLISHED)
@@ -99,7 +99,7 @@ ALTERNATIVES = (
     Reading("sample interval 5 ms", _ALL, interval=5e-3),
     Reading("started with the brake, delay not counted", _ALL, coasting=0.0),
     Reading("settled within 5 %", ("leso", "neso", "gradient", "kalman"), settled=True),
-    Reading("maximum error of the last 4 s", _ALL, last=4.0),
+    Reading("maximum error of the last 4 s", _ALL, error_seconds=4.0),
     Reading("started at y0", ("td",), {"from_zero": 0.0}),
     Reading("h0 = 2h", ("td",), {"h0": 2.0 * INTERVAL}),
     Reading("h0 = 3h", ("td",), {"h0": 3.0 * INTERVAL}),
@@ -119,36 +119,47 @@ class Reproduction:
 
 
 def reproduce(
-    seeds: Sequence[int] = SEEDS, tell: Callable[[str], None] = lambda _: None
+    seeds: Sequence[int] = SEEDS, progress: Callable[[str], None] = lambda _: None
 ) -> Reproduction:
     """Both conditions of section 3 and the field test of section 4, measured.
 
     Args:
         seeds: of the noise; fewer of them are used where the noise matters little.
-        tell: receives a line at each step.
+        progress: receives a line at each step.
     """
-    tell("constant adhesion")
+    progress("constant adhesion")
     alternatives = [
-        {"reading": r.text, "condition": "constant", "algo": algo, **_measured(r, algo, seeds[:10])}
+        {
+            "reading": r.text,
+            "condition": "constant",
+            "algo": algo,
+            **_measure_constant(r, algo, seeds[:10]),
+        }
         for r in ALTERNATIVES
         for algo in r.algos
     ]
     constant = {algo: _table_2(algo, seeds, alternatives) for algo in PUBLISHED}
-    tell("varying adhesion")
-    varying = {algo: _varying(algo, seeds[:5]) for algo in PUBLISHED}
-    tell("analysing one log of each")
+    progress("varying adhesion")
+    varying = {algo: _measure_varying(algo, seeds[:5]) for algo in PUBLISHED}
+    progress("analysing one log of each")
     with tempfile.TemporaryDirectory() as folder:
-        stated = Settings(overrides={algo: printed(algo, INTERVAL) for algo in PUBLISHED})
+        printed_settings = Settings(overrides={algo: printed(algo, INTERVAL) for algo in PUBLISHED})
         results = (
-            _analysed(Path(folder) / "constant.mcap", _constant(DELAY), stated),
-            _analysed(Path(folder) / "varying.mcap", _swinging(0.5), stated),
-            _analysed(Path(folder) / "field-test.mcap", simulate.load("service-brake"), Settings()),
+            _analyze_scenario(Path(folder) / "constant.mcap", _constant(DELAY), printed_settings),
+            _analyze_scenario(Path(folder) / "varying.mcap", _swinging(0.5), printed_settings),
+            _analyze_scenario(
+                Path(folder) / "field-test.mcap", simulate.load("service-brake"), Settings()
+            ),
         )
-    alive = _varying("kalman", seeds[:5], {"q": 1e-5})
-    alternatives.append({
-        "reading": "kept alive by process noise q = 1e-5", "condition": "varying",
-        "algo": "kalman", **alive,
-    })  # fmt: skip
+    with_process_noise = _measure_varying("kalman", seeds[:5], {"q": 1e-5})
+    alternatives.append(
+        {
+            "reading": "kept alive by process noise q = 1e-5",
+            "condition": "varying",
+            "algo": "kalman",
+            **with_process_noise,
+        }
+    )
     document = {
         **tagged("reproduce", source=PAPER),
         "seeds": len(seeds),
@@ -168,14 +179,22 @@ def printed(algo: str, interval: float) -> dict[str, float]:
         "td": {"r": 100.0, "h0": 0.0, "from_zero": 1.0, "euler": 1.0},
         "leso": {"beta1": 216.0, "beta2": 216.0, "euler": 1.0},
         "neso": {
-            "beta1": 216.0, "beta2": 216.0, "alpha1": 1.0, "alpha2": 0.5, "delta": 0.02,
+            "beta1": 216.0,
+            "beta2": 216.0,
+            "alpha1": 1.0,
+            "alpha2": 0.5,
+            "delta": 0.02,
             "euler": 1.0,
         },
         "gradient": {"lam": 4.0, "p": 10.0, "euler": 1.0},
         "kalman": {
-            "b": 0.95 ** (1.0 / per_ms), "q": 0.0, "R": POWER * per_ms, "P0": 10.0, "euler": 1.0,
+            "b": 0.95 ** (1.0 / per_ms),
+            "q": 0.0,
+            "R": POWER * per_ms,
+            "P0": 10.0,
+            "euler": 1.0,
         },
-    }[algo]  # fmt: skip
+    }[algo]
 
 
 # --- constant condition -------------------------------------------------------------------------
@@ -185,38 +204,44 @@ def _table_2(
     algo: str, seeds: Sequence[int], alternatives: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     """One row of Table 2 with the printed one, and a reading that gives its error."""
-    row = _measured(AS_READ, algo, seeds)
+    row = _measure_constant(AS_READ, algo, seeds)
     response, error = PUBLISHED[algo]
     tried = [{"reading": AS_READ.text, **row}, *(a for a in alternatives if a["algo"] == algo)]
     matching = (
         a["reading"]
         for a in tried
-        if abs(abs(a["max_error_n"]) / abs(error) - 1.0) <= _MATCHED
+        if abs(abs(a["max_error_n"]) / abs(error) - 1.0) <= _MATCH_SHARE
         and a["response_s"] is not None
-        and abs(a["response_s"] / response - 1.0) <= _MATCHED
+        and abs(a["response_s"] / response - 1.0) <= _MATCH_SHARE
     )
     return {
-        **row, "paper_response_s": response, "paper_max_error_n": error,
+        **row,
+        "paper_response_s": response,
+        "paper_max_error_n": error,
         "max_error_matched_by": next(matching, None),
-    }  # fmt: skip
+    }
 
 
-def _measured(reading: Reading, algo: str, seeds: Sequence[int]) -> dict[str, Any]:
+def _measure_constant(reading: Reading, algo: str, seeds: Sequence[int]) -> dict[str, Any]:
     """Response time and maximum error, each with the interval that holds 95 % of the seeds."""
     settled = reading.settled or algo == "td"
-    stated = {**printed(algo, reading.interval), **reading.parameters}
+    parameters = {**printed(algo, reading.interval), **reading.parameters}
     responses, errors = [], []
     for seed in seeds:
-        scenario = _sensed(_constant(reading.coasting), reading.interval, reading.variance)
-        t, F, steady = _estimate(scenario, seed, algo, stated)
-        error, band = F - steady[-1], _WITHIN * steady[-1]
-        late = error[t > t[-1] - reading.last]
-        errors.append(float(late[np.argmax(np.abs(late))]))
-        near = np.abs(error) <= band if settled else error >= -band
-        first = int(np.argmax(near))
+        scenario = _with_sensors(_constant(reading.coasting), reading.interval, reading.variance)
+        t, F, steady = _estimate(scenario, seed, algo, parameters)
+        error, band = F - steady[-1], _RESPONSE_BAND * steady[-1]
+        final_error = error[t > t[-1] - reading.error_seconds]
+        errors.append(float(final_error[np.argmax(np.abs(final_error))]))
+        is_near = np.abs(error) <= band if settled else error >= -band
+        first_index = int(np.argmax(is_near))
         if settled:
-            first = int(np.flatnonzero(~near)[-1]) + 1 if not near.all() else 0
-        responses.append(float(t[first] - t[0]) if first < len(near) and near[first] else np.inf)
+            first_index = int(np.flatnonzero(~is_near)[-1]) + 1 if not is_near.all() else 0
+        responses.append(
+            float(t[first_index] - t[0])
+            if first_index < len(is_near) and is_near[first_index]
+            else np.inf
+        )
     if len({e > 0.0 for e in errors}) > 1:
         errors = [abs(e) for e in errors]
     always = bool(np.isfinite(responses).all())
@@ -236,10 +261,10 @@ def _constant(coasting: float) -> Scenario:
     """The paper's first condition, the brake applied after some coasting."""
     scenario = simulate.load("paper-constant")
     command = replace(scenario.brake.command[0], at=coasting)
-    return _sensed(replace(scenario, brake=replace(scenario.brake, command=(command,))))
+    return _with_sensors(replace(scenario, brake=replace(scenario.brake, command=(command,))))
 
 
-def _sensed(s: Scenario, interval: float = INTERVAL, variance: float = POWER) -> Scenario:
+def _with_sensors(s: Scenario, interval: float = INTERVAL, variance: float = POWER) -> Scenario:
     """The scenario logged at this interval with this noise of the wheel speed."""
     sensors = tuple(
         replace(x, rate=1.0 / interval, noise_variance=variance)
@@ -255,8 +280,8 @@ def _estimate(
 ) -> tuple[Floats, Floats, Floats]:
     """Time stamps [s], F̂ and the true force then [N]; shape (n,)."""
     simulation = replace(_run(replace(scenario, sensor=())), scenario=scenario, seed=seed)
-    seen = {r.signal: r for r in simulate.log(simulation)}
-    speed, brake = seen["wheel_speed"], seen["clamping_force"]
+    recordings = {r.signal: r for r in simulate.log(simulation)}
+    speed, brake = recordings["wheel_speed"], recordings["clamping_force"]
     assert np.array_equal(speed.t, brake.t)
     est = registry()[algo]
     w = wheelset(scenario.vehicle, 1)
@@ -264,8 +289,8 @@ def _estimate(
     F = compiled.batch(
         est, est.Params(**parameters), w, speed.t, brake.value, speed.value, np.zeros(1, np.int64)
     )[0]
-    true = np.interp(speed.t, simulation.t, simulation.signal("truth", 1))
-    return speed.t.astype(np.float64) * 1e-9, F, true
+    true_force = np.interp(speed.t, simulation.t, simulation.signal("truth", 1))
+    return speed.t.astype(np.float64) * 1e-9, F, true_force
 
 
 @cache
@@ -281,60 +306,66 @@ def _swinging(frequency: float) -> Scenario:
     s = simulate.load("paper-varying")
     assert s.rail.wave is not None
     wave = Wave(s.rail.wave.amplitude, 1.0 / frequency)
-    return _sensed(replace(s, duration=_SETTLING + _COUNTED, rail=replace(s.rail, wave=wave)))
+    return _with_sensors(
+        replace(s, duration=_SETTLING_SECONDS + _COUNTED_SECONDS, rail=replace(s.rail, wave=wave))
+    )
 
 
-def _varying(
+def _measure_varying(
     algo: str, seeds: Sequence[int], changed: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
     """Rmse, lag and gain at the scenario's own frequency, and lag and gain over frequency."""
-    stated = {**printed(algo, INTERVAL), **(changed or {})}
+    parameters = {**printed(algo, INTERVAL), **(changed or {})}
     rows = []
     for frequency in FREQUENCIES:
         ratios, squares = [], []
         for seed in seeds:
-            t, F, true = _estimate(_swinging(frequency), seed, algo, stated)
-            used = t > t[-1] - _COUNTED
-            t, F, true = t[used], F[used], true[used]
-            ratios.append(harmonic(t, F, frequency) / harmonic(t, true, frequency))
-            squares.append(float(np.mean((F - true) ** 2)))
+            t, F, true_force = _estimate(_swinging(frequency), seed, algo, parameters)
+            counted = t > t[-1] - _COUNTED_SECONDS
+            t, F, true_force = t[counted], F[counted], true_force[counted]
+            ratios.append(harmonic(t, F, frequency) / harmonic(t, true_force, frequency))
+            squares.append(float(np.mean((F - true_force) ** 2)))
         ratio = complex(np.mean(ratios))
-        turn = -float(np.angle(ratio)) % (2.0 * np.pi)  # an estimate is late, never early
-        rows.append({
-            "frequency_hz": frequency,
-            "rmse_n": float(np.sqrt(np.mean(squares))),
-            "lag_s": turn / (2.0 * np.pi * frequency),
-            "gain": abs(ratio),
-        })  # fmt: skip
-    own = next(row for row in rows if row["frequency_hz"] == 0.5)
-    return {**{key: own[key] for key in ("rmse_n", "lag_s", "gain")}, "frequency": rows}
+        phase = -float(np.angle(ratio)) % (2.0 * np.pi)  # an estimate is late, never early
+        rows.append(
+            {
+                "frequency_hz": frequency,
+                "rmse_n": float(np.sqrt(np.mean(squares))),
+                "lag_s": phase / (2.0 * np.pi * frequency),
+                "gain": abs(ratio),
+            }
+        )
+    scenario_row = next(row for row in rows if row["frequency_hz"] == 0.5)
+    return {**{key: scenario_row[key] for key in ("rmse_n", "lag_s", "gain")}, "frequency": rows}
 
 
 # --- field test, files and figure ---------------------------------------------------------------
 
 
-def _analysed(path: Path, scenario: Scenario, settings: Settings) -> Result:
+def _analyze_scenario(path: Path, scenario: Scenario, settings: Settings) -> Result:
     """What `analyze` makes of the scenario's log; the log is named, not kept."""
     writer(path)(path, simulate.as_log(simulate.run(scenario)))
-    result = analyze(path, lambda base=None: settings, list(PUBLISHED))
+    result = analyze(path, settings, list(PUBLISHED))
     return replace(result, log=replace(result.log, path=path.name))
 
 
 def _field_test(result: Result) -> dict[str, Any]:
     """NESO against the reference over the brake application, as in the paper's figure 6."""
     (axle,) = result.axles
-    found = metrics.compare(
+    comparison = metrics.compare(
         axle.record, axle.estimates["neso"], axle.reference.force, axle.applications
     )
-    assert found is not None
-    values = metrics.measure(found)
-    mean = float(np.mean(np.abs(np.concatenate(found.target))))
+    assert comparison is not None
+    values = metrics.measure(comparison)
+    mean = float(np.mean(np.abs(np.concatenate(comparison.target))))
     assert values["rmse_n"] is not None
     return {
-        "algo": "neso", "against": "reference",
-        "rmse_n": values["rmse_n"], "rmse_share": values["rmse_n"] / mean,
+        "algo": "neso",
+        "against": "reference",
+        "rmse_n": values["rmse_n"],
+        "rmse_share": values["rmse_n"] / mean,
         **{name: values[name] for name in ("bias_n", "lag_s", "gain")},
-    }  # fmt: skip
+    }
 
 
 def panels(reproduction: Reproduction) -> list[Panel]:
@@ -343,13 +374,13 @@ def panels(reproduction: Reproduction) -> list[Panel]:
     colours = {algo: of_method(algo) for algo in PUBLISHED}
     rows = reproduction.document["conditions"]["varying"]
 
-    def forces(axle: AxleResult, until: float) -> list[Line]:
+    def forces(axle: AxleResult, end_s: float) -> list[Line]:
         t = _since_start(axle)
-        cut = t <= until
+        shown = t <= end_s
         assert axle.record.truth is not None
         return [
-            *(Line(a, t[cut], 1e-3 * axle.estimates[a][cut], c) for a, c in colours.items()),
-            Line("true force", t[cut], 1e-3 * axle.record.truth[cut], BLACK, dashed=True),
+            *(Line(a, t[shown], 1e-3 * axle.estimates[a][shown], c) for a, c in colours.items()),
+            Line("true force", t[shown], 1e-3 * axle.record.truth[shown], BLACK, dashed=True),
         ]
 
     def over_frequency(key: str) -> list[Line]:
@@ -362,23 +393,45 @@ def panels(reproduction: Reproduction) -> list[Panel]:
     t, record, reference = _since_start(braked), braked.record, braked.reference
     assert record.pressure is not None
     radius = reproduction.results[2].vehicle.radius(record.axle).value
-    force, few = "adhesion force [kN]", (0.0, 8.0)
+    force, force_range = "adhesion force [kN]", (0.0, 8.0)
     neso = 1e-3 * braked.estimates["neso"]
     return [
-        Panel("Constant adhesion (Fig. 2)", "time [s]", force, forces(constant, 4.0), y_range=few),
-        Panel("Varying adhesion (Fig. 3)", "time [s]", force, forces(varying, 10.0), y_range=few),
-        Panel("Field test, simulated (Fig. 5)", "time [s]", "speed [km/h], pressure [0.1 bar]", [
-            Line("wheel speed", t, 3.6 * radius * record.wheel_speed, BLUE),
-            Line("cylinder pressure", t, 1e-4 * record.pressure, ORANGE),
-        ]),
+        Panel(
+            "Constant adhesion (Fig. 2)",
+            "time [s]",
+            force,
+            forces(constant, 4.0),
+            y_range=force_range,
+        ),
+        Panel(
+            "Varying adhesion (Fig. 3)",
+            "time [s]",
+            force,
+            forces(varying, 10.0),
+            y_range=force_range,
+        ),
+        Panel(
+            "Field test, simulated (Fig. 5)",
+            "time [s]",
+            "speed [km/h], pressure [0.1 bar]",
+            [
+                Line("wheel speed", t, 3.6 * radius * record.wheel_speed, BLUE),
+                Line("cylinder pressure", t, 1e-4 * record.pressure, ORANGE),
+            ],
+        ),
         Panel("Varying: gain", "frequency [Hz]", "gain", over_frequency("gain"), log_x=True),
         Panel("Varying: lag", "frequency [Hz]", "lag [s]", over_frequency("lag_s"), log_x=True),
-        Panel("Field test, simulated (Fig. 6)", "time [s]", force, [
-            Line("reference", t, 1e-3 * reference.force, BLACK, dashed=True),
-            Line("neso", t, neso, colours["neso"]),
-            Line("neso - reference", t, neso - 1e-3 * reference.force, GREY),
-        ]),
-    ]  # fmt: skip
+        Panel(
+            "Field test, simulated (Fig. 6)",
+            "time [s]",
+            force,
+            [
+                Line("reference", t, 1e-3 * reference.force, BLACK, dashed=True),
+                Line("neso", t, neso, colours["neso"]),
+                Line("neso - reference", t, neso - 1e-3 * reference.force, GREY),
+            ],
+        ),
+    ]
 
 
 def _since_start(axle: AxleResult) -> Floats:

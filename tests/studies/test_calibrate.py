@@ -1,7 +1,6 @@
 """A calibrated vehicle: what its logs show, what they cannot, and what is refused."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +15,8 @@ from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.core.physics import wheelset
 
 
-def load(vehicle: Vehicle = STATED) -> Callable[..., settings.Settings]:
-    return lambda **_: settings.Settings(vehicle=vehicle)
-
-
 def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.Calibration:
-    return calibrate.calibrate(paths, load(vehicle), lambda _: None)
+    return calibrate.calibrate(paths, settings.Settings(vehicle=vehicle), lambda _: None)
 
 
 def bands(of: calibrate.Calibration) -> list[float]:
@@ -88,7 +83,7 @@ def test_analyze_takes_the_toml_and_has_that_band(
             p = getattr(again.vehicle, name)
             assert p == pytest.approx((row.posterior, row.posterior_u), rel=1e-6)
     assert again.vehicle.correlation == calibrated.settings.vehicle.correlation
-    (axle,) = analyze.analyze(logs[0], lambda **_: again, ["td"]).axles
+    (axle,) = analyze.analyze(logs[0], again, ["td"]).axles
     rolls = np.abs(axle.reference.force / calibrated.result.force[1] - 1.0) < 0.1
     band = Z95 * axle.reference.tolerance[rolls] / axle.reference.force[rolls]
     assert np.median(band) == pytest.approx(Z95 * bands(calibrated)[1], rel=0.05)
@@ -136,7 +131,7 @@ def test_analyze_says_what_calibrate_would_give(
 
 
 def narrows(path: Path, vehicle: Vehicle) -> list[Finding]:
-    result = analyze.analyze(path, load(vehicle), ["td"])
+    result = analyze.analyze(path, settings.Settings(vehicle=vehicle), ["td"])
     return [f for f in result.findings if f.code == "calibration-narrows"]
 
 

@@ -1,0 +1,1 @@
+"""What looks at many runs: the paper reproduced, tuning, calibration, frequency response."""

@@ -1,0 +1,461 @@
+"""A vehicle from its own logs: the joint posterior over all brake applications whose wheels roll.
+
+The mathematics is that of `reference.calibrated_vehicle`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..analysis.json_documents import findings_document, tagged
+from ..analysis.prepare import prepare
+from ..analysis.request import open_log
+from ..analysis.settings import Settings, tree
+from ..channels.log import read
+from ..core import toml
+from ..core.errors import UserError
+from ..core.finding import Finding
+from ..core.model import Z95, AxleRecord, Floats, Log, Parameter, Vehicle
+from ..core.text import by_uncertainty
+from ..formats.memory import Signals
+from ..records import brake_applications
+from ..reference import calibrated_vehicle as reference
+from ..results.charts import Line, Panel
+from ..results.palette import BLACK, BLUE, GREY, ORANGE
+from ..train import longitudinal as model
+from ..train.explanation import Design
+
+_FALSE_REFUSAL = 0.01  # probability that logs of one vehicle are refused
+_DOT = 4.0  # diameter of a point in the picture
+_SIDE_STEP = 0.22  # what one application shows in several points is drawn so far aside
+_NAMES, _LETTERS = 16, 18  # of logs that have room under the picture, and of each
+
+
+class ApplicationDeceleration(NamedTuple):
+    """One brake application: deceleration measured, and by the brake as stated and calibrated.
+
+    `_u` is 1 sigma: by the tolerances, by the posterior and what changes from log to log, and of
+    the gradient that was fitted.
+    """
+
+    log: str  # its path
+    begin_s: float  # after the log's start
+    speed_mps: float
+    measured_mps2: float
+    stated_mps2: float
+    stated_u_mps2: float
+    calibrated_mps2: float
+    calibrated_u_mps2: float
+    gradient_mps2: float  # above 0 where it drives the train
+    gradient_u_mps2: float
+
+
+class UsedLog(NamedTuple):
+    """What one log contributes."""
+
+    log: Log  # without channels
+    record: AxleRecord  # of its first axle
+    evidence: reference.Evidence
+    findings: tuple[Finding, ...]
+
+
+class Calibration(NamedTuple):
+    """The result."""
+
+    settings: Settings  # as stated, with the calibrated vehicle
+    logs: tuple[UsedLog, ...]
+    result: reference.Calibrated
+    applications: tuple[ApplicationDeceleration, ...]
+    findings: tuple[Finding, ...]
+
+
+def calibrate(
+    paths: Sequence[Path | Signals],
+    settings: Settings,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Calibration:
+    """Calibrates one vehicle.
+
+    Args:
+        paths: its logs.
+        settings: see `analyze`.
+        progress: receives a line at each step.
+
+    Raises:
+        UserError: where a log cannot be read; where the logs do not determine the vehicle; where
+            they contradict each other.
+    """
+    all_settings: list[Settings] = []
+    logs: list[UsedLog] = []
+    for path in paths:
+        progress(f"reading {path.name}")
+        settings_of_log, used_log = _read_log(path, settings)
+        all_settings.append(settings_of_log)
+        logs.append(used_log)
+    vehicle = _one_vehicle(all_settings)
+    rolling = _rolling_logs(logs)
+    progress("fitting all brake applications")
+    designs = model.join_designs([u.evidence.design for u in rolling if u.evidence.design], vehicle)
+    prior = reference.prior(designs, vehicle, max(abs(u.evidence.delay) for u in rolling))
+    posterior = model.joint(designs, prior)
+    _check_agreement(rolling, designs, prior, posterior)
+    calibrated = reference.calibrate_vehicle(vehicle, rolling[0].record, designs, prior, posterior)
+    applications = _applications(rolling, designs, posterior)
+    findings = (*(f for u in logs for f in u.findings), *_unused(logs))
+    settings = replace(all_settings[0], vehicle=calibrated.vehicle)
+    return Calibration(settings, tuple(logs), calibrated, applications, findings)
+
+
+# Logs
+
+
+def _read_log(path: Path | Signals, settings: Settings) -> tuple[Settings, UsedLog]:
+    settings, source = open_log(path, settings)
+    vehicle, gap = settings.vehicle, round(settings.analysis.max_gap * 1e9)
+    log = read(source, settings.mappings, vehicle, max_gap_ns=gap)
+    prepared = prepare(log, vehicle, checks=settings.checks)
+    record, findings = prepared.records[0], (*log.findings, *prepared.findings)
+    applications = brake_applications.find_applications(record)
+    log_evidence = reference.evidence(prepared.scene, record, applications, vehicle)
+    log_without_channels = replace(log, channels=())
+    return settings, UsedLog(
+        log_without_channels, record, log_evidence, tuple(dict.fromkeys(findings))
+    )
+
+
+def _one_vehicle(all_settings: Sequence[Settings]) -> Vehicle:
+    """The vehicle that all logs state.
+
+    Raises:
+        UserError: where results state several, and where a tolerance leaves nothing to find.
+    """
+    vehicle = all_settings[0].vehicle
+    if any(s.vehicle != vehicle for s in all_settings):
+        raise UserError(
+            "the logs state different vehicles", "state the one they share with -c FILE.toml"
+        )
+    for name, share in (("friction", 0.1), ("axle_mass", 0.05)):
+        p: Parameter = getattr(vehicle, name)
+        if p.tolerance <= 0.0:
+            line = f"vehicle.{name} = {{value = {p.value:g}, tolerance = {share * p.value:.3g}}}"
+            text = f"vehicle.{name} has the tolerance 0: no log can change it"
+            hint = f"state 1 sigma of what is known of it, as {toml.option(line)}"
+            raise UserError(text, hint, code=2)
+    return vehicle
+
+
+def _rolling_logs(logs: Sequence[UsedLog]) -> list[UsedLog]:
+    """The logs with brake applications of wheels that roll.
+
+    Raises:
+        UserError: where these are fewer than two; where some logs have K and others pressures.
+    """
+    rolling = [u for u in logs if u.evidence.applications()]
+    if not rolling:
+        raise UserError(
+            f"{logs[0].log.path}: no log has a brake application in which all wheels roll",
+            "record service brakes on a dry rail, with 6 s before and after each",
+        )
+    if sum(len(u.evidence.applications()) for u in rolling) < 2:
+        raise UserError(
+            f"{rolling[0].log.path}: there is one brake application only",
+            "name more logs of this vehicle: in one application a gradient looks like a force",
+        )
+    if len({u.record.pressure is None for u in rolling}) > 1:
+        raise UserError(
+            "some logs have a clamping force, others a pressure",
+            "calibrate them apart: a clamping force does not contain the brake's efficiency",
+        )
+    return rolling
+
+
+def _unused(logs: Sequence[UsedLog]) -> list[Finding]:
+    names = [Path(u.log.path).name for u in logs if not u.evidence.applications()]
+    return [Finding("calibration-log-unused", "info", names={"log": name}) for name in names]
+
+
+def _check_agreement(
+    logs: Sequence[UsedLog],
+    designs: Sequence[Design],
+    prior: dict[int, Parameter],
+    joint: model.Posterior,
+) -> None:
+    """Whether each log's force, at its own brakes, agrees with that of all others.
+
+    Both posteriors contain the prior P. With the information I of a log, Λ = P + I and C = 1/Λ, the
+    difference of two means has the covariance C + C' − C P C' − C' P C. Each log's fit begins at
+    the joint one and weights its samples by that, so that slides stay outliers.
+
+    Raises:
+        UserError: names the log that differs most, if that is no chance.
+    """
+    if len(designs) < 2:
+        return
+    n = len(model.UNITS)
+    means, informations = [], []
+    P = np.diag([prior[i].tolerance ** -2.0 for i in range(n)])
+    origin = np.array([prior[i].value for i in range(n)])
+    slopes = model.gradients(designs, joint.mean)
+    for d, log_gradients in zip(designs, slopes, strict=True):
+        posterior = model.fit(
+            [d],
+            [model.independent_samples(d, model.residual(d, joint.mean, log_gradients))],
+            prior,
+            [joint.mean[:n]],
+        )
+        means.append(posterior.mean[:n] - origin)
+        informations.append(np.linalg.inv(posterior.covariance[:n, :n]))
+    total = P + sum(x - P for x in informations)
+    pull = sum(x @ m for x, m in zip(informations, means, strict=True))
+    log_to_log = (1.0 + 1.0 / (len(designs) - 1)) * reference.LOG_TO_LOG[model.SCALE] ** 2
+    worst = (0.0, 0, 0.0, 0.0)
+    for i, (d, mean, information) in enumerate(zip(designs, means, informations, strict=True)):
+        C, D, g = (
+            np.linalg.inv(information),
+            np.linalg.inv(total - information + P),
+            reference.force_gradient([d]),
+        )
+        difference = float(g @ (mean - D @ (pull - information @ mean)))
+        variance = float(g @ (C + D - C @ P @ D - D @ P @ C) @ g) + log_to_log
+        worst = max(
+            worst, (abs(difference) / math.sqrt(max(variance, 1e-12)), i, difference, variance)
+        )
+    sigmas, i, difference, variance = worst
+    if sigmas > NormalDist().inv_cdf(1.0 - _FALSE_REFUSAL / (2.0 * len(designs))):
+        values = {
+            "share": math.expm1(difference),
+            "sigma_share": math.sqrt(variance),
+            "sigmas": sigmas,
+        }
+        path = logs[i].log.path
+        finding = Finding("logs-contradict", "error", values=values, names={"log": Path(path).name})
+        raise UserError(f"{path}: {finding.message}", finding.hint or "")
+
+
+# Report
+
+
+def _applications(
+    logs: Sequence[UsedLog], designs: Sequence[Design], posterior: model.Posterior
+) -> tuple[ApplicationDeceleration, ...]:
+    """All brake applications, in the order of the logs."""
+    rows: list[ApplicationDeceleration] = []
+    place = n = len(model.UNITS)
+    log_to_log = np.zeros(n)
+    log_to_log[[*reference.LOG_TO_LOG]] = [sigma**2 for sigma in reference.LOG_TO_LOG.values()]
+    prior_covariance = np.diag(posterior.prior_sigma**2)
+    posterior_covariance = posterior.covariance[:n, :n] + np.diag(log_to_log)
+    for used_log, d in zip(logs, designs, strict=True):
+        rows_of_log = slice(place, place + len(d.size))
+        fitted_log = _FittedLog(
+            posterior.mean[rows_of_log],
+            posterior.covariance[rows_of_log, rows_of_log],
+            prior_covariance,
+            posterior_covariance,
+        )
+        rows += _decelerations(used_log, d, posterior, fitted_log)
+        place = rows_of_log.stop
+    return tuple(rows)
+
+
+class _FittedLog(NamedTuple):
+    """What a posterior says of one log."""
+
+    gradients: Floats  # (p,) [m/s²]
+    gradient_covariance: Floats  # covariance of these
+    prior_covariance: Floats  # covariance of the shared parameters before, of the brake only
+    posterior_covariance: Floats  # the same of the posterior
+
+
+def _decelerations(
+    u: UsedLog, d: Design, posterior: model.Posterior, fitted_log: _FittedLog
+) -> list[ApplicationDeceleration]:
+    """The decelerations of each brake application, by straight lines through its samples."""
+    x = posterior.mean[: len(model.UNITS)]
+    of_brake = [model.SCALE, model.OFFSET, model.FADE]
+    stated_mean = x.copy()
+    stated_mean[of_brake] = posterior.prior[of_brake]
+    t, piece = d.t[d.samples], np.repeat(np.arange(len(d.size)), d.size.astype(int))
+    loss_stated, loss_calibrated = (_predict_loss(d, y) for y in (stated_mean, x))
+    rows = []
+    for (begin, _), samples in u.evidence.applications():
+
+        def slopes(y: Floats, samples: Any = samples) -> Floats:
+            return np.asarray(np.polyfit(t[samples] - t[samples].mean(), y[..., samples].T, 1)[0])
+
+        (rate_stated, *gradient_stated), (rate_calibrated, *gradient_calibrated) = (
+            slopes(y) for y in (loss_stated, loss_calibrated)
+        )
+        share = np.bincount(piece[samples], minlength=len(d.size)) / len(samples)
+        by_brake, brake_covariance = (
+            np.array(gradient_stated)[of_brake],
+            fitted_log.prior_covariance[np.ix_(of_brake, of_brake)],
+        )
+        rows.append(
+            ApplicationDeceleration(
+                u.log.path,
+                begin,
+                float(d.measured[samples].mean()),
+                -float(slopes(d.measured[None])[0]),
+                float(rate_stated),
+                _sigma(by_brake, brake_covariance),
+                float(rate_calibrated),
+                _sigma(np.array(gradient_calibrated), fitted_log.posterior_covariance),
+                float(share @ fitted_log.gradients),
+                _sigma(share, fitted_log.gradient_covariance),
+            )
+        )
+    return rows
+
+
+def _sigma(gradient: Floats, covariance: Floats) -> float:
+    return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
+
+
+def _predict_loss(d: Design, x: Floats) -> Floats:
+    """What brake and resistances take from the speed, then its derivatives; (8, m) [m/s]."""
+    t, u = d.t[d.samples], d.relative_speed + d.mean
+    squared_integral = np.cumsum(u * u)[d.samples] * (d.t[1] - d.t[0])
+
+    def loss(y: Floats) -> Floats:
+        of_brake = math.exp(y[model.SCALE]) * model.speed_loss(d, y)
+        total: Floats = of_brake + y[model.RESISTANCE] * t + y[model.DRAG] * squared_integral
+        return total
+
+    rows = [loss(x)]
+    for i, step in enumerate((0.01, 0.002, 0.005, 0.01, 1e-4, 1e-3, 1e-6)):
+        upper, lower = x.copy(), x.copy()
+        upper[i] += step
+        lower[i] -= step
+        rows.append((loss(upper) - loss(lower)) / (2.0 * step))
+    return np.array(rows)
+
+
+def as_toml(calibration: Calibration) -> str:
+    """The vehicle, and how its logs were read, as `-c` takes it; comments say what it is from."""
+    lines = ["# Vehicle by `adhesion calibrate`; tolerances are 1 sigma."]
+    lines += ["# Only products of friction, discs, efficiency and ratios are known: friction has"]
+    lines += ["# the tolerance of all. Do not change one of them, or friction, alone.", "# Logs:"]
+    lines += [f"# - {Path(u.log.path).name!r}, sha256 {u.log.sha256}" for u in calibration.logs]
+    lines += ["# Found as well, and not part of the vehicle:"]
+    further = ("pressure_delay", "creep_stiffness", "running_resistance", "air_drag")
+    for name, r in ((name, calibration.result.rows[name]) for name in further):
+        text = " ± ".join(by_uncertainty(r.posterior, r.posterior_u))
+        lines.append(f"# - {name} = {text} {r.unit}")
+    for section, keys in as_tables(calibration).items():
+        lines += ["", f"[{section}]"]
+        lines += [f"{toml.key(k)} = {toml.value(v)}" for k, v in keys.items()]
+    return "\n".join([*lines, ""])
+
+
+def as_tables(calibration: Calibration) -> dict[str, dict[str, Any]]:
+    """The vehicle, and how its logs were read, as tables of settings."""
+    calibrated_tree, default_tree = tree(calibration.settings, []), tree(Settings(), [])
+    section_names = ("vehicle", "channels", "csv", "mcap", "can")
+    return {
+        name: keys
+        for name in section_names
+        if (keys := calibrated_tree[name]) != default_tree[name]
+    }
+
+
+def document(calibration: Calibration, outputs: dict[str, str]) -> dict[str, Any]:
+    """The document of `calibrate`.
+
+    Args:
+        calibration: the calibration.
+        outputs: the files written, by format.
+    """
+    result = calibration.result
+    return tagged(
+        "calibrate",
+        logs=len(calibration.logs),
+        applications=len(calibration.applications),
+        outputs=outputs,
+        parameters={name: row._asdict() for name, row in result.rows.items()},
+        correlation={"names": [*result.rows], "matrix": result.correlation.tolist()},
+        force_before_n=result.force[0],
+        force_after_n=result.force[1],
+        band_before_n=result.band[0],
+        band_after_n=result.band[1],
+        braked=[a._asdict() for a in calibration.applications],
+        used=[{"path": u.log.path, "sha256": u.log.sha256} for u in calibration.logs],
+        findings=findings_document(calibration.findings),
+    )
+
+
+def as_rows(calibration: Calibration) -> list[dict[str, str]]:
+    """Each parameter before and after with 1 sigma, as text."""
+    return [
+        {
+            "parameter": name.replace("_", " "),
+            "stated by": r.source,
+            "unit": r.unit,
+            "stated": " ± ".join(by_uncertainty(r.prior, r.prior_u)),
+            "calibrated": " ± ".join(by_uncertainty(r.posterior, r.posterior_u)),
+        }
+        for name, r in calibration.result.rows.items()
+    ]
+
+
+def panels(braked: Sequence[ApplicationDeceleration]) -> list[Panel]:
+    """Deceleration as predicted over the measured one, and their difference, by application.
+
+    Bars are expanded uncertainties (95 %). The first application of each log names the log.
+    """
+    measured = np.array([a.measured_mps2 for a in braked])
+    place, limits = np.arange(float(len(braked))), np.array([0.0, 1.1 * float(np.max(measured))])
+    predicted_lines, difference_lines = [Line("equal", limits, limits, BLACK, dashed=True)], []
+    for offset, (name, colour) in zip(
+        (-_SIDE_STEP, 0.0), (("stated", GREY), ("calibrated", BLUE)), strict=True
+    ):
+        predicted, u = (
+            np.array([getattr(a, f"{name}{kind}_mps2") for a in braked]) for kind in ("", "_u")
+        )
+        predicted_lines.append(Line(name, measured, predicted, colour, dots=_DOT, bars=Z95 * u))
+        difference_lines.append(
+            Line(name, place + offset, predicted - measured, colour, dots=_DOT, bars=Z95 * u)
+        )
+    gradient, u = (
+        np.array([getattr(a, f"gradient{kind}_mps2") for a in braked]) for kind in ("", "_u")
+    )
+    difference_lines.append(
+        Line("fitted gradient", place + _SIDE_STEP, gradient, ORANGE, dots=0.7 * _DOT, bars=Z95 * u)
+    )
+    return [
+        Panel(
+            "Deceleration of each application, ± 95 %",
+            "measured [m/s²]",
+            "predicted [m/s²]",
+            predicted_lines,
+        ),
+        Panel(
+            "Predicted less measured, ± 95 %",
+            "brake applications, log by log",
+            "difference [m/s²]",
+            difference_lines,
+            x_names=_log_names(braked),
+        ),
+    ]
+
+
+def _log_names(braked: Sequence[ApplicationDeceleration]) -> list[str]:
+    """The log of each brake application, where it is the log's first one; at most `_NAMES`."""
+    first_of_log = [i for i, a in enumerate(braked) if i == 0 or a.log != braked[i - 1].log]
+    paths = {i: Path(braked[i].log) for i in first_of_log}
+    stems = [path.stem for path in paths.values()]
+    names = [""] * len(braked)
+    for i in first_of_log[:: -(-len(first_of_log) // _NAMES)]:
+        log_path = paths[i]
+        name = (
+            log_path.stem
+            if stems.count(log_path.stem) == 1
+            else f"{log_path.parent.name}/{log_path.stem}"
+        )
+        names[i] = name if len(name) <= _LETTERS else f"…{name[1 - _LETTERS :]}"
+    return names
