@@ -29,9 +29,9 @@ from pyarrow import csv
 from table import Row, show
 
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.json_documents import entry
 from adhesion_cli.analysis.outputs import write_result
 from adhesion_cli.analysis.settings import Settings
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core import rounding
 from adhesion_cli.core.model import Floats, Result
 from adhesion_cli.results import mcap, rrd
@@ -134,7 +134,7 @@ def rows() -> Iterator[Row]:
 
         def run() -> Result:
             result = analyze(log, Settings(), train_speed=True)
-            write_result(files, result, entry(result, {}))
+            write_result(files, result, summarise(result, {}))
             return result
 
         write_log(log, 1)
@@ -157,7 +157,7 @@ def against_writers(folder: Path, files: list[Path], result: Result, own: float)
     our_recording = seconds(lambda: rrd.write_result(files[1], result))
     whole, bare, sdk = folder / "whole.mcap", folder / "bare.mcap", folder / "sdk.rrd"
     with mock.patch.multiple(rounding, rounded=lambda x, _: x, digits=lambda x: x):
-        mcap.write_result(whole, result, "{}", every_sample=True)
+        mcap.write_result(whole, result, "{}", full=True)
     mcap_time, sdk_time = by_mcap(bare, whole), seconds(lambda: by_rerun(sdk, result))
     read_time = seconds(lambda: csv.read_csv(folder / "log.csv"))
     against = "mcap.Writer at its defaults, all digits"

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..core.model import Result
+    from ..core.summary import ResultSummary
     from ..results.rrd.results import Note
 
 Pair = tuple[Path, Path]
-Entry = dict[str, Any]
 
 
 def stem(log: str | Path) -> str:
@@ -31,7 +31,7 @@ def named(files: Sequence[Path]) -> dict[str, str]:
 def write_result(
     places: Sequence[Path],
     result: "Result",
-    entry: Entry,
+    summary: "ResultSummary",
     slip: str = "",
     notes: "Sequence[Note]" = (),
     every_sample: bool = False,
@@ -41,7 +41,7 @@ def write_result(
     Args:
         places: where to write the MCAP and the Rerun recording.
         result: the analysed log.
-        entry: its entry of the document, from `json_documents.entry`.
+        summary: from `summarise`.
         slip: the document on its slip, if that was asked for.
         notes: text on the slip of each axle, with its rail.
         every_sample: whether the files of a long log have every computed sample.
@@ -50,14 +50,14 @@ def write_result(
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_result(record, result, embedded([entry]), slip, every_sample)
+    mcap.write_result(record, result, embedded([summary]), slip, every_sample)
     rrd.write_result(recording, result, notes, every_sample)
 
 
 def write_comparison(
     places: Sequence[Path],
     results: "Sequence[Result]",
-    entries: Sequence[Entry],
+    summaries: "Sequence[ResultSummary]",
     every_sample: bool = False,
 ) -> None:
     """Writes record and recording of several analysed logs, see `write_result`."""
@@ -65,7 +65,7 @@ def write_comparison(
     from .json_documents import embedded
 
     record, recording = places
-    mcap.write_comparison(record, results, embedded(entries), every_sample)
+    mcap.write_comparison(record, results, embedded(summaries), every_sample)
     rrd.write_comparison(recording, results, every_sample)
 
 

@@ -26,6 +26,8 @@ from ..diagnostics.registry import tunable
 from ..formats.source import ReadOptions, TimeSource
 from ..rail.slope import Bands, Params, check_bands
 
+Table = toml.Table
+Tables = Tree[str, Any]  # of TOML, read only
 _FORMAT_HINT = "settings are TOML, for example the line: vehicle.friction = 0.3"
 CSV_KEYS = {"header": bool, "delimiter": str, "decimal": str, "encoding": str, "max_unpacked": int}
 MCAP_KEYS = {"max_inflated": int, "max_record": int, "max_series": int}
@@ -85,18 +87,18 @@ class Settings:
     slope: Params = field(default_factory=Params)
     bands: Bands = field(default_factory=Bands)
     overrides: dict[str, dict[str, float]] = field(default_factory=dict)
-    checks: dict[str, Any] = field(
+    checks: Table = field(
         default_factory=lambda: {name: c.Params() for name, c in tunable().items()}
     )
-    tables: Tree[str, Any] = field(default_factory=dict, compare=False, repr=False)
-    flags: Tree[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    tables: Tables = field(default_factory=dict, compare=False, repr=False)
+    flags: Tables = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def stated(self) -> frozenset[str]:
         """Vehicle parameters that the user states, though it may be the default's value."""
         return frozenset(self.tables.get("vehicle", {}))
 
-    def over(self, carried: Tree[str, Any]) -> "Settings":
+    def over(self, carried: Tables) -> "Settings":
         """These settings over those that a result file carries.
 
         Those on reading its log are ignored: the result is another file. So are thresholds that
@@ -114,12 +116,12 @@ class Settings:
         return methods.validate(est, self.overrides.get(est.name, {}))
 
 
-SettingsSource = Path | Tree[str, Any]  # a settings file, or its tables
+SettingsSource = Path | Tables  # a settings file, or its tables
 
 
 def load(
     config: SettingsSource | Sequence[SettingsSource] | None = None,
-    assignments: Sequence[str | Tree[str, Any]] = (),
+    assignments: Sequence[str | Tables] = (),
     folder: bool = True,
     **flags: Any,
 ) -> Settings:
@@ -138,7 +140,7 @@ def load(
     return _build([stated_tables(config, assignments, folder)], flags)
 
 
-def _build(layers: Sequence[Tree[str, Any]], flags: Tree[str, Any]) -> Settings:
+def _build(layers: Sequence[Tables], flags: Tables) -> Settings:
     """The settings of these layers, of which the last is what the user states."""
     checked = _checked_settings(_merge_layers(layers), flags)
     return replace(checked, tables=layers[-1], flags=flags)
@@ -146,9 +148,9 @@ def _build(layers: Sequence[Tree[str, Any]], flags: Tree[str, Any]) -> Settings:
 
 def stated_tables(
     config: SettingsSource | Sequence[SettingsSource] | None = None,
-    assignments: Sequence[str | Tree[str, Any]] = (),
+    assignments: Sequence[str | Tables] = (),
     folder: bool = True,
-) -> dict[str, Any]:
+) -> Table:
     """What files and `--set` state, as tables that `load` takes in place of them.
 
     Raises:
@@ -167,15 +169,15 @@ def stated_tables(
     return _merge_layers(map(_normalise_names, layers))
 
 
-def _merge_layers(layers: Iterable[Tree[str, Any]]) -> dict[str, Any]:
-    tree: dict[str, Any] = {}
+def _merge_layers(layers: Iterable[Tables]) -> Table:
+    tree: Table = {}
     for layer in layers:
         _forget(tree, layer)
         _merge(tree, layer)
     return tree
 
 
-def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:
+def _forget(tree: Table, layer: Tables) -> None:
     """Removes the correlations of the vehicle parameters that the next layer states anew."""
     stated_vehicle, vehicle = layer.get("vehicle", {}), tree.get("vehicle", {})
     correlations = vehicle.pop("correlation", {}) if stated_vehicle else {}
@@ -188,7 +190,7 @@ def _forget(tree: dict[str, Any], layer: Tree[str, Any]) -> None:
     vehicle |= {"correlation": remaining} if remaining else {}
 
 
-def _known_thresholds(checks: Tree[str, Tree[str, Any]]) -> dict[str, dict[str, Any]]:
+def _known_thresholds(checks: Tree[str, Tables]) -> dict[str, Table]:
     """The thresholds of a result that this version has as well."""
     fields_by_check = {name: check.Params._fields for name, check in tunable().items()}
     return {
@@ -208,7 +210,7 @@ def tree(
     algos: Sequence[Estimator],
     axles: Sequence[int] = (),
     window: tuple[float | None, float | None] = (None, None),
-) -> dict[str, Any]:
+) -> Table:
     """Every parameter in force, as a TOML would state it; `Settings.over` takes it back.
 
     Args:
@@ -220,7 +222,7 @@ def tree(
     vehicle = {name: getattr(settings.vehicle, name) for name in quantities(Vehicle)}
     radii = [p._asdict() for p in vehicle.pop("wheel_radius")]
     parameters = {name: p._asdict() for name, p in vehicle.items()}
-    correlations: dict[str, Any] = {}
+    correlations: Table = {}
     for a, b, share in settings.vehicle.correlation:
         correlations.setdefault(a, {})[b] = share
     related = {"correlation": correlations} if correlations else {}
@@ -237,10 +239,10 @@ def tree(
 
 def _log_sections(
     settings: Settings, axles: Sequence[int], window: tuple[float | None, float | None]
-) -> dict[str, Any]:
+) -> Table:
     """How the log was read and what was taken of it: the sections of `_ORIGIN`, where stated."""
     read = settings.read
-    channels: dict[str, Any] = {}
+    channels: Table = {}
     for owner, key_names in (("time", TIME_KEYS), ("group", GROUP_KEYS)):
         values = {k: getattr(read, f"{owner}_{k}") for k in key_names}
         channels[owner] = {k: v for k, v in values.items() if v is not None}
@@ -249,7 +251,7 @@ def _log_sections(
         place = channels.setdefault(m.meaning, {})
         place.update({f"axle {m.axle}": entry} if m.axle else entry)
     from_s, to_s = window
-    selection: dict[str, Any] = {"from": from_s, "to": to_s, "axles": list(axles) or None}
+    selection: Table = {"from": from_s, "to": to_s, "axles": list(axles) or None}
     sections = {
         "channels": channels,
         "csv": {k: getattr(read, k) for k in CSV_KEYS},
@@ -263,19 +265,19 @@ def _log_sections(
     }
 
 
-def nested(flat: Tree[str, str]) -> dict[str, Any]:
+def nested(flat: Tree[str, str]) -> Table:
     """The tree from dotted keys with JSON values, as a result file carries it."""
-    tree: dict[str, Any] = {}
+    tree: Table = {}
     for name, text in flat.items():
         _merge(tree, _nested(name.split("."), json.loads(text)))
     return tree
 
 
-def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
+def _nested(keys: Sequence[str], value: Any) -> Table:
     return {keys[0]: value if len(keys) == 1 else _nested(keys[1:], value)}
 
 
-def assignment(text: str) -> dict[str, Any]:
+def assignment(text: str) -> Table:
     """The table that one `--set` states.
 
     Raises:
@@ -296,7 +298,7 @@ def assignment(text: str) -> dict[str, Any]:
     return toml.bounded(_nested([*sections, key], float(value) if bare_number else value), "--set")
 
 
-def _merge(target: dict[str, Any], layer: Tree[str, Any]) -> None:
+def _merge(target: Table, layer: Tables) -> None:
     """Lays `layer` over `target`; tables merge, a number over `{value, tolerance}` replaces it."""
     for key, value in layer.items():
         existing = target.get(key)
@@ -306,7 +308,7 @@ def _merge(target: dict[str, Any], layer: Tree[str, Any]) -> None:
             target[key] = copy.deepcopy(value)
 
 
-def _same_kind(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
+def _same_kind(a: Tables, b: Tables) -> bool:
     """Whether two tables say the same kind of thing: not one channel and one channel per axle."""
     tables = any(isinstance(v, dict) for v in (*a.values(), *b.values()))
     return not tables or ({"channel", "unit"} & a.keys() == set()) == (
@@ -314,12 +316,12 @@ def _same_kind(a: Tree[str, Any], b: Tree[str, Any]) -> bool:
     )
 
 
-def _normalise_names(layer: Tree[str, Any]) -> dict[str, Any]:
+def _normalise_names(layer: Tables) -> Table:
     """One layer with every vehicle parameter under its own name in `vehicle`, diameters halved."""
     keys = vehicle_keys()
     normalised = {k: v for k, v in layer.items() if k not in keys and k != "vehicle"}
     bare_keys = {k: v for k, v in layer.items() if k in keys}
-    vehicle: dict[str, Any] = {}
+    vehicle: Table = {}
     for key, value in [*bare_keys.items(), *_table_of("vehicle", layer.get("vehicle", {})).items()]:
         if key not in keys:
             raise unknown("vehicle parameter", key, list(keys))
@@ -350,7 +352,7 @@ def _numeric() -> "dict[str, methods.Tunable]":
     return {**estimator.registry(), **controller.registry(), **own_sections}
 
 
-def _checked_settings(tree: dict[str, Any], read: Tree[str, Any]) -> Settings:
+def _checked_settings(tree: Table, read: Tables) -> Settings:
     numeric, section_names = _numeric(), sections()
     for key, value in tree.items():
         if key not in section_names:
@@ -411,8 +413,8 @@ def vehicle_keys() -> dict[str, str]:
     return {**names, **symbols, **further}
 
 
-def _vehicle(table: dict[str, Any]) -> Vehicle:
-    values: dict[str, Any] = {}
+def _vehicle(table: Table) -> Vehicle:
+    values: Table = {}
     for name, value in table.items():
         default = getattr(Vehicle(), name)
         if name == "correlation":
@@ -469,10 +471,10 @@ def _parameter(key: str, entry: Any, default: Parameter) -> Parameter:
     return Parameter(value, tolerance)
 
 
-def _channels(section: dict[str, Any]) -> tuple[list[Mapping], dict[str, Any]]:
+def _channels(section: Table) -> tuple[list[Mapping], Table]:
     """`[channels]`: what each log name means, and how to read the time."""
     mappings: list[Mapping] = []
-    options: dict[str, Any] = {}
+    options: Table = {}
     of_rows = {"time": TIME_KEYS, "group": GROUP_KEYS}
     for key, value in section.items():
         if key in of_rows:
@@ -513,11 +515,11 @@ def _by_axle(key: str, value: Any) -> list[tuple[int | None, Any]]:
     return entries
 
 
-def _table(value: Any) -> dict[str, Any]:
+def _table(value: Any) -> Table:
     return value if isinstance(value, dict) else {"channel": value}
 
 
-def _table_of(section: str, value: Any) -> dict[str, Any]:
+def _table_of(section: str, value: Any) -> Table:
     if not isinstance(value, dict):
         raise UserError(
             f"setting {section!r} is a table", f"write [{section}], then its keys", code=2
@@ -525,9 +527,9 @@ def _table_of(section: str, value: Any) -> dict[str, Any]:
     return value
 
 
-def _fields(section: str, table: Any, types: Tree[str, type]) -> dict[str, Any]:
+def _fields(section: str, table: Any, types: Tree[str, type]) -> Table:
     """A table's entries, each of its type; a column's number may stand for a text."""
-    fields: dict[str, Any] = {}
+    fields: Table = {}
     for key, value in _table_of(section, table).items():
         name = f"{section}.{key}"
         if key not in types:
@@ -545,7 +547,7 @@ def _fields(section: str, table: Any, types: Tree[str, type]) -> dict[str, Any]:
     return fields
 
 
-def _files(lists: Tree[str, Any]) -> dict[str, Any]:
+def _files(lists: Tables) -> Table:
     """Lists of file names, checked; --dbc gives them as the section does.
 
     Raises:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from ..analysis import json_documents, outputs
-from ..analysis.inspection import InspectedLog
-from ..analysis.json_documents import BrakeApplication
+from ..analysis import inspection, json_documents, outputs
 from ..analysis.slip_of_log import SlipOfLog, carried
+from ..analysis.summarise import brake_applications, summarise
 from ..core import physics, toml
+from ..core.annotated import Json, as_json
 from ..core.errors import UserError, unknown
 from ..core.finding import Finding
 from ..core.model import (
@@ -30,9 +30,10 @@ from ..core.model import (
     Vehicle,
     quantities,
 )
+from ..core.summary import BrakeApplication, ResultSummary
 from ..rail.slip import Summary
 from ..rail.slope import REGIONS
-from ..reference.calibrated_vehicle import Row
+from ..reference.calibrated_vehicle import CalibratedParameter
 from ..results import atomic_files, result_rows, slip_text, tables
 from ..results.text_tables import number, records
 from ..scores.metrics import pool_scores
@@ -286,20 +287,20 @@ class Analysis(_Tables):
         return scores[0] if len(scores) == 1 else pool_scores(scores)
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """What `adhesion analyze --json` prints."""
-        return json_documents.document([self._entry])
+        return json_documents.result_document([self._summary])
 
     @cached_property
     def _braked(self) -> dict[int, tuple[BrakeApplication, ...]]:
-        return json_documents.brake_applications(self.result)
+        return brake_applications(self.result)
 
     @cached_property
-    def _entry(self) -> dict[str, Any]:
-        return json_documents.entry(self.result, {}, self._braked)
+    def _summary(self) -> ResultSummary:
+        return summarise(self.result, {}, self._braked)
 
     def _table(self, name: str) -> Any:
-        return getattr(tables, name)([self._entry])
+        return _table(name, [self._summary])
 
     @in_python
     def plot(self, axles: int | Iterable[int] = ()) -> "Plot":
@@ -323,7 +324,7 @@ class Analysis(_Tables):
         for axle in wanted:
             if axle not in self._braked:
                 raise unknown("axle", str(axle), [str(n) for n in self._braked])
-        return Plot(run.of_result(self.result, self._entry), wanted)
+        return Plot(run.of_result(self.result, self._summary), wanted)
 
     @in_python
     def write(
@@ -346,20 +347,16 @@ class Analysis(_Tables):
         if report:
             files = (*files, files[0].with_suffix(".html"))
         with _written(files, force, [self.log]) as places:
-            outputs.write_result(places[:2], self.result, self._entry)
+            outputs.write_result(places[:2], self.result, self._summary)
             for place in places[2:]:
                 outputs.write_report(place, places[0], files[0].name)
         return files
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
-        pairs = [
-            (str(a["axle"]), application)
-            for a in self._entry["axles"]
-            for application in a["applications"]
-        ]
+        pairs = [(str(a.axle), x) for a in self._summary.axles for x in a.applications]
         return self.log.path, {
             "Brake applications (± is 95 %)": [result_rows.row(*pair) for pair in pairs],
-            "Slides": [result_rows.slid_row(*pair) for pair in pairs if pair[1]["slides"]],
+            "Slides": [result_rows.slid_row(*pair) for pair in pairs if pair[1].slides],
         }
 
 
@@ -393,12 +390,12 @@ class Comparison(_Tables):
         return [(f"{analysis.log.path}: ", analysis.findings) for analysis in self.analyses]
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """What `adhesion compare --json` prints."""
-        return json_documents.document([analysis._entry for analysis in self.analyses])
+        return json_documents.result_document([one._summary for one in self.analyses])
 
     def _table(self, name: str) -> Any:
-        return getattr(tables, name)([analysis._entry for analysis in self.analyses])
+        return _table(name, [analysis._summary for analysis in self.analyses])
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -412,7 +409,7 @@ class Comparison(_Tables):
         with _written(files, force, logs) as places:
             results = [analysis.result for analysis in self.analyses]
             outputs.write_comparison(
-                places, results, [analysis._entry for analysis in self.analyses]
+                places, results, [analysis._summary for analysis in self.analyses]
             )
         return files
 
@@ -449,7 +446,7 @@ class SlipAnalysis(_Tables):
         return tuple(self._slip.findings)
 
     @cached_property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """What `adhesion slip --json` prints."""
         slip, files = self._slip, dict[str, str]()
         return json_documents.slip_document(
@@ -457,7 +454,11 @@ class SlipAnalysis(_Tables):
         )
 
     def _table(self, name: str) -> Any:
-        return tables.slides(self.document) if name == "slides" else tables.rails(self.document)
+        log = self.analysis.log
+        axles = [
+            json_documents.summarise_slip(log.path, log.start_ns(), s) for s in self._slip.axles
+        ]
+        return tables.slides(axles) if name == "slides" else tables.rails(axles)
 
     @in_python
     def write(self, folder: File = ".", *, force: bool = False) -> tuple[Path, ...]:
@@ -469,8 +470,8 @@ class SlipAnalysis(_Tables):
         log = self.analysis.log
         files = outputs.pair(Path(folder), log.path, "slip")
         with _written(files, force, [log]) as places:
-            entry = self.analysis._entry
-            outputs.write_result(places, self._slip.result, entry, *carried(self._slip))
+            summary = self.analysis._summary
+            outputs.write_result(places, self._slip.result, summary, *carried(self._slip))
         return files
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
@@ -487,12 +488,13 @@ class Inspection(_Tables):
     `to_arrow` and `to_pandas` give the tables ``channels`` and ``findings``.
     """
 
-    _inspected: InspectedLog
+    _inspected: inspection.Inspection
     _tables = ("channels", "findings")
 
     @property
     def log(self) -> Log:
         """The log with every numeric channel; SI where the unit is known."""
+        assert self._inspected.log is not None  # else `inspect` raised
         return self._inspected.log
 
     @property
@@ -506,15 +508,15 @@ class Inspection(_Tables):
         return tuple(self._inspected.findings)
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """What `adhesion inspect --json` prints."""
-        return json_documents.tagged("inspect", logs=[self._inspected.document])
+        return json_documents.tagged("inspect", logs=[as_json(self._inspected.summary)])
 
     def _table(self, name: str) -> Any:
         if name == "channels":
-            return tables.channels(self._inspected.document)
-        sha256 = {"path": self.log.path, "sha256": self.log.sha256}
-        return tables.findings([{"log": sha256, "findings": self._inspected.document["findings"]}])
+            return tables.channels(self._inspected.summary.channels)
+        findings = self._inspected.summary.findings
+        return tables.findings(findings, self.log.path, self.log.sha256)
 
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         rows = [
@@ -543,7 +545,7 @@ class Calibration(_Tables):
     _tables = ("parameters",)
 
     @property
-    def parameters(self) -> Mapping[str, Row]:
+    def parameters(self) -> Mapping[str, CalibratedParameter]:
         """By name: `prior`, `prior_u`, `posterior`, `posterior_u` (1 sigma) and `unit`."""
         return self._calibration.result.rows
 
@@ -563,12 +565,12 @@ class Calibration(_Tables):
         return self._calibration.findings
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> Json:
         """What `adhesion calibrate --json` prints."""
         return calibrate.document(self._calibration, {})
 
     def _table(self, name: str) -> Any:
-        return tables.parameters(self.document)
+        return tables.parameters(self.parameters)
 
     @in_python
     def write(self, file: File, *, force: bool = False) -> Path:
@@ -590,6 +592,15 @@ class Calibration(_Tables):
     def _display(self) -> tuple[str, dict[str, _Rows]]:
         title = f"Calibration by {len(self._calibration.applications)} brake applications"
         return title, {"± is 1 sigma": calibrate.as_rows(self._calibration)}
+
+
+def _table(name: str, summaries: Sequence[ResultSummary]) -> Any:
+    """The table of that name of some logs."""
+    if name == "applications":
+        return tables.applications(summaries)
+    if name == "estimators":
+        return tables.estimators(summaries)
+    return tables.joined([tables.findings(s.findings, s.log.path, s.log.sha256) for s in summaries])
 
 
 @contextmanager

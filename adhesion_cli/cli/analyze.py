@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from . import results
 from .options import EVERY, Logs, Shared, option, shared
 
 if TYPE_CHECKING:
     from ..core.model import Result
+    from ..core.summary import ResultSummary
 
 
 @shared(*EVERY)
@@ -44,8 +45,10 @@ def command(  # noqa: PLR0913 (one option each)
 
     Example: adhesion analyze sample_logs/service-brake.csv
     """
-    from ..analysis.json_documents import document, dumps, entry
+    from ..analysis.json_documents import dumps, result_document
     from ..analysis.outputs import write_report
+    from ..analysis.summarise import summarise
+    from ..core.summary import FailedLog
 
     _check_table(table, decimal)
     sets: list[list[Path]] = [[*results.pair(shared, log, "adhesion")] for log in logs]
@@ -53,24 +56,24 @@ def command(  # noqa: PLR0913 (one option each)
         sets = [[*of, of[0].with_suffix(".html")] for of in sets]
     paths = [path for of in sets for path in of] + ([table] if table else [])
     found = results.analysed_or_failed(shared, logs, paths)
-    done = [(f, p) for f, p in zip(found, sets, strict=True) if not isinstance(f, results.Failed)]
+    done = [(f, p) for f, p in zip(found, sets, strict=True) if not isinstance(f, FailedLog)]
     if table:
         done[0][1].append(table)
-    entries = [entry(r, results.named(of)) for r, of in done]
+    summaries = [summarise(r, results.named(of)) for r, of in done]
     more: dict[Path, results.More] = {
         of[2]: partial(write_report, name=of[0].name) for _, of in done if report
     }
     if table:
-        more[table] = partial(_write_table, name=table, decimal=decimal, entries=entries)
-    results.write(shared, [r for r, _ in done], [of for _, of in done], entries, more=more)
-    of_log = iter(entries)
+        more[table] = partial(_write_table, name=table, decimal=decimal, summaries=summaries)
+    results.write(shared, [r for r, _ in done], [of for _, of in done], summaries, more=more)
+    of_log = iter(summaries)
     if shared.json:
-        every = (f.entry() if isinstance(f, results.Failed) else next(of_log) for f in found)
-        print(dumps(document(list(every))))
+        every = (f if isinstance(f, FailedLog) else next(of_log) for f in found)
+        print(dumps(result_document(list(every))))
     else:
         for result, _ in done:
             _show(result, next(of_log), scores, budget, shared.quiet)
-        results.show_failed([f for f in found if isinstance(f, results.Failed)])
+        results.show_failed([f for f in found if isinstance(f, FailedLog)])
     code = results.finished(shared, done[-1][1][1], [f for r, _ in done for f in r.findings])
     return 3 if len(done) < len(found) else code
 
@@ -87,11 +90,11 @@ def _check_table(table: Path | None, decimal: str | None) -> None:
 
 
 def _write_table(
-    place: Path, _: Path, *, name: Path, decimal: str | None, entries: Sequence[dict[str, Any]]
+    place: Path, _: Path, *, name: Path, decimal: str | None, summaries: "Sequence[ResultSummary]"
 ) -> None:
     from ..results import tables
 
-    rows = tables.applications(entries)
+    rows = tables.applications(summaries)
     if tables.kind(name, decimal) == ".csv":
         tables.write_csv(place, rows, decimal or ".")
     else:
@@ -99,21 +102,21 @@ def _write_table(
 
 
 def _show(
-    result: "Result", entry: dict[str, Any], by_axle: bool, budget: bool, quiet: bool
+    result: "Result", summary: "ResultSummary", by_axle: bool, budget: bool, quiet: bool
 ) -> None:
     """One log: brake applications, findings, scores, files."""
     from ..scores.metrics import pool_scores
     from . import applications, terminal
 
-    print(f"{terminal.of_log(entry)}\n\n{applications.tables(entry['axles'])}\n", flush=True)
+    print(f"{terminal.describe_log(summary)}\n\n{applications.tables(summary.axles)}\n", flush=True)
     if budget:
-        print(applications.budgets(entry["axles"]))
+        print(applications.budgets(summary.axles))
     terminal.show(result.findings, quiet)
     rows = [(str(a.record.axle), s) for a in result.axles for s in a.scores]
     if by_axle:
-        print("\n".join(map(terminal.of_reference, entry["axles"])))
+        print("\n".join(map(terminal.describe_reference, summary.axles)))
     elif len(result.axles) > 1:
         rows = [("all", s) for s in pool_scores(a.scores for a in result.axles)]
     if rows:
         print(f"Estimators {terminal.scores(rows)}")
-    print(terminal.wrote(*entry["outputs"].values()))
+    print(terminal.wrote(*summary.outputs.values()))

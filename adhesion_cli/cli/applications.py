@@ -1,8 +1,8 @@
 """The answer of `analyze` on the screen: brake applications, slides, estimators."""
 
 from collections.abc import Sequence
-from typing import Any
 
+from ..core.summary import AxleSummary, Contribution
 from ..rail.events import HIDDEN_TIME
 from ..results.result_rows import row, slid_row
 from . import terminal
@@ -23,45 +23,48 @@ _OF_BUDGETS = (
     "tolerances of the vehicle as stated, or their defaults. u: standard uncertainty, in the unit "
     "of the value; noise in N. u(F): what it adds to the force; share: of the variance."
 )
-_AT_LEAST = "≥: the true value is at least this."
+_BOUND = "≥: the true value is at least this."
 
 
-def tables(axles: Sequence[dict[str, Any]]) -> str:
-    """Brake applications of every axle, then those with slides; keys as in the JSON."""
-    every = [(str(axle["axle"]), one) for axle in axles for one in axle["applications"]]
-    if not every:
+def tables(axles: Sequence[AxleSummary]) -> str:
+    """Brake applications of every axle, then those with slides."""
+    pairs = [(str(axle.axle), a) for axle in axles for a in axle.applications]
+    if not pairs:
         return "No brake application."
-    parts = [terminal.records([row(*of) for of in every]), terminal.folded(_NOTE), ""]
-    if slid := [slid_row(axle, one) for axle, one in every if one["slides"]]:
-        least = any(one["at_least"] for _, one in every if one["slides"])
-        note = f"{_OF_SLIDES} {_AT_LEAST}" if least else _OF_SLIDES
-        return "\n".join([*parts, terminal.records(slid), terminal.folded(note)])
-    unseen = max(one.get("slip_unknown_s", 0.0) for _, one in every)
-    if unseen < HIDDEN_TIME:
-        return "\n".join([*parts, "No slides."])
-    where = f"without a train speed for up to {unseen:.1f} s of a brake application"
-    return "\n".join([*parts, f"No slide seen, but slides may be hidden: {where}."])
+    lines = [terminal.records([row(*pair) for pair in pairs]), terminal.folded(_NOTE), ""]
+    if slid := [slid_row(*pair) for pair in pairs if pair[1].slides]:
+        has_bounds = any(a.at_least for _, a in pairs if a.slides)
+        note = f"{_OF_SLIDES} {_BOUND}" if has_bounds else _OF_SLIDES
+        return "\n".join([*lines, terminal.records(slid), terminal.folded(note)])
+    unknown = max(a.slip_unknown_s for _, a in pairs)
+    if unknown < HIDDEN_TIME:
+        return "\n".join([*lines, "No slides."])
+    place = f"without a train speed for up to {unknown:.1f} s of a brake application"
+    return "\n".join([*lines, f"No slide seen, but slides may be hidden: {place}."])
 
 
-def budgets(axles: Sequence[dict[str, Any]]) -> str:
-    """The uncertainty budget of each brake application's mean force; keys as in the JSON."""
+def budgets(axles: Sequence[AxleSummary]) -> str:
+    """The uncertainty budget of each brake application's mean force."""
     from ..results.report.words import combined
 
-    parts = []
+    lines = []
     for axle in axles:
-        for one in axle["applications"]:
-            if one["budget"]:
-                parts += [f"Axle {axle['axle']}, brake application at {one['start_s']:.1f} s:"]
-                parts += [terminal.records([_budget_row(row) for row in one["budget"]], left=3)]
-                parts += [terminal.folded(combined(one)), ""]
-    return "\n".join([*parts, terminal.folded(_OF_BUDGETS), ""]) if parts else ""
+        for a in axle.applications:
+            if a.budget:
+                lines += [f"Axle {axle.axle}, brake application at {a.start_s:.1f} s:"]
+                lines += [terminal.records([_budget_row(c) for c in a.budget], left=3)]
+                lines += [terminal.folded(combined(a)), ""]
+    return "\n".join([*lines, terminal.folded(_OF_BUDGETS), ""]) if lines else ""
 
 
-def _budget_row(row: dict[str, Any]) -> dict[str, str]:
-    unit = "" if row["unit"] == "-" else f" {row['unit']}"
+def _budget_row(c: Contribution) -> dict[str, str]:
+    unit = "" if c.unit == "-" else f" {c.unit}"
     return {
-        "quantity": row["quantity"], "type": row["type"],
-        "value": "-" if row["value"] is None else f"{row['value']:.5g}{unit}",
-        "u": f"{row['u']:.3g}", "∂F/∂q": f"{row['sensitivity']:.3g}",
-        "u(F) [N]": number(row["contribution_n"], 1), "share [%]": number(100.0 * row["share"], 1),
-    }  # fmt: skip
+        "quantity": c.quantity,
+        "type": c.type,
+        "value": "-" if c.value is None else f"{c.value:.5g}{unit}",
+        "u": f"{c.u:.3g}",
+        "∂F/∂q": f"{c.sensitivity:.3g}",
+        "u(F) [N]": number(c.contribution_n, 1),
+        "share [%]": number(100.0 * c.share, 1),
+    }

@@ -25,8 +25,9 @@ def command(
 
     Example: adhesion compare sample_logs/low-adhesion.mcap -a neso -a leso
     """
-    from ..analysis.json_documents import document, dumps, entry
+    from ..analysis.json_documents import dumps, result_document
     from ..analysis.outputs import write_comparison
+    from ..analysis.summarise import summarise
     from ..core.text import printable
     from ..scores.metrics import pool_scores
     from . import terminal
@@ -36,11 +37,11 @@ def command(
         terminal.message(f"no log given: comparing {logs[0]}", shared.quiet)
     pair = results.pair(shared, logs[0], "compare")
     analysed = results.analysed(shared, logs, pair)
-    entries = [entry(r, results.named(pair)) for r in analysed]
+    summaries = [summarise(r, results.named(pair)) for r in analysed]
     with places(shared, [pair], (r.log for r in analysed), logs) as (found,):
-        write_comparison(found, analysed, entries, shared.full)
+        write_comparison(found, analysed, summaries, shared.full)
     if shared.json:
-        print(dumps(document(entries)))
+        print(dumps(result_document(summaries)))
     else:
         for r in analysed:
             rows = [(str(a.record.axle), s) for a in r.axles for s in a.scores]

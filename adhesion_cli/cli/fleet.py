@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,7 @@ from .options import Shared, assignments, check_settings, option, shared
 
 if TYPE_CHECKING:
     from ..fleet.run import State, Workers
+    from ..fleet.summary import FleetSummary
     from ..fleet.work import Job
 
 _FOLDER = Path("fleet-results")
@@ -174,36 +175,36 @@ def _show_failed(state: "State", quiet: bool) -> None:
 
 def _summary(paths: list[str], shared: Shared) -> int:
     from ..analysis.json_documents import dumps, tagged
+    from ..core.annotated import as_json
     from ..core.errors import UserError
-    from ..fleet.summary import summarised
+    from ..fleet.summary import summarise_fleet
 
     if len(paths) != 1:
         text = f"--summary shows one folder of results, not {len(paths)}"
         hint = f"adhesion fleet --summary {_FOLDER}; to analyse first, add -o {_FOLDER}"
         raise UserError(text, hint, code=2)
-    found = summarised(Path(paths[0]))
-    print(dumps(tagged("fleet-summary", **found)) if shared.json else _text(found))
+    summary = summarise_fleet(Path(paths[0]))
+    print(dumps(tagged("fleet-summary", **as_json(summary))) if shared.json else _text(summary))
     return 0
 
 
-def _text(found: dict[str, Any]) -> str:
+def _text(fleet: "FleetSummary") -> str:
     """The summary as tables, at most 100 columns wide."""
     from ..core.text import printable
     from ..fleet import summary_tables
     from . import terminal
 
     failed = [
-        f"  {printable(row['log'])}\n    error: {printable(row['error'])}"
-        for row in found["failed"]
+        f"  {printable(row['log'])}\n    error: {printable(row['error'])}" for row in fleet.failed
     ]
-    damaged = [f"  {printable(log)}" for log in found["damaged"]]
+    damaged = [f"  {printable(log)}" for log in fleet.damaged]
     parts = [
         line
-        for of in summary_tables.tables(found)
+        for of in summary_tables.tables(fleet)
         for line in ("", f"{of.title}:", terminal.records(of.rows, _WIDTH, of.left))
     ]
     lists = [*_first("Failed logs:", failed), *_first("Damaged logs:", damaged)]
-    return "\n".join([summary_tables.head(found), *parts, *lists])
+    return "\n".join([summary_tables.head(fleet), *parts, *lists])
 
 
 def _first(title: str, lines: list[str]) -> list[str]:

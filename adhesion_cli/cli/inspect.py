@@ -1,12 +1,13 @@
 """`adhesion inspect`: what is in a log."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .options import Logs, Shared, check, load_settings, places, shared
 
 if TYPE_CHECKING:
     from ..core.finding import Finding
+    from ..core.summary import InspectedChannel, InspectedLog
 
 _WORST = (0, 3, 1, 2)  # exit codes from good to bad
 _TO_STATE = ("not-analysable", "unit-unknown")  # findings that a setting ends
@@ -22,60 +23,65 @@ def command(logs: Logs, shared: Shared) -> int:
     """
     from ..analysis.inspection import inspect
     from ..analysis.json_documents import dumps, tagged
+    from ..core.annotated import as_json
     from ..core.errors import UserError
 
     if shared.force and not shared.rejects:
         text = "--force has no effect without --rejects: inspect writes nothing else"
         raise UserError(text, "leave out --force", code=2)
     check(shared, [], *logs)
-    seen = [inspect(log, load_settings(shared), shared.debug) for log in logs]
-    with places(shared, [[]], (one.log for one in seen if one.log), logs):
+    settings = load_settings(shared)
+    inspections = [inspect(log, settings, shared.debug) for log in logs]
+    with places(shared, [[]], (one.log for one in inspections if one.log), logs):
         pass
     if shared.json:
-        print(dumps(tagged("inspect", logs=[one.document for one in seen])))
+        print(dumps(tagged("inspect", logs=[as_json(one.summary) for one in inspections])))
     else:
-        print("\n\n".join(_text(one.document, one.findings) for one in seen))
-    return max((one.code for one in seen), key=_WORST.index)
+        print("\n\n".join(_text(one.summary, one.findings) for one in inspections))
+    return max((one.code for one in inspections), key=_WORST.index)
 
 
-def _text(doc: dict[str, Any], findings: "Sequence[Finding]") -> str:
+def _text(log: "InspectedLog", findings: "Sequence[Finding]") -> str:
     from ..core.text import printable
     from . import terminal
 
-    lines = [f"{printable(doc['path'])}: {doc['format'] or 'unknown format'}, {doc['status']}"]
-    if doc["error"]:
+    lines = [f"{printable(log.path)}: {log.format or 'unknown format'}, {log.status}"]
+    if log.error:
         return "\n".join(
-            [*lines, f"error: {printable(doc['error'])}", f"hint: {printable(doc['hint'])}"]
+            [*lines, f"error: {printable(log.error)}", f"hint: {printable(log.hint or '')}"]
         )
-    lines += [f"{doc['rows_read']} rows, {doc['duration_s']:.3f} s", f"time: {doc['time']}"]
+    lines += [f"{log.rows_read} rows, {log.duration_s:.3f} s", f"time: {log.time}"]
     lines += [
         f"{name}: {printable(str(value))}"
-        for name, value in doc["stated"].items()
+        for name, value in log.stated.items()
         if value not in ("", None)
     ]
-    lines += _channels(doc["channels"])
+    lines += _channels(log.channels)
     lines += [terminal.findings(findings)] if findings else []
     # What has to be stated is shown as it can be pasted, without line breaks.
     remedies = dict.fromkeys(f.hint for f in findings if f.code in _TO_STATE and f.hint)
     return "\n".join([*lines, *(f"hint: {printable(remedy)}" for remedy in remedies)])
 
 
-def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
+def _channels(channels: "Sequence[InspectedChannel]") -> list[str]:
     """A row each, with a column for each fault that occurs; then the reason for each meaning."""
     from ..core.text import printable
     from . import terminal
 
     faults = {
-        "unused": [c["rows"] - c["valid"] for c in channels],
-        **{name: [c[name] for c in channels] for name in ("gaps", "duplicates", "backward")},
+        "unused": [c.rows - c.valid for c in channels],
+        **{
+            name: [getattr(c, name) for c in channels]
+            for name in ("gaps", "duplicates", "backward")
+        },
     }
     some = [name for name, counts in faults.items() if any(counts)]
     rows = [
         {
-            "channel": f"{c['name']} {c['field']}".strip(), "meaning": c["meaning"] or "-",
-            "axle": terminal.number(c["axle"]),
-            "unit": c["unit"] or ("not stated" if c["meaning"] else "-"),
-            "Hz": terminal.number(c["rate_hz"], 2), "rows": str(c["rows"]),
+            "channel": f"{c.name} {c.field}".strip(), "meaning": c.meaning or "-",
+            "axle": terminal.number(c.axle),
+            "unit": c.unit or ("not stated" if c.meaning else "-"),
+            "Hz": terminal.number(c.rate_hz, 2), "rows": str(c.rows),
             **{name: str(faults[name][i]) for name in some},
         }
         for i, c in enumerate(channels)
@@ -85,8 +91,8 @@ def _channels(channels: Sequence[dict[str, Any]]) -> list[str]:
         lines.append(f"{', '.join(none)}: none")
     alike: dict[tuple[str, str], list[str]] = {}
     for c in channels:
-        axle = [] if c["axle"] is None else [str(c["axle"])]
-        alike.setdefault((c["meaning"] or "-", c["reason"]), []).extend(axle)
+        axle = [] if c.axle is None else [str(c.axle)]
+        alike.setdefault((c.meaning or "-", c.reason), []).extend(axle)
     for (meaning, reason), axles in alike.items():
         of = f" {', '.join(dict.fromkeys(axles))}" if axles else ""
         lines.append(terminal.folded(f"{meaning}{of}: {printable(reason)}", "  "))

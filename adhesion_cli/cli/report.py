@@ -77,7 +77,7 @@ def command(
 
 def _campaign(folder: Path, name: str) -> "Campaign":
     """The page on the results of a fleet."""
-    from ..fleet.summary import summarised
+    from ..fleet.summary import summarise_fleet
     from ..fleet.summary_tables import campaign
 
-    return campaign(name, summarised(folder))
+    return campaign(name, summarise_fleet(folder))

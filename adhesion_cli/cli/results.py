@@ -4,12 +4,13 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from ..analysis import outputs
-from ..analysis.outputs import Entry, Pair
+from ..analysis.outputs import Pair
 from ..analysis.outputs import named as named
 from ..analysis.outputs import stem as stem
+from ..core.summary import FailedLog, ResultSummary
 from .options import Shared, check, check_settings, places
 
 if TYPE_CHECKING:
@@ -18,18 +19,6 @@ if TYPE_CHECKING:
     from ..results.rrd.results import Note
 
 More = Callable[[Path, Path], None]
-
-
-class Failed(NamedTuple):
-    """A log that could not be analysed, while others could."""
-
-    log: Path
-    error: str
-    hint: str
-
-    def entry(self) -> dict[str, object]:
-        """The log's entry of the document."""
-        return {"log": {"path": str(self.log)}, "error": self.error, "hint": self.hint}
 
 
 def pair(shared: Shared, log: Path, kind: str) -> Pair:
@@ -57,7 +46,7 @@ def analysed(
 
 def analysed_or_failed(
     shared: Shared, logs: Sequence[Path], paths: Iterable[Path]
-) -> "list[Result | Failed]":
+) -> "list[Result | FailedLog]":
     """As `analysed` with a train speed; of several logs, one that fails does not stop the others.
 
     Raises:
@@ -66,7 +55,7 @@ def analysed_or_failed(
     from ..core.errors import as_user_error
 
     analyze = _analyzer(shared, logs, paths, train_speed=True)
-    found: list[Result | Failed] = []
+    found: list[Result | FailedLog] = []
     errors: list[Exception] = []
     for log in logs:
         try:
@@ -78,19 +67,20 @@ def analysed_or_failed(
                 traceback.print_exc()
             errors.append(error)
             told = as_user_error(error)
-            found.append(Failed(log, told.text, told.hint))
+            found.append(FailedLog(str(log), told.text, told.hint))
     if len(errors) == len(logs):
-        show_failed([] if shared.json else [f for f in found[1:] if isinstance(f, Failed)])
+        show_failed([] if shared.json else [f for f in found[1:] if isinstance(f, FailedLog)])
         raise errors[0]
     return found
 
 
-def show_failed(failed: Sequence[Failed]) -> None:
+def show_failed(failed: Sequence[FailedLog]) -> None:
     """The failed logs on stderr, each with error and hint."""
     from . import terminal
 
-    for log, error, hint in failed:
-        terminal.message(f"not analysed: {log}\n  error: {error}\n  hint: {hint}", quiet=False)
+    for log in failed:
+        text = f"not analysed: {log.path}\n  error: {log.error}\n  hint: {log.hint}"
+        terminal.message(text, quiet=False)
 
 
 def _analyzer(
@@ -108,7 +98,7 @@ def _analyzer(
 
 def write(
     shared: Shared, results: "Sequence[Result]", sets: Sequence[Sequence[Path]],
-    entries: Sequence[Entry], slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
+    summaries: Sequence[ResultSummary], slips: "Sequence[tuple[str, Sequence[Note]]]" = (),
     more: Mapping[Path, More] = MappingProxyType({}),
 ) -> None:  # fmt: skip
     """Writes the files of each result; names appear when all are written.
@@ -117,7 +107,7 @@ def write(
         shared: whether existing files are replaced, and the file for rejected rows.
         results: of the logs.
         sets: the files of each: record, recording, and those of `more`.
-        entries: of each in the document, from `json_documents.entry`.
+        summaries: of each, from `summarise`.
         slips: the document on each log's slip, and a note on that of each axle with its rail.
         more: by its name, what writes a file; takes the place to write to and the record's.
     """
@@ -125,7 +115,7 @@ def write(
     with places(shared, sets, (r.log for r in results), read) as found:
         for i, (result, of) in enumerate(zip(results, found, strict=True)):
             slip, notes = slips[i] if slips else ("", ())
-            outputs.write_result(of[:2], result, entries[i], slip, notes, shared.full)
+            outputs.write_result(of[:2], result, summaries[i], slip, notes, shared.full)
             for name, place in zip(sets[i][2:], of[2:], strict=True):
                 more[name](place, of[0])
 

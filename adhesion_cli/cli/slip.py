@@ -24,8 +24,9 @@ def command(logs: Logs, shared: Shared) -> int:
 
     Example: adhesion slip sample_logs/low-adhesion.mcap --axle 1
     """
-    from ..analysis.json_documents import dumps, entry, slip_document
+    from ..analysis.json_documents import dumps, slip_document
     from ..analysis.slip_of_log import carried, slip_of
+    from ..analysis.summarise import summarise
     from ..core.errors import UserError
     from ..core.text import printable
     from ..rail.slope import Bands
@@ -49,7 +50,7 @@ def command(logs: Logs, shared: Shared) -> int:
         return of_slip(first.result, first.axles, bands)
 
     results.write(
-        shared, analysed, sets, [entry(r, {}) for r in analysed], [carried(of) for of in every],
+        shared, analysed, sets, [summarise(r, {}) for r in analysed], [carried(of) for of in every],
         {name: lambda place, _: draw(shared, place, title, panels()) for name in pictures(shared)},
     )  # fmt: skip
     if shared.json:

@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..core.finding import Finding, Severity, catalogue
 from ..core.model import Score
+from ..core.summary import AxleSummary, ResultSummary
 from ..core.text import printable
 from ..results.result_rows import newtons, score_row
 from ..results.text_tables import NARROW as NARROW
@@ -144,23 +145,23 @@ def lossy(found: Sequence[Finding]) -> bool:
     return any(f.lossy for f in found)
 
 
-def of_log(entry: dict[str, Any]) -> str:
+def describe_log(summary: ResultSummary) -> str:
     """The log's path, and below it format, duration, rows and axles."""
-    log, axles = entry["log"], [str(a["axle"]) for a in entry["axles"]]
+    log, axles = summary.log, [str(a.axle) for a in summary.axles]
     return (
-        f"{printable(log['path'])}:\n{log['format']}, {log['duration_s']:.1f} s, "
-        f"{log['rows_used']} of {log['rows_read']} rows used, "
+        f"{printable(log.path)}:\n{log.format}, {log.duration_s:.1f} s, "
+        f"{log.rows_used} of {log.rows_read} rows used, "
         f"{'axles' if len(axles) > 1 else 'axle'} {', '.join(axles)}"
     )
 
 
-def of_reference(axle: dict[str, Any]) -> str:
+def describe_reference(axle: AxleSummary) -> str:
     """The reference of an axle and its uncertainty in one line."""
-    reference = axle["reference"]
+    reference = axle.reference
     return (
-        f"axle {axle['axle']}: reference {reference['method']}, "
-        f"noise ±{newtons(reference['sigma_n'])} N (1 sigma), "
-        f"95 % band with vehicle tolerances ±{newtons(reference['band_n'])} N"
+        f"axle {axle.axle}: reference {reference.method}, "
+        f"noise ±{newtons(reference.sigma_n)} N (1 sigma), "
+        f"95 % band with vehicle tolerances ±{newtons(reference.band_n)} N"
     )
 
 

@@ -61,6 +61,9 @@ class Quantity:
         return value
 
 
+NOT_IN_JSON: Mapping[str, bool] = {"in_json": False}  # metadata of a field for programs only
+
+
 def quantities(annotated: type) -> dict[str, Quantity]:
     """The `Quantity` of each annotated field."""
     hints = get_type_hints(annotated, include_extras=True)
@@ -362,27 +365,35 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How well one estimate follows truth or reference on one axle; names as in the JSON.
+    """How well one estimate follows truth or reference on one axle.
 
-    `blocks` is not in the JSON. It has, for each stretch of time, the mean square error [N²], and
+    `blocks` is for programs only. It has, for each stretch of time, the mean square error [N²], and
     by how much the target's own noise moves that, 1 sigma.
     """
 
-    algo: str
-    against: Literal["truth", "reference"]
-    rmse_n: float | None = None
-    bias_n: float | None = None
-    max_error_n: float | None = None
-    lag_s: float | None = None
-    gain: float | None = None
-    response_s: float | None = None
-    ripple_n: float | None = None
-    relative: float | None = None
-    band_n: float | None = None  # median half-width of the estimator's own 95 % band
-    within: float | None = None  # share of the samples at which it holds the target
-    nis: Nis | None = None  # of the estimator, None where it has none
-    alike: bool | None = None  # whether the target's noise explains its difference from the best
-    blocks: tuple[Floats, Floats] | None = field(default=None, compare=False, repr=False)
+    algo: Annotated[str, Quantity("", "name of the estimator")]
+    against: Annotated[Literal["truth", "reference"], Quantity("", "what it is compared with")]
+    rmse_n: Annotated[float | None, Quantity("N", "root mean square error")] = None
+    bias_n: Annotated[float | None, Quantity("N", "mean error")] = None
+    max_error_n: Annotated[float | None, Quantity("N", "largest error, with its sign")] = None
+    lag_s: Annotated[float | None, Quantity("s", "delay")] = None
+    gain: Annotated[float | None, Quantity("-", "of its changes over those of the target")] = None
+    response_s: Annotated[float | None, Quantity("s", "time to 95 % of a step")] = None
+    ripple_n: Annotated[float | None, Quantity("N", "what moves quicker than 0.5 s, rms")] = None
+    relative: Annotated[float | None, Quantity("-", "rmse over the least rmse")] = None
+    band_n: Annotated[
+        float | None, Quantity("N", "median half-width of the estimator's own 95 % band")
+    ] = None
+    within: Annotated[
+        float | None, Quantity("-", "share of samples at which it holds the target")
+    ] = None
+    nis: Annotated[Nis | None, Quantity("-", "normalised innovation squared")] = None
+    alike: Annotated[
+        bool | None, Quantity("", "whether noise explains its difference from the best")
+    ] = None
+    blocks: tuple[Floats, Floats] | None = field(
+        default=None, compare=False, repr=False, metadata=NOT_IN_JSON
+    )
 
 
 class Event(NamedTuple):

@@ -6,6 +6,7 @@ import re
 import sys
 import unicodedata
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
 # Control, format (bidi overrides, zero width, tags), surrogate, line and paragraph separators.
@@ -69,6 +70,11 @@ def by_uncertainty(value: float, u: float, max_decimals: int = 15) -> tuple[str,
         f"{round(x, place) + 0.0:.{max(place, 0)}f}" for x in (value, u)
     )  # no "-0"
     return value_text, u_text
+
+
+def iso(t_ns: int) -> str:
+    """A time stamp as ISO 8601, UTC, to the microsecond."""
+    return datetime.fromtimestamp(t_ns // 1000 / 1e6, UTC).isoformat().replace("+00:00", "Z")
 
 
 def distinct(names: list[str]) -> list[str]:

@@ -18,7 +18,10 @@ _NAMES_IN_HINT = 5  # names of files in a hint
 _LARGEST = 1e18  # no number of a setting is larger
 
 
-def read(path: Path, hint: str) -> dict[str, Any]:
+Table = dict[str, Any]  # of TOML, as `tomllib` gives it
+
+
+def read(path: Path, hint: str) -> Table:
     """The tables of a file.
 
     Raises:
@@ -51,7 +54,7 @@ def _nearby(path: Path) -> str:
     return f"TOML files in {str(folder)!r}: {listing or 'none'}"
 
 
-def parsed(text: str, origin: str) -> dict[str, Any]:
+def parsed(text: str, origin: str) -> Table:
     """The tables of a text, with finite numbers of bounded size and depth.
 
     Args:
@@ -74,7 +77,7 @@ def parsed(text: str, origin: str) -> dict[str, Any]:
     return bounded(tree, origin)
 
 
-def bounded(tree: dict[str, Any], origin: str) -> dict[str, Any]:
+def bounded(tree: Table, origin: str) -> Table:
     """The same tree.
 
     Raises:

@@ -6,6 +6,7 @@ program. The file of a log in `logs` appears last: what has one there is done.
 
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from pyarrow import dataset, parquet
 from ..core.errors import UserError
 from ..core.text import printable, utf8
 from ..results import atomic_files, tables
+from ..results.tables import LogRow
 
 TABLES = ("applications", "estimators", "findings", "logs")
 RECORDINGS = "recordings"
@@ -35,8 +37,17 @@ class Kept(NamedTuple):
 
     key: str
     names: tuple[str, ...]
-    row: Mapping[str, Any]
+    row: LogRow
     files: Mapping[str, bytes]
+
+
+class DoneLog(NamedTuple):
+    """A row of the table of logs: what a later run asks of it."""
+
+    log: str
+    status: str
+    lossy: bool
+    file: str  # that holds the row
 
 
 class Dataset:
@@ -67,19 +78,18 @@ class Dataset:
             text = f"{printable(str(self._folder))}: cannot be written ({error.strerror})"
             raise UserError(text, "choose another folder with --out") from error
 
-    def done(self) -> dict[str, list[dict[str, Any]]]:
+    def done(self) -> dict[str, list[DoneLog]]:
         """What `run` asks of the logs that are there, by key; a damaged file is not there."""
         files = sorted(str(path) for path in (self._folder / "logs").glob(f"*{self._end}"))
-        found: dict[str, list[dict[str, Any]]] = {}
+        found: dict[str, list[DoneLog]] = {}
         for row in _rows(files):
-            key = Path(row.pop("__filename")).name.removesuffix(self._end)
+            key = Path(row.file).name.removesuffix(self._end)
             found.setdefault(key, []).append(row)
         return found
 
-    def row(self, key: str) -> dict[str, Any]:
+    def row(self, key: str) -> LogRow:
         """The row of a log that is there."""
-        row: dict[str, Any] = parquet.read_table(self._path("logs", key)).to_pylist()[0]
-        return row
+        return LogRow(**parquet.read_table(self._path("logs", key)).to_pylist()[0])
 
     def write(self, logs: Iterable[Kept]) -> None:
         """Writes all tables of these logs, those of the logs last.
@@ -91,7 +101,7 @@ class Dataset:
         for log in logs:
             content |= {self._path(name, log.key): data for name, data in log.files.items()}
             names = sorted(map(utf8, log.names))
-            rows = [{**log.row, "log": name} for name in names]
+            rows = [replace(log.row, log=name) for name in names]
             content[self._path("logs", log.key)] = tables.packed(tables.logs(rows))
         with atomic_files.sets([[path] for path in content], True, sweeps=False) as places:
             for (place,), data in zip(places, content.values(), strict=True):
@@ -105,14 +115,14 @@ class Dataset:
         return self._folder / table / f"{key}{self._end}"
 
 
-def _rows(files: list[str]) -> list[dict[str, Any]]:
+def _rows(files: list[str]) -> list[DoneLog]:
     """Name, status, whether it is lossy, and the file of each row of these tables of logs."""
     if not files:
         return []
     try:
         table = dataset.dataset(files, tables.LOGS, "parquet")
         columns = ["log", "status", "lossy", "__filename"]
-        rows: list[dict[str, Any]] = table.to_table(columns).to_pylist()
+        rows = [DoneLog(*row.values()) for row in table.to_table(columns).to_pylist()]
     except (OSError, pa.ArrowException):
         half = len(files) // 2  # one of them is damaged
         return [*_rows(files[:half]), *_rows(files[half:])] if half else []

@@ -1,15 +1,16 @@
 """A run over many logs: what is missing is analysed, and each result is kept at once."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from ..core.errors import UserError, as_user_error
 from ..core.text import utf8
+from ..results.tables import LogRow
 from . import dataset, work
-from .dataset import Dataset, Kept
+from .dataset import Dataset, DoneLog, Kept
 from .locations import Location
 from .work import Done, Item, Job
 
@@ -99,7 +100,7 @@ def run(
             items.append(item)
         else:
             state.skipped += len(of)
-            state.lossy += len(of) * bool(there[digest][0]["lossy"])
+            state.lossy += len(of) * there[digest][0].lossy
             _name(kept, digest, there[digest], of)
     tell(state)
     for batch in _worked(items, job, workers):
@@ -137,29 +138,29 @@ def _identified(
     return named
 
 
-def _complete(item: Item, job: Job, rows: Sequence[dict[str, Any]]) -> bool:
+def _complete(item: Item, job: Job, rows: Sequence[DoneLog]) -> bool:
     """Whether a log has its results: what failed is tried again."""
-    done = bool(rows) and rows[0]["status"] != "error"
+    done = bool(rows) and rows[0].status != "error"
     return done and all(path.exists() for path in work.recordings(item, job))
 
 
-def _name(kept: Dataset, key: str, rows: Sequence[dict[str, Any]], of: Sequence[Location]) -> None:
+def _name(kept: Dataset, key: str, rows: Sequence[DoneLog], of: Sequence[Location]) -> None:
     """Adds the names that a log did not have when it was analysed."""
     names = _names(of, rows)
     if len(names) > len(rows):
         kept.write([Kept(key, names, kept.row(key), {})])
 
 
-def _names(of: Iterable[Location], rows: Iterable[dict[str, Any]]) -> tuple[str, ...]:
-    return tuple({*(utf8(log.name) for log in of), *(row["log"] for row in rows)})
+def _names(of: Iterable[Location], rows: Iterable[DoneLog]) -> tuple[str, ...]:
+    return tuple({*(utf8(log.name) for log in of), *(row.log for row in rows)})
 
 
-def _count(state: State, of: Sequence[Location], row: Mapping[str, Any]) -> None:
-    if row["status"] == "error":
-        state.failed += [Failed(log.name, row["error"], row["hint"]) for log in of]
+def _count(state: State, of: Sequence[Location], row: LogRow) -> None:
+    if row.status == "error":
+        state.failed += [Failed(log.name, row.error or "", row.hint or "") for log in of]
     else:
         state.done += len(of)
-        state.lossy += len(of) * bool(row["lossy"])
+        state.lossy += len(of) * row.lossy
 
 
 def _worked(items: Iterable[Item], job: Job, workers: Workers) -> Iterator[list[tuple[Item, Done]]]:

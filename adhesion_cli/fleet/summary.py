@@ -2,10 +2,11 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +23,7 @@ from .dataset import SETTINGS, TABLES
 BANDS = (0.0, 40.0, 80.0, 120.0, 160.0, 200.0)  # edges of the speed bands [km/h]
 _SHARES = (5.0, 50.0, 95.0)  # percentiles
 _SUSPECT = "-unit-suspect"  # end of the codes of units that are probably wrong
-_MOST = 10  # slides and logs that are listed
+_LISTED = 10  # slides and logs that are listed
 _OF_APPLICATION = (
     "log", "sha256", "axle", "start_s", "from_mps", "to_mps", "coefficient_mean", "slides",
     "slide_s", "slide_distance_m", "max_slip", "slide_energy_j", "settings", "version",
@@ -31,7 +32,122 @@ _OF_FINDING = ("log", "sha256", "code", "severity", "message", "settings", "vers
 _OF_LOG = ("log", "sha256", "status", "error", "hint", "start", "version", "settings")
 
 
-def summarised(folder: Path) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distribution:
+    """The mean adhesion coefficient of a group of brake applications."""
+
+    applications: int  # of an axle
+    with_slides: int
+    p5: float | None  # 5 % are below it [-]
+    median: float | None
+    p95: float | None
+    median_with_slides: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedBand(Distribution):
+    """Of a band of the mean speed."""
+
+    from_kmh: float
+    to_kmh: float | None  # None: no upper end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsGroup(Distribution):
+    """Of the logs that were analysed with the same settings."""
+
+    settings: str  # hash
+    stated: str  # of the vehicle, in a line
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Day(Distribution):
+    """Of the logs that began on one day (UTC)."""
+
+    day: str
+
+
+@dataclass(frozen=True, slots=True)
+class SlidApplication:
+    """A brake application that slid far; names as in the table of applications."""
+
+    log: str
+    axle: int
+    start_s: float
+    from_mps: float | None
+    to_mps: float | None
+    coefficient_mean: float | None
+    slides: int
+    slide_s: float
+    slide_distance_m: float
+    max_slip: float
+    slide_energy_j: float | None
+
+
+class CodeCount(NamedTuple):
+    """How many logs have a finding."""
+
+    code: str
+    severity: str
+    logs: int
+    example: str
+
+
+class DoubtfulLog(NamedTuple):
+    """A log whose numbers are doubtful, and why."""
+
+    log: str
+    severity: str
+    code: str
+    message: str
+
+
+class Evaluation(NamedTuple):
+    """How the results were made."""
+
+    versions: list[str]  # of the program
+    days: list[str]  # first and last one on which results were written (UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetSummary:
+    """What the results of a fleet show together."""
+
+    logs: dict[str, int]  # how many, by status
+    applications: int
+    with_slides: int
+    by_speed: list[SpeedBand]
+    by_settings: list[SettingsGroup]
+    by_day: list[Day]
+    worst_slides: list[SlidApplication]
+    findings: list[CodeCount]
+    in_doubt: int  # logs with a warning on the data, and no error
+    to_check: list[DoubtfulLog]
+    evaluated: Evaluation
+    failed: list[dict[str, str]]  # log, error, hint
+    damaged: list[str]
+
+
+class _LogRow(NamedTuple):
+    """A row of the table of logs."""
+
+    log: str
+    sha256: str | None
+    status: str
+    error: str | None
+    hint: str | None
+    start: datetime | None
+    version: str | None
+    settings: str | None
+    file: str
+
+    @property
+    def key(self) -> str:
+        """What the rows of the other tables have in common with it."""
+        return f"{self.sha256}-{self.settings}-{self.version}"
+
+
+def summarise_fleet(folder: Path) -> FleetSummary:
     """The summary of a folder of results.
 
     Of a log with several results by the same settings, the newest version of the program counts,
@@ -42,46 +158,39 @@ def summarised(folder: Path) -> dict[str, Any]:
     """
     try:
         logs = _newest(_read(folder, "logs", (*_OF_LOG, "__filename")))
-        good = [row for row in logs if row["status"] != "error"]
-        keys = pa.array(sorted({_key(row) for row in good}), pa.string())
-        applications = _of(_read(folder, "applications", _OF_APPLICATION), keys)
-        findings = _of(
-            _read(folder, "findings", _OF_FINDING),
-            keys,
-        )
+        good = [row for row in logs if row.status != "error"]
+        keys = pa.array(sorted({row.key for row in good}), pa.string())
+        applications = _with_keys(_read(folder, "applications", _OF_APPLICATION), keys)
+        findings = _with_keys(_read(folder, "findings", _OF_FINDING), keys)
     except (OSError, pa.ArrowException) as error:
         text = f"{printable(str(folder))}: cannot be read as results of a fleet ({error})"
-        raise UserError(
-            text, "name the folder that `adhesion fleet -o` wrote; to analyse first, add -o"
-        ) from error
-    days = {_key(row): row["start"].date().isoformat() for row in good if row["start"]}
-    stems = _keys(applications).to_pylist()
-    speed = 3.6 * 0.5 * (_column(applications, "from_mps") + _column(applications, "to_mps"))
+        hint = "name the folder that `adhesion fleet -o` wrote; to analyse first, add -o"
+        raise UserError(text, hint) from error
+    days = {row.key: row.start.date().isoformat() for row in good if row.start}
+    row_keys = _keys(applications).to_pylist()
+    row_days = [days.get(key, "unknown") for key in row_keys]
     settings = applications["settings"].to_pylist()
-    return {
-        "logs": {s: sum(r["status"] == s for r in logs) for s in ("ok", "damaged", "error")},
-        "applications": len(applications),
-        "with_slides": int((_column(applications, "slides") > 0).sum()),
-        "by_speed": _by_speed(applications, speed),
-        "by_settings": [
-            {"settings": one, "stated": _stated(folder, one), **of}
-            for one, of in _grouped(applications, settings)
+    return FleetSummary(
+        logs={s: sum(r.status == s for r in logs) for s in ("ok", "damaged", "error")},
+        applications=len(applications),
+        with_slides=int((_column(applications, "slides") > 0).sum()),
+        by_speed=_by_speed(applications),
+        by_settings=[
+            SettingsGroup(settings=name, stated=_stated_vehicle(folder, name), **spread)
+            for name, spread in _grouped(applications, settings)
         ],
-        "by_day": [
-            {"day": one, **of}
-            for one, of in _grouped(applications, [days.get(x, "unknown") for x in stems])
-        ],
-        "worst_slides": _worst(applications),
-        "findings": _codes(findings),
-        "in_doubt": _in_doubt(findings),
-        "to_check": _to_check(findings),
-        "evaluated": _evaluated(good),
-        "failed": [{k: row[k] for k in ("log", "error", "hint")} for row in logs if row["error"]],
-        "damaged": sorted({row["log"] for row in logs if row["status"] == "damaged"}),
-    }  # fmt: skip
+        by_day=[Day(day=name, **spread) for name, spread in _grouped(applications, row_days)],
+        worst_slides=_worst(applications),
+        findings=_codes(findings),
+        in_doubt=_in_doubt(findings),
+        to_check=_to_check(findings),
+        evaluated=_evaluated(good),
+        failed=[{"log": r.log, "error": r.error, "hint": r.hint or ""} for r in logs if r.error],
+        damaged=sorted({row.log for row in logs if row.status == "damaged"}),
+    )
 
 
-def _read(folder: Path, table: str, columns: Sequence[str]) -> Any:
+def _read(folder: Path, table: str, names: Sequence[str]) -> Any:
     """Columns of a table.
 
     Raises:
@@ -92,39 +201,36 @@ def _read(folder: Path, table: str, columns: Sequence[str]) -> Any:
         text = f"{printable(str(folder))}: holds no results of a fleet"
         raise UserError(text, "name the folder that `adhesion fleet -o` wrote")
     if not files:  # every log failed
-        return pa.table({name: pa.array([], pa.null()) for name in columns})
-    found = dataset.dataset([str(file) for file in files], format="parquet")
-    return found.to_table(columns=list(columns))
+        return pa.table({name: pa.array([], pa.null()) for name in names})
+    return dataset.dataset([str(file) for file in files], format="parquet").to_table(
+        columns=list(names)
+    )
 
 
 def _inside(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
 
 
-def _key(row: Mapping[str, Any]) -> str:
-    return f"{row['sha256']}-{row['settings']}-{row['version']}"
-
-
 def _keys(table: Any) -> Any:
-    parts = (table[name].cast(pa.string()) for name in ("sha256", "settings", "version"))
-    return pc.binary_join_element_wise(*parts, "-")
+    key_columns = (table[name].cast(pa.string()) for name in ("sha256", "settings", "version"))
+    return pc.binary_join_element_wise(*key_columns, "-")
 
 
-def _of(table: Any, keys: Any) -> Any:
+def _with_keys(table: Any, keys: Any) -> Any:
     """The rows of these results."""
     return table.filter(pc.is_in(_keys(table), keys))
 
 
-def _newest(table: Any) -> list[dict[str, Any]]:
+def _newest(table: Any) -> list[_LogRow]:
     """The row that counts of each log and settings."""
-    best: dict[tuple[str, str], tuple[Any, dict[str, Any]]] = {}
-    for row in table.to_pylist():
-        numbers = [int(x) for x in re.findall(r"\d+", row["version"] or "")]
-        age = numbers, Path(row["__filename"]).stat().st_mtime_ns
-        at = row["log"], row["settings"]
-        if at not in best or best[at][0] < age:
-            best[at] = age, row
-    return [row for _, row in sorted(best.values(), key=lambda of: of[1]["log"])]
+    newest: dict[tuple[str, str | None], tuple[Any, _LogRow]] = {}
+    for row in (_LogRow(*values.values()) for values in table.to_pylist()):
+        numbers = [int(x) for x in re.findall(r"\d+", row.version or "")]
+        age = numbers, Path(row.file).stat().st_mtime_ns
+        key = row.log, row.settings
+        if key not in newest or newest[key][0] < age:
+            newest[key] = age, row
+    return sorted((row for _, row in newest.values()), key=lambda row: row.log)
 
 
 def _column(table: Any, name: str) -> Floats:
@@ -133,98 +239,102 @@ def _column(table: Any, name: str) -> Floats:
     return column
 
 
-def _spread(table: Any, where: NDArray[np.bool_] | NDArray[np.int64]) -> dict[str, Any]:
-    """Number of applications and of those with slides, and percentiles of the coefficient."""
-    mu, slides = _column(table, "coefficient_mean")[where], _column(table, "slides")[where]
-    known, sliding = mu[np.isfinite(mu)], mu[np.isfinite(mu) & (slides > 0)]
-    shares = np.percentile(known, _SHARES).tolist() if len(known) else [None] * len(_SHARES)
+def _spread(table: Any, rows: NDArray[np.bool_] | NDArray[np.int64]) -> dict[str, Any]:
+    """The fields of a `Distribution`."""
+    mu, slides = _column(table, "coefficient_mean")[rows], _column(table, "slides")[rows]
+    finite, sliding = mu[np.isfinite(mu)], mu[np.isfinite(mu) & (slides > 0)]
+    shares = np.percentile(finite, _SHARES).tolist() if len(finite) else [None] * len(_SHARES)
     return {
-        "applications": len(mu), "with_slides": int((slides > 0).sum()),
+        "applications": len(mu),
+        "with_slides": int((slides > 0).sum()),
         **dict(zip(("p5", "median", "p95"), shares, strict=True)),
         "median_with_slides": float(np.median(sliding)) if len(sliding) else None,
-    }  # fmt: skip
+    }
 
 
-def _by_speed(table: Any, speed: Floats) -> list[dict[str, Any]]:
-    rows = []
-    for low, high in zip(BANDS, (*BANDS[1:], np.inf), strict=True):
-        where = (speed >= low) & (speed < high)
-        if where.any():
-            end = high if np.isfinite(high) else None
-            rows.append({"from_kmh": low, "to_kmh": end, **_spread(table, where)})
-    return rows
+def _by_speed(table: Any) -> list[SpeedBand]:
+    speed = 3.6 * 0.5 * (_column(table, "from_mps") + _column(table, "to_mps"))
+    bands = []
+    for lower, upper in zip(BANDS, (*BANDS[1:], np.inf), strict=True):
+        rows = (speed >= lower) & (speed < upper)
+        if rows.any():
+            to_kmh = upper if np.isfinite(upper) else None
+            bands.append(SpeedBand(from_kmh=lower, to_kmh=to_kmh, **_spread(table, rows)))
+    return bands
 
 
 def _grouped(table: Any, names: Sequence[str]) -> list[tuple[str, dict[str, Any]]]:
     """Each name with the spread of its rows, in the order of the names."""
-    found, at = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
-    order = np.argsort(at, kind="stable")
-    parts = np.split(order, np.cumsum(np.bincount(at, minlength=len(found)))[:-1])
-    return [(str(name), _spread(table, part)) for name, part in zip(found, parts, strict=False)]
+    groups, group = np.unique(np.array(names, dtype=np.str_), return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    rows = np.split(order, np.cumsum(np.bincount(group, minlength=len(groups)))[:-1])
+    return [(str(name), _spread(table, x)) for name, x in zip(groups, rows, strict=False)]
 
 
-def _worst(table: Any) -> list[dict[str, Any]]:
+def _worst(table: Any) -> list[SlidApplication]:
     """The applications that slid furthest: distance times the largest slip, an upper limit."""
-    far = _column(table, "slide_distance_m") * _column(table, "max_slip")
-    slid = np.flatnonzero(np.isfinite(far) & (far > 0.0))
-    first = slid[np.argsort(-far[slid], kind="stable")][:_MOST]
-    names = [n for n in _OF_APPLICATION if n not in ("sha256", "settings", "version")]
-    rows: list[dict[str, Any]] = table.take(first).select(names).to_pylist()
-    return rows
+    length = _column(table, "slide_distance_m") * _column(table, "max_slip")
+    slid = np.flatnonzero(np.isfinite(length) & (length > 0.0))
+    longest = slid[np.argsort(-length[slid], kind="stable")][:_LISTED]
+    names = [f.name for f in fields(SlidApplication)]
+    return [SlidApplication(**row) for row in table.take(longest).select(names).to_pylist()]
 
 
-def _codes(table: Any) -> list[dict[str, Any]]:
-    """Warnings and errors on the data, by how many logs have them."""
-    found: dict[tuple[str, str], set[str]] = {}
-    columns: Iterable[Any] = (table[name].to_pylist() for name in ("code", "severity", "log"))
-    for code, severity, log in zip(*columns, strict=True):
+def _lossy_findings(table: Any) -> Iterator[tuple[str, str, str]]:
+    """Code, severity and log of each warning and error on the data."""
+    names = ("code", "severity", "log")
+    for code, severity, log in zip(*(table[name].to_pylist() for name in names), strict=True):
         if is_lossy(code, severity):
-            found.setdefault((code, severity), set()).add(log)
-    rows = [
-        {"code": code, "severity": severity, "logs": len(logs), "example": min(logs)}
-        for (code, severity), logs in found.items()
+            yield code, severity, log
+
+
+def _codes(table: Any) -> list[CodeCount]:
+    """Warnings and errors on the data, by how many logs have them."""
+    logs_by_code: dict[tuple[str, str], set[str]] = {}
+    for code, severity, log in _lossy_findings(table):
+        logs_by_code.setdefault((code, severity), set()).add(log)
+    counts = [
+        CodeCount(code, severity, len(logs), min(logs))
+        for (code, severity), logs in logs_by_code.items()
     ]
-    return sorted(rows, key=lambda row: (row["severity"], -int(row["logs"]), row["code"]))
+    return sorted(counts, key=lambda x: (x.severity, -x.logs, x.code))
 
 
 def _in_doubt(table: Any) -> int:
     """How many logs have a warning on the data, and no error."""
-    of: dict[str, set[str]] = {"warning": set(), "error": set()}
-    columns: Iterable[Any] = (table[name].to_pylist() for name in ("code", "severity", "log"))
-    for code, severity, log in zip(*columns, strict=True):
-        if is_lossy(code, severity):
-            of[severity].add(log)
-    return len(of["warning"] - of["error"])
+    by_severity: dict[str, set[str]] = {"warning": set(), "error": set()}
+    for _, severity, log in _lossy_findings(table):
+        by_severity[severity].add(log)
+    return len(by_severity["warning"] - by_severity["error"])
 
 
-def _to_check(table: Any) -> list[dict[str, str]]:
+def _to_check(table: Any) -> list[DoubtfulLog]:
     """Errors and suspect units, which make the numbers of a log doubtful: one row for each."""
     rows = [
-        {k: str(row[k] or "") for k in ("log", "severity", "code", "message")}
-        for row in table.select(["log", "severity", "code", "message"]).to_pylist()
-        if row["severity"] == "error" or row["code"].endswith(_SUSPECT)
+        DoubtfulLog(*(str(x or "") for x in values.values()))
+        for values in table.select(DoubtfulLog._fields).to_pylist()
     ]
-    of = {(row["log"], row["code"]): row for row in reversed(rows)}  # the first of a code
-    return [of[key] for key in sorted(of)]
+    doubtful = [r for r in rows if r.severity == "error" or r.code.endswith(_SUSPECT)]
+    by_code = {(row.log, row.code): row for row in reversed(doubtful)}  # the first of a code
+    return [by_code[key] for key in sorted(by_code)]
 
 
-def _evaluated(logs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Versions of the program, and when their results were written: first and last day (UTC)."""
-    times = [Path(row["__filename"]).stat().st_mtime for row in logs]
+def _evaluated(logs: Sequence[_LogRow]) -> Evaluation:
+    times = [Path(row.file).stat().st_mtime for row in logs]
     days = [datetime.fromtimestamp(f(times), UTC).date().isoformat() for f in (min, max) if times]
-    return {"versions": sorted({str(row["version"]) for row in logs}), "days": days}
+    return Evaluation(sorted({str(row.version) for row in logs}), days)
 
 
-def _stated(folder: Path, settings: str) -> str:
+def _stated_vehicle(folder: Path, settings: str) -> str:
     """What the settings of a hash state of the vehicle, in a line."""
     try:
         text = (folder / SETTINGS / f"{settings}.json").read_text("utf-8")
         vehicle = json.loads(text)["stated"].get("vehicle", {})
     except (OSError, ValueError, KeyError, AttributeError):
         return "unknown"
-    parts = []
-    for name, value in vehicle.items():
-        one = value.get("value") if isinstance(value, dict) else value
-        if isinstance(one, int | float):
-            parts.append(f"{name} {one:g}")
-    return ", ".join(parts) or "default vehicle"
+    values = []
+    for name, entry in vehicle.items():
+        value = entry.get("value") if isinstance(entry, dict) else entry
+        if isinstance(value, int | float):
+            values.append(f"{name} {value:g}")
+    return ", ".join(values) or "default vehicle"

@@ -1,13 +1,13 @@
 """The summary of a fleet as tables of text, for the screen and for a page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from math import isfinite, nan
-from typing import Any
 
 from ..core.finding import catalogue
 from ..results.report.campaign import Bar, Bars, Campaign, Table
 from ..results.text_tables import number
+from .summary import Day, Distribution, FleetSummary, SettingsGroup, SlidApplication, SpeedBand
 
 _OF_SPREAD = (
     "number: brake applications, counted per axle. slid: those with a slide. 5 %, median, 95 %: "
@@ -25,109 +25,109 @@ _DAY = 86_400_000.0  # [ms]
 _BAND = 40.0  # width of the fastest speed band in a figure; it has no upper end [km/h]
 
 
-def head(found: Mapping[str, Any]) -> str:
+def head(fleet: FleetSummary) -> str:
     """How many logs and brake applications there are.
 
     Args:
-        found: from `summary.summarised`.
+        fleet: the summary.
     """
-    counts = found["logs"]
+    counts = fleet.logs
     return (
         f"{sum(counts.values())} logs: {counts['ok']} ok, {counts['damaged']} damaged, "
-        f"{counts['error']} failed; {found['applications']} brake applications of an axle"
+        f"{counts['error']} failed; {fleet.applications} brake applications of an axle"
     )
 
 
-def tables(found: Mapping[str, Any]) -> list[Table]:
+def tables(fleet: FleetSummary) -> list[Table]:
     """Adhesion by speed, settings and day, the worst slides, the findings; those with rows."""
-    days: Sequence[Mapping[str, Any]] = found["by_day"]
+    days = fleet.by_day
     last = f", last {DAYS} of {len(days)} days" if len(days) > DAYS else ""
     speeds = [
-        {"speed [km/h]": f"{row['from_kmh']:.0f} to {row['to_kmh']:.0f}"
-         if row["to_kmh"] else f"from {row['from_kmh']:.0f}", **_spread(row)}
-        for row in found["by_speed"]
+        {"speed [km/h]": f"{row.from_kmh:.0f} to {row.to_kmh:.0f}"
+         if row.to_kmh else f"from {row.from_kmh:.0f}", **_spread(row)}
+        for row in fleet.by_speed
     ]  # fmt: skip
     vehicles = [
-        {"settings": row["settings"], "vehicle": row["stated"], **_spread(row)}
-        for row in found["by_settings"]
+        {"settings": row.settings, "vehicle": row.stated, **_spread(row)}
+        for row in fleet.by_settings
     ]
     codes = [
-        {"finding": row["code"], "severity": row["severity"], "example": row["example"],
-         "logs": str(row["logs"])}
-        for row in found["findings"]
+        {"finding": row.code, "severity": row.severity, "example": row.example,
+         "logs": str(row.logs)}
+        for row in fleet.findings
     ]  # fmt: skip
     every = (
         Table(
             "Mean adhesion coefficient by mean speed of the application",
             speeds,
-            figure=_by_speed(found["by_speed"]),
+            figure=_by_speed(fleet.by_speed),
             note=_OF_SPREAD,
         ),
-        Table("By settings", vehicles, 2, _by_settings(found["by_settings"])),
+        Table("By settings", vehicles, 2, _by_settings(fleet.by_settings)),
         Table(
             f"By day{last}",
-            [{"day": r["day"], **_spread(r)} for r in days[-DAYS:]],
+            [{"day": r.day, **_spread(r)} for r in days[-DAYS:]],
             figure=_by_day(days),
         ),
-        Table(_WORST, list(map(_slid, found["worst_slides"])), note=_OF_SLIDES),
+        Table(_WORST, list(map(_slid, fleet.worst_slides)), note=_OF_SLIDES),
         Table(_FINDINGS, codes, 3),
     )
     return [table for table in every if table.rows]
 
 
-def campaign(name: str, found: Mapping[str, Any]) -> Campaign:
+def campaign(name: str, fleet: FleetSummary) -> Campaign:
     """The page of a folder of results.
 
     Args:
         name: of the folder.
-        found: from `summary.summarised`.
+        fleet: the summary.
     """
-    shown = [_on_page(one, found) for one in tables(found)]
-    codes = dict.fromkeys([r["code"] for r in (*found["findings"], *found["to_check"])])
-    return Campaign(name, verdict(found), head(found), [*shown, *lists(found)], [*codes], {
-        "Evaluated by": ", ".join(f"adhesion {v}" for v in found["evaluated"]["versions"]),
-        "Results written (UTC)": " to ".join(dict.fromkeys(found["evaluated"]["days"])),
-        "Settings": "; ".join(f"{r['settings']}: {r['stated']}" for r in found["by_settings"]),
+    shown = [_on_page(one, fleet) for one in tables(fleet)]
+    codes = dict.fromkeys(_all_codes(fleet))
+    return Campaign(name, verdict(fleet), head(fleet), [*shown, *lists(fleet)], [*codes], {
+        "Evaluated by": ", ".join(f"adhesion {v}" for v in fleet.evaluated.versions),
+        "Results written (UTC)": " to ".join(dict.fromkeys(fleet.evaluated.days)),
+        "Settings": "; ".join(f"{r.settings}: {r.stated}" for r in fleet.by_settings),
     })  # fmt: skip
 
 
-def verdict(found: Mapping[str, Any]) -> str:
+def verdict(fleet: FleetSummary) -> str:
     """How often a wheel slid, and how many logs cannot be trusted, in one line."""
-    logs, every = found["logs"], found["applications"]
-    slid = f"A wheel slid in {found['with_slides']} of {every} brake applications of an axle."
+    logs, every = fleet.logs, fleet.applications
+    slid = f"A wheel slid in {fleet.with_slides} of {every} brake applications of an axle."
     return (
         f"{slid if every else 'No brake application.'} Of {sum(logs.values())} logs, "
-        f"{logs['error']} failed, {logs['damaged']} damaged, {found['in_doubt']} in doubt."
+        f"{logs['error']} failed, {logs['damaged']} damaged, {fleet.in_doubt} in doubt."
     )
 
 
-def lists(found: Mapping[str, Any]) -> list[Table]:
+def lists(fleet: FleetSummary) -> list[Table]:
     """Failed logs with error and hint, and those whose numbers are doubtful; those with rows."""
-    failed = [{k: str(v) for k, v in row.items()} for row in found["failed"]]
+    failed = [{k: str(v) for k, v in row.items()} for row in fleet.failed]
     check = [
-        {"log": row["log"], "severity": row["severity"], "finding": _title(row["code"]),
-         "what": row["message"]}
-        for row in found["to_check"]
+        {"log": row.log, "severity": row.severity, "finding": _title(row.code),
+         "what": row.message}
+        for row in fleet.to_check
     ]  # fmt: skip
     marks = [("slid", "severity")] * len(check)
     every = (
         Table("Failed logs", failed, 3),
-        Table("Damaged logs and suspect units", check, 4, links=_links(found), marks=marks),
+        Table("Damaged logs and suspect units", check, 4, links=_links(fleet), marks=marks),
     )
     return [table for table in every if table.rows]
 
 
-def _on_page(one: Table, found: Mapping[str, Any]) -> Table:
+def _on_page(one: Table, fleet: FleetSummary) -> Table:
     """A table as the page has it: with titles of findings, and marks of doubtful logs."""
     if one.title == _FINDINGS:
         rows = [{**row, "finding": _title(row["finding"])} for row in one.rows]
-        return one._replace(rows=rows, links=_links(found))
+        return one._replace(rows=rows, links=_links(fleet))
     if one.title == _WORST:
-        doubt = {row["log"]: _title(row["code"]) for row in reversed(found["to_check"])}
+        doubt = {row.log: _title(row.code) for row in reversed(fleet.to_check)}
         rows = [{**row, "doubtful": doubt.get(row["log"], "")} for row in one.rows]
         if any(row["doubtful"] for row in rows):
             marks = [("slid", "doubtful")] * len(rows)
-            return one._replace(rows=rows, links=_links(found), marks=marks)
+            return one._replace(rows=rows, links=_links(fleet), marks=marks)
     return one
 
 
@@ -136,40 +136,43 @@ def _title(code: str) -> str:
     return known.title if known else code
 
 
-def _links(found: Mapping[str, Any]) -> dict[str, str]:
+def _links(fleet: FleetSummary) -> dict[str, str]:
     """Places of the explanations, by title."""
-    every = (*found["findings"], *found["to_check"])
-    return {_title(row["code"]): f"#finding-{row['code']}" for row in every}
+    return {_title(code): f"#finding-{code}" for code in _all_codes(fleet)}
 
 
-def _spread(row: Mapping[str, Any]) -> dict[str, str]:
+def _all_codes(fleet: FleetSummary) -> list[str]:
+    return [x.code for x in fleet.findings] + [x.code for x in fleet.to_check]
+
+
+def _spread(row: Distribution) -> dict[str, str]:
     """The cells of a distribution."""
     return {
-        "number": str(row["applications"]), "slid": str(row["with_slides"]),
-        "5 %": number(row["p5"], 3), "median": number(row["median"], 3),
-        "95 %": number(row["p95"], 3), "median slid": number(row["median_with_slides"], 3),
+        "number": str(row.applications), "slid": str(row.with_slides),
+        "5 %": number(row.p5, 3), "median": number(row.median, 3),
+        "95 %": number(row.p95, 3), "median slid": number(row.median_with_slides, 3),
     }  # fmt: skip
 
 
-def _by_speed(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
-    low = [row["from_kmh"] for row in rows]
-    high = [row["to_kmh"] or row["from_kmh"] + _BAND for row in rows]
+def _by_speed(rows: Sequence[SpeedBand]) -> Bars | None:
+    low = [row.from_kmh for row in rows]
+    high = [row.to_kmh or row.from_kmh + _BAND for row in rows]
     names = [f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
     bars = map(_bar, names, low, high, rows)
     return _compared(Bars("mean speed of the brake application [km/h]", list(bars)))
 
 
-def _by_settings(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
-    bars = [_bar(row["settings"], i, i + 1.0, row) for i, row in enumerate(rows)]
+def _by_settings(rows: Sequence[SettingsGroup]) -> Bars | None:
+    bars = [_bar(row.settings, i, i + 1.0, row) for i, row in enumerate(rows)]
     return _compared(Bars("settings", bars, named=True))
 
 
-def _by_day(rows: Sequence[Mapping[str, Any]]) -> Bars | None:
+def _by_day(rows: Sequence[Day]) -> Bars | None:
     bars = []
     for row in rows:
-        if row["day"] != "unknown":
-            noon = 1e3 * datetime.fromisoformat(f"{row['day']}T12:00:00Z").timestamp()
-            bars.append(_bar(row["day"], noon - _DAY / 2, noon + _DAY / 2, row))
+        if row.day != "unknown":
+            noon = 1e3 * datetime.fromisoformat(f"{row.day}T12:00:00Z").timestamp()
+            bars.append(_bar(row.day, noon - _DAY / 2, noon + _DAY / 2, row))
     return _compared(Bars("day of the log's start (UTC), every day", bars, dated=True))
 
 
@@ -179,18 +182,18 @@ def _compared(of: Bars) -> Bars | None:
     return of._replace(bars=bars) if len(bars) > 1 else None
 
 
-def _bar(name: str, begin: float, end: float, row: Mapping[str, Any]) -> Bar:
-    keys = "p5", "median", "p95", "median_with_slides"
-    low, middle, high, slid = (nan if row[key] is None else row[key] for key in keys)
-    return Bar(name, begin, end, low, middle, high, slid, row["applications"])
+def _bar(name: str, begin: float, end: float, row: Distribution) -> Bar:
+    values = row.p5, row.median, row.p95, row.median_with_slides
+    low, middle, high, slid = (nan if x is None else x for x in values)
+    return Bar(name, begin, end, low, middle, high, slid, row.applications)
 
 
-def _slid(row: Mapping[str, Any]) -> dict[str, str]:
+def _slid(row: SlidApplication) -> dict[str, str]:
     """The cells of a brake application with slides."""
-    heat = row["slide_energy_j"]
+    heat = row.slide_energy_j
     return {
-        "log": row["log"], "axle": str(row["axle"]), "at [s]": number(row["start_s"], 1),
-        "km/h": number(row["from_mps"] and 3.6 * row["from_mps"], 0),
-        "slid [s]": number(row["slide_s"], 1), "[m]": number(row["slide_distance_m"], 0),
-        "max slip": f"{row['max_slip']:.0%}", "kJ": number(heat and heat / 1e3, 1),
+        "log": row.log, "axle": str(row.axle), "at [s]": number(row.start_s, 1),
+        "km/h": number(row.from_mps and 3.6 * row.from_mps, 0),
+        "slid [s]": number(row.slide_s, 1), "[m]": number(row.slide_distance_m, 0),
+        "max slip": f"{row.max_slip:.0%}", "kJ": number(heat and heat / 1e3, 1),
     }  # fmt: skip

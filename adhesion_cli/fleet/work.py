@@ -12,13 +12,15 @@ import pyarrow as pa
 
 from ..analysis import settings
 from ..analysis.analyze import analyze
-from ..analysis.json_documents import entry
 from ..analysis.outputs import stem, write_result
+from ..analysis.summarise import summarise
 from ..core import bundled, threads
 from ..core.errors import UserError, as_user_error
 from ..core.model import Result
+from ..core.summary import FailedLog, ResultSummary
 from ..core.text import printable
 from ..results import atomic_files, tables
+from ..results.tables import LogRow
 from .locations import Location, local
 
 BLOCK = 256  # logs whose hashes are asked for at once
@@ -72,7 +74,7 @@ class Done(NamedTuple):
         files: the bytes of its other tables by name; none of a log that failed.
     """
 
-    row: dict[str, Any]
+    row: LogRow
     files: dict[str, bytes]
 
 
@@ -87,6 +89,8 @@ def identified(log: Location) -> tuple[str, dict[str, str]]:
 
 def analysed(item: Item, job: Job) -> Done:
     """Analyses one log; an error becomes its row."""
+    one: ResultSummary | FailedLog
+    files: dict[str, bytes]
     with _ONE:
         begin = time.perf_counter()
         try:
@@ -100,14 +104,14 @@ def analysed(item: Item, job: Job) -> Done:
         return Done(row(one, job, time.perf_counter() - begin), files)
 
 
-def failed(item: Item, told: dict[str, str]) -> dict[str, Any]:
-    """The entry of a log that has no result, only error and hint."""
-    return {"log": {"path": item.log.name, "sha256": item.sha256 or None}, **told}
+def failed(item: Item, error: dict[str, str]) -> FailedLog:
+    """A log that has no result, only error and hint."""
+    return FailedLog(item.log.name, error["error"], error["hint"], item.sha256 or None)
 
 
-def row(one: dict[str, Any], job: Job, seconds: float | None) -> dict[str, Any]:
-    """The row of a log's entry in the table of logs."""
-    return tables.log_row(one, seconds=seconds, version=job.version, settings=job.settings)
+def row(summary: ResultSummary | FailedLog, job: Job, seconds: float | None) -> LogRow:
+    """The row of a log in the table of logs."""
+    return tables.log_row(summary, seconds=seconds, version=job.version, settings=job.settings)
 
 
 def load_settings(job: Job) -> settings.Settings:
@@ -126,7 +130,7 @@ def warm() -> None:
     """Loads what an analysis needs, and compiles it where that was not done on this machine."""
     default, folder = settings.load(folder=False), bundled.folder("sample_logs")
     for name, axles in _SAMPLES.items():
-        entry(analyze(folder / name, default, axles=axles, train_speed=True), {})
+        summarise(analyze(folder / name, default, axles=axles, train_speed=True), {})
 
 
 def recordings(item: Item, job: Job) -> list[Path]:
@@ -137,8 +141,8 @@ def recordings(item: Item, job: Job) -> list[Path]:
     return [Path(job.recordings, f"{name}.adhesion{suffix}") for suffix in (".mcap", ".rrd")]
 
 
-def _tables(path: Path, item: Item, job: Job) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """A log's entry, and the bytes of its tables.
+def _tables(path: Path, item: Item, job: Job) -> tuple[ResultSummary, dict[str, bytes]]:
+    """A log's summary, and the bytes of its tables.
 
     Raises:
         UserError: it cannot be analysed, or has changed since it was identified.
@@ -150,12 +154,12 @@ def _tables(path: Path, item: Item, job: Job) -> tuple[dict[str, Any], dict[str,
         hint = "run again when the logger has closed it"
         raise UserError(f"{path}: the file changed during the run", hint)
     result = replace(result, log=replace(result.log, path=item.log.name))
-    one = entry(result, {})
+    one = summarise(result, {})
     _record(result, one, recordings(item, job))
     made = {
         "applications": tables.applications([one]),
         "estimators": tables.estimators([one]),
-        "findings": tables.findings([one]),
+        "findings": tables.findings(one.findings, one.log.path, one.log.sha256),
     }
     return one, {name: tables.packed(_of_run(of, job)) for name, of in made.items()}
 
@@ -168,7 +172,7 @@ def _of_run(table: Any, job: Job) -> Any:
     return table
 
 
-def _record(result: Result, one: dict[str, Any], files: list[Path]) -> None:
+def _record(result: Result, one: ResultSummary, files: list[Path]) -> None:
     if not files:
         return
     files[0].parent.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +14,12 @@ from numpy.typing import NDArray
 from ..core import physics, threads
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Times, Vehicle
 from ..core.signals import coverage_factor
+from ..core.summary import MeanAndHighest
 from ..reference import budget
 from ..reference.budget import Budget
 from . import slip
 from .events import Slide
 from .fit import Interval
-
-
-class Measured(NamedTuple):
-    """Mean and highest value, each with its expanded uncertainty (95 %); names as in the JSON."""
-
-    mean: float
-    mean_u95: float
-    max: float
-    max_u95: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +45,8 @@ class Application:
     end_ns: int
     from_mps: float | None
     to_mps: float | None
-    force: Measured | None
-    coefficient: Measured | None
+    force: MeanAndHighest | None
+    coefficient: MeanAndHighest | None
     slides: tuple[Slide, ...]
     utilisation: Interval | None
     budget: Budget | None
@@ -126,7 +117,7 @@ def _application(
 
 def _measured(
     axle: AxleResult, vehicle: Vehicle, pieces: Sequence[slice], contributions: Mapping[str, Floats]
-) -> tuple[Measured, Budget] | None:
+) -> tuple[MeanAndHighest, Budget] | None:
     """The force of an application [N]; None where the reference has no value.
 
     Args:
@@ -150,7 +141,7 @@ def _measured(
     mean_budget = budget.mean_budget(axle, vehicle, contributions, mean, len(all_indices))
     noise, u = float(ref.sigma[top]), math.hypot(ref.sigma[top], ref.tolerance[top])
     k = coverage_factor(budget.freedom(noise, u, len(all_indices)))
-    return Measured(
+    return MeanAndHighest(
         mean(ref.force), mean_budget.k * mean_budget.u, float(ref.force[top]), k * u
     ), mean_budget
 
@@ -169,13 +160,15 @@ def _mass(axle: AxleResult, samples: slice) -> float:
     return 0.0 if mass_covariance is None else float(np.nanmean(mass_covariance[samples]))
 
 
-def _coefficient(force: Measured, weight: float, vehicle: Vehicle, together: float) -> Measured:
+def _coefficient(
+    force: MeanAndHighest, weight: float, vehicle: Vehicle, together: float
+) -> MeanAndHighest:
     """A force over the weight of the axle; `together` is from `_mass`."""
 
     def half_width(x: float, u95: float) -> float:
         return budget.coefficient_u95(u95, x, vehicle, together) / weight
 
-    return Measured(
+    return MeanAndHighest(
         force.mean / weight,
         half_width(force.mean, force.mean_u95),
         force.max / weight,

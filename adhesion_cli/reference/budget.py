@@ -8,44 +8,21 @@ does not shrink with the number of samples.
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from ..core.model import Z95, AxleRecord, AxleResult, Floats, Reference, Vehicle, quantities
 from ..core.physics import wheelset, with_fade
 from ..core.signals import coverage_factor
+from ..core.summary import Contribution
 from .force import contributions
 
 NOISE = "noise"  # name of the row for noise and smoothing
 
 
-class Row(NamedTuple):
-    """What one quantity contributes; names as in the JSON.
-
-    Attributes:
-        quantity: a parameter of the vehicle, or `NOISE`.
-        value: None for the noise.
-        unit: of value and u.
-        type: A by the samples, B as stated.
-        u: standard uncertainty.
-        sensitivity: ∂F/∂q, mean over the samples [N per unit].
-        contribution_n: standard uncertainty of F by it [N].
-        share: of the variance of F, with half of what each correlation adds or takes.
-    """
-
-    quantity: str
-    value: float | None
-    unit: str
-    type: Literal["A", "B"]
-    u: float
-    sensitivity: float
-    contribution_n: float
-    share: float
-
-
 class Budget(NamedTuple):
     """The rows, the largest first, and what they give together."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Contribution, ...]
     u: float  # combined standard uncertainty [N]
     freedom: float  # effective degrees of freedom by Welch and Satterthwaite; inf without noise
 
@@ -104,7 +81,7 @@ def mean_budget(
     contributions = {name: mean(column) for name, column in columns.items()}
     noise = mean(axle.reference.sigma)
     variance = max(vehicle.covariance(contributions, contributions), 0.0) + noise**2
-    rows = [Row(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
+    rows = [Contribution(NOISE, None, "N", "A", noise, 1.0, noise, _share(noise**2, variance))]
     for name, contribution in contributions.items():
         q = vehicle.radius(axle.record.axle) if name == "wheel_radius" else getattr(vehicle, name)
         if q.tolerance > 0.0:
@@ -112,7 +89,9 @@ def mean_budget(
             unit = quantities(Vehicle)[name].unit
             sensitivity = contribution / q.tolerance
             rows.append(
-                Row(name, q.value, unit, "B", q.tolerance, sensitivity, abs(contribution), share)
+                Contribution(
+                    name, q.value, unit, "B", q.tolerance, sensitivity, abs(contribution), share
+                )
             )
     rows.sort(key=lambda row: -row.share)
     u = math.sqrt(variance)

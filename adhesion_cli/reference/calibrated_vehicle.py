@@ -51,7 +51,7 @@ _SOURCES = {
 }
 
 
-class Row(NamedTuple):
+class CalibratedParameter(NamedTuple):
     """A parameter before and after, each with its standard uncertainty."""
 
     prior: float
@@ -82,7 +82,7 @@ class Calibrated(NamedTuple):
     """A vehicle as its logs show it."""
 
     vehicle: Vehicle
-    rows: dict[str, Row]
+    rows: dict[str, CalibratedParameter]
     correlation: Floats  # of the posterior, in the order of the rows
     force: tuple[float, float]  # of an axle at the mean brake of all logs, as stated, after [N]
     band: tuple[float, float]  # half-width of its 95 % band, the same [N]
@@ -198,7 +198,7 @@ def force_gradient(designs: Sequence[Design]) -> Floats:
 
 def _vehicle(
     v: Vehicle, d: Design, prior: dict[int, Parameter], posterior: model.Posterior, radius: bool
-) -> tuple[Vehicle, dict[str, Row], Floats]:
+) -> tuple[Vehicle, dict[str, CalibratedParameter], Floats]:
     """The calibrated vehicle, the table, and the correlation of its rows.
 
     Args:
@@ -266,7 +266,7 @@ def _vehicle(
     sigma = np.sqrt(np.maximum(np.diag(joint), 1e-30))
     correlation = (joint / np.outer(sigma, sigma))[np.ix_(places, places)]
     rows = {
-        name: Row(
+        name: CalibratedParameter(
             prior_value,
             prior_u,
             posterior_value,
@@ -280,7 +280,7 @@ def _vehicle(
 
 
 def _posterior_vehicle(
-    v: Vehicle, rows: dict[str, Row], correlation: Floats, speed: float
+    v: Vehicle, rows: dict[str, CalibratedParameter], correlation: Floats, speed: float
 ) -> Vehicle:
     """The vehicle of the posterior."""
     names = ("friction", "axle_mass", "spring_force", "friction_fade")

@@ -1,53 +1,50 @@
 """Brake applications and scores as rows of text, for the screen and for pages."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from ..core.model import Score
+from ..core.summary import BrakeApplication
 from ..core.text import by_uncertainty
 from .text_tables import at_least, number
 
 
-def row(axle: str, application: Mapping[str, Any]) -> dict[str, str]:
-    """A brake application: when, how fast, adhesion coefficient and force; keys as in the JSON."""
-    mu, force = application["coefficient"] or {}, application["force_n"] or {}
-    speeds = [number(application[key], 1) for key in ("from_mps", "to_mps")]
+def row(axle: str, a: BrakeApplication) -> dict[str, str]:
+    """A brake application: when, how fast, adhesion coefficient and force."""
+    mu, force = a.coefficient, a.force_n
     return {
-        "axle": axle, "at [s]": number(application["start_s"], 1),
-        "for [s]": number(application["end_s"] - application["start_s"], 1), "v [m/s]": "–".join(speeds),
-        "µ mean": _with_u95(mu, "mean", 1.0, 3), "µ max": _with_u95(mu, "max", 1.0, 3),
-        "F [kN]": _with_u95(force, "mean", 1e-3), "Fmax [kN]": _with_u95(force, "max", 1e-3),
-    }  # fmt: skip
+        "axle": axle,
+        "at [s]": number(a.start_s, 1),
+        "for [s]": number(a.end_s - a.start_s, 1),
+        "v [m/s]": "–".join(number(v, 1) for v in (a.from_mps, a.to_mps)),
+        "µ mean": _with_u95(mu and (mu.mean, mu.mean_u95), 1.0, 3),
+        "µ max": _with_u95(mu and (mu.max, mu.max_u95), 1.0, 3),
+        "F [kN]": _with_u95(force and (force.mean, force.mean_u95), 1e-3),
+        "Fmax [kN]": _with_u95(force and (force.max, force.max_u95), 1e-3),
+    }
 
 
-def _with_u95(
-    values: Mapping[str, float], key: str, factor: float, digits: int | None = None
-) -> str:
+def _with_u95(pair: tuple[float, float] | None, factor: float, digits: int | None = None) -> str:
     """A value with its uncertainty, to at most these decimals; without them to three digits."""
-    if not values:
+    if not pair:
         return "-"
-    value, u95 = factor * values[key], factor * values[f"{key}_u95"]
+    value, u95 = factor * pair[0], factor * pair[1]
     if digits is None:
         digits = 2 if abs(value) < 10.0 else 1
     return "±".join(by_uncertainty(value, u95, digits))
 
 
-def slid_row(axle: str, application: Mapping[str, Any]) -> dict[str, str]:
-    """The slides of a brake application, together; keys as in the JSON."""
-    energy, utilisation, bound = (
-        application["slide_energy_j"],
-        application["utilisation"],
-        application["at_least"],
-    )
-    highest = min(100.0 * application["max_slip"], 100.0)
+def slid_row(axle: str, a: BrakeApplication) -> dict[str, str]:
+    """The slides of a brake application, together."""
+    energy, used, bound = a.slide_energy_j, a.utilisation, a.at_least
+    highest = min(100.0 * (a.max_slip or 0.0), 100.0)
     return {
-        "axle": axle, "at [s]": number(application["start_s"], 1), "slides": str(application["slides"]),
-        "for [s]": at_least(application["slide_s"], 1, bound),
-        "distance [m]": at_least(application["slide_distance_m"], 0, bound),
+        "axle": axle,
+        "at [s]": number(a.start_s, 1),
+        "slides": str(a.slides),
+        "for [s]": at_least(a.slide_s, 1, bound),
+        "distance [m]": at_least(a.slide_distance_m, 0, bound),
         "max slip [%]": number(highest, 0) if highest > 99.5 else at_least(highest, 1, bound),
         "energy [kJ]": at_least(energy and 1e-3 * energy, 1, bound),
-        "used [%]": number(utilisation and 100.0 * utilisation, 0),
-    }  # fmt: skip
+        "used [%]": number(used and 100.0 * used, 0),
+    }
 
 
 def score_row(axle: str, s: Score) -> dict[str, str]:

@@ -1,200 +1,194 @@
-"""Result documents as tables: brake applications, estimators, findings and logs.
+"""Summaries of logs as tables: brake applications, estimators, findings and logs.
 
-The columns are the keys of a log's entry in the `adhesion.result/1` document. Nested keys are
-joined with `_`, as `force_n` and `mean` to `force_n_mean`. Lists are left out, except the limits of
-`utilisation_ci`. What a log does not show is null.
+The columns are the fields of the classes in `core.summary`, as in the JSON. Nested names are joined
+with `_`, as `force_n` and `mean` to `force_n_mean`. Lists are left out. What a log does not show is
+null.
 """
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pyarrow as pa
 from pyarrow import parquet
 
+from ..core.annotated import columns, flat
 from ..core.errors import UserError
 from ..core.finding import is_lossy
+from ..core.model import Quantity, Score
+from ..core.summary import (
+    BrakeApplication,
+    FailedLog,
+    FindingSummary,
+    InspectedChannel,
+    LogSummary,
+    ResultSummary,
+    SlideSummary,
+    SlipSummary,
+)
 from ..core.text import printable, utf8
+from ..reference.calibrated_vehicle import CalibratedParameter
 from . import names
 from .verified import verified
 
-_TEXT, _INTEGER, _NUMBER, _TRUTH = pa.string(), pa.int64(), pa.float64(), pa.bool_()
+_TYPES = {
+    str: pa.string(), int: pa.int64(), float: pa.float64(), bool: pa.bool_(),
+    datetime: pa.timestamp("us", "UTC"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogRow:
+    """A log of a run over many: whether it was analysed, and how.
+
+    `status` is `ok`, `damaged` (a finding is an error) or `error`. `lossy` says that data was lost
+    or repaired, or may be wrong.
+    """
+
+    log: str
+    sha256: str | None = None
+    status: str
+    lossy: bool = False
+    error: str | None = None
+    hint: str | None = None
+    format: str | None = None
+    start: datetime | None = None
+    duration_s: Annotated[float | None, Quantity("s", "from the first to the last sample")] = None
+    rows_read: int | None = None
+    rows_used: int | None = None
+    seconds: Annotated[float | None, Quantity("s", "that the analysis took")] = None
+    version: str | None = None
+    settings: str | None = None
 
 
 def _field(name: str, kind: Any, unit: str = "") -> Any:
     return pa.field(name, kind, metadata={"unit": unit} if unit else None)
 
 
-def _numbers(**units: str) -> list[Any]:
-    return [_field(name, _NUMBER, unit) for name, unit in units.items()]
+def _schema(cls: type, **keys: type) -> Any:
+    """The columns of a class, after those that say whose row it is."""
+    heads = [_field(name, _TYPES[kind]) for name, kind in keys.items()]
+    return pa.schema([*heads, *(_field(c.name, _TYPES[c.type], c.unit) for c in columns(cls))])
 
 
-def _measured(name: str, unit: str) -> list[Any]:
-    return _numbers(**{f"{name}_{key}": unit for key in ("mean", "mean_u95", "max", "max_u95")})
+APPLICATIONS = _schema(BrakeApplication, log=str, sha256=str, axle=int)
+ESTIMATORS = _schema(Score, log=str, sha256=str, axle=int)
+FINDINGS = _schema(FindingSummary, log=str, sha256=str)
+LOGS = _schema(LogRow)
+SLIDES = _schema(SlideSummary, log=str, axle=int)
+RAILS = _schema(SlipSummary)
+CHANNELS = _schema(InspectedChannel)
+PARAMETERS = _schema(CalibratedParameter, parameter=str)
 
 
-_OF_LOG = [_field("log", _TEXT), _field("sha256", _TEXT)]
-_OF_AXLE = [*_OF_LOG, _field("axle", _INTEGER)]
-APPLICATIONS = pa.schema([
-    *_OF_AXLE,
-    *_numbers(start_s="s", end_s="s", from_mps="m/s", to_mps="m/s"),
-    *_measured("force_n", "N"),
-    *_measured("coefficient", "-"),
-    _field("slides", _INTEGER),
-    *_numbers(slide_s="s", slide_distance_m="m", max_slip="-", slide_energy_j="J"),
-    _field("at_least", _TRUTH),
-    *_numbers(utilisation="-", utilisation_ci_low="-", utilisation_ci_high="-"),
-    *_numbers(coverage_u_n="N", coverage_k="-", coverage_degrees_of_freedom="-"),
-    *_numbers(slip_unknown_s="s"),
-])  # fmt: skip
-ESTIMATORS = pa.schema([
-    *_OF_AXLE,
-    _field("algo", _TEXT), _field("against", _TEXT),
-    *_numbers(
-        rmse_n="N", bias_n="N", max_error_n="N", lag_s="s", gain="-", response_s="s",
-        ripple_n="N", relative="-", band_n="N", within="-", nis_mean="-", nis_low="-",
-        nis_high="-",
-    ),
-    _field("alike", _TRUTH),
-])  # fmt: skip
-FINDINGS = pa.schema([
-    *_OF_LOG,
-    _field("code", _TEXT), _field("severity", _TEXT), _field("channel", _TEXT),
-    _field("count", _INTEGER), *_numbers(first_s="s"), _field("message", _TEXT),
-    _field("hint", _TEXT),
-])  # fmt: skip
-LOGS = pa.schema([
-    *_OF_LOG,
-    _field("status", _TEXT), _field("lossy", _TRUTH), _field("error", _TEXT),
-    _field("hint", _TEXT),
-    _field("format", _TEXT), _field("start", pa.timestamp("us", "UTC")), *_numbers(duration_s="s"),
-    _field("rows_read", _INTEGER), _field("rows_used", _INTEGER), *_numbers(seconds="s"),
-    _field("version", _TEXT), _field("settings", _TEXT),
-])  # fmt: skip
-
-
-SLIDES = pa.schema([
-    _field("log", _TEXT), _field("axle", _INTEGER),
-    *_numbers(start_s="s", duration_s="s", distance_m="m", max_slip="-", energy_j="J"),
-    _field("at_least", _TRUTH),
-])  # fmt: skip
-RAILS = pa.schema([
-    _field("log", _TEXT), _field("axle", _INTEGER),
-    *_numbers(
-        peak_slip="-", peak_slip_below="-", peak_mu="-", peak_speed_mps="m/s", utilisation="-",
-        slip_rmse="-", train_speed_late_s="s", train_speed_late_sigma_s="s",
-    ),
-])  # fmt: skip
-CHANNELS = pa.schema([
-    *(_field(name, _TEXT) for name in ("name", "field", "meaning")), _field("axle", _INTEGER),
-    _field("unit", _TEXT), _field("reason", _TEXT), *_numbers(rate_hz="Hz"),
-    *(_field(name, _INTEGER) for name in ("rows", "valid", "gaps", "duplicates", "backward")),
-])  # fmt: skip
-PARAMETERS = pa.schema([
-    _field("parameter", _TEXT), _field("unit", _TEXT), _field("source", _TEXT),
-    *(_field(name, _NUMBER) for name in ("prior", "prior_u", "posterior", "posterior_u")),
-])  # fmt: skip
-
-
-def applications(entries: Iterable[Mapping[str, Any]]) -> Any:
-    """A row per log, axle and brake application.
-
-    Args:
-        entries: of the logs, from `json_documents.entry`; those of failed logs have no rows.
-
-    Returns:
-        A `pyarrow.Table` with the schema `APPLICATIONS`.
-    """
+def applications(results: Iterable[ResultSummary]) -> Any:
+    """A row per log, axle and brake application: a `pyarrow.Table` of the schema `APPLICATIONS`."""
     rows = (
-        {**_log(entry), "axle": axle["axle"], **_flat(application)}
-        for entry in entries
-        for axle in entry.get("axles", ())
-        for application in axle["applications"]
+        {**_log(r.log), "axle": a.axle, **flat(x)}
+        for r in results
+        for a in r.axles
+        for x in a.applications
     )
     return _table(rows, APPLICATIONS)
 
 
-def estimators(entries: Iterable[Mapping[str, Any]]) -> Any:
+def estimators(results: Iterable[ResultSummary]) -> Any:
     """A row per log, axle and estimator's score, as `applications`; the schema is `ESTIMATORS`."""
     rows = (
-        {**_log(entry), "axle": axle["axle"], **dict(_joined(score, ""))}
-        for entry in entries
-        for axle in entry.get("axles", ())
-        for score in axle["estimators"]
+        {**_log(r.log), "axle": a.axle, **flat(s)}
+        for r in results
+        for a in r.axles
+        for s in a.estimators
     )
     return _table(rows, ESTIMATORS)
 
 
-def findings(entries: Iterable[Mapping[str, Any]]) -> Any:
+def findings(found: Iterable[FindingSummary], log: str, sha256: str) -> Any:
     """A row per finding of a log, as `applications`; the schema is `FINDINGS`."""
-    rows = (
-        {**_log(entry), **finding} for entry in entries for finding in entry.get("findings", ())
-    )
+    rows = ({"log": utf8(log), "sha256": sha256, **flat(f)} for f in found)
     return _table(rows, FINDINGS)
 
 
-def slides(document: Mapping[str, Any]) -> Any:
-    """A row per axle and slide of the `adhesion.slip/1` document; the schema is `SLIDES`."""
-    rows = (
-        {"log": axle["log"], "axle": axle["axle"], **slide}
-        for axle in document["axles"]
-        for slide in axle["slides"]
-    )
+def joined(parts: Sequence[Any]) -> Any:
+    """Tables of one schema as one."""
+    return pa.concat_tables(parts)
+
+
+def slides(axles: Iterable[SlipSummary]) -> Any:
+    """A row per axle and slide; the schema is `SLIDES`."""
+    rows = ({"log": a.log, "axle": a.axle, **flat(x)} for a in axles for x in a.slides)
     return _table(rows, SLIDES)
 
 
-def rails(document: Mapping[str, Any]) -> Any:
-    """A row per axle of the `adhesion.slip/1` document; the schema is `RAILS`."""
-    return _table(document["axles"], RAILS)
+def rails(axles: Iterable[SlipSummary]) -> Any:
+    """A row per axle; the schema is `RAILS`."""
+    return _table(map(flat, axles), RAILS)
 
 
-def channels(document: Mapping[str, Any]) -> Any:
-    """A row per channel of a log's entry of `adhesion.inspect/1`; the schema is `CHANNELS`."""
-    return _table(document["channels"], CHANNELS)
+def channels(of_log: Iterable[InspectedChannel]) -> Any:
+    """A row per channel of a log; the schema is `CHANNELS`."""
+    return _table(map(flat, of_log), CHANNELS)
 
 
-def parameters(document: Mapping[str, Any]) -> Any:
-    """A row per parameter of the `adhesion.calibrate/1` document; the schema is `PARAMETERS`."""
-    rows = ({"parameter": name, **row} for name, row in document["parameters"].items())
-    return _table(rows, PARAMETERS)
+def parameters(rows: Mapping[str, CalibratedParameter]) -> Any:
+    """A row per parameter of a calibrated vehicle; the schema is `PARAMETERS`."""
+    return _table(({"parameter": name, **flat(row)} for name, row in rows.items()), PARAMETERS)
 
 
-def series(columns: Mapping[str, tuple[Any, str]]) -> Any:
+def series(arrays: Mapping[str, tuple[Any, str]]) -> Any:
     """Arrays of one length as a table, a field each.
 
     Args:
-        columns: by name, the array of shape (n,) and its unit.
+        arrays: by name, the array of shape (n,) and its unit.
     """
-    fields = [_field(name, pa.array(x[:0]).type, unit) for name, (x, unit) in columns.items()]
-    return pa.table([pa.array(x) for x, _ in columns.values()], schema=pa.schema(fields))
+    fields = [_field(name, pa.array(x[:0]).type, unit) for name, (x, unit) in arrays.items()]
+    return pa.table([pa.array(x) for x, _ in arrays.values()], schema=pa.schema(fields))
 
 
-def log_row(entry: Mapping[str, Any], **run: str | float | None) -> dict[str, Any]:
-    """The row of a log; its status is `ok`, `damaged` (a finding is an error) or `error`.
-
-    It is `lossy` if a finding says that data was lost or repaired, or may be wrong.
+def log_row(
+    result: ResultSummary | FailedLog,
+    *,
+    seconds: float | None = None,
+    version: str | None = None,
+    settings: str | None = None,
+) -> LogRow:
+    """The row of a log.
 
     Args:
-        entry: of the log; `error` and `hint` stand in place of results if it failed.
-        run: `seconds` of the analysis, `version` of the program, hash of the `settings`.
+        result: of the log, or why it has none.
+        seconds: of the analysis.
+        version: of the program.
+        settings: their hash.
     """
-    log, codes = entry["log"], {(f["code"], f["severity"]) for f in entry.get("findings", ())}
-    damaged = any(severity == "error" for _, severity in codes)
-    row = {**log, **_log(entry), "status": "damaged" if damaged else "ok", **run}
-    row["lossy"] = any(is_lossy(*pair) for pair in codes)
-    if start := log.get("start"):
-        row["start"] = datetime.fromisoformat(start)
-    if entry.get("error") is not None:
-        row |= {"status": "error", "error": utf8(entry["error"]), "hint": utf8(entry["hint"])}
-    return row
+    if isinstance(result, FailedLog):
+        return LogRow(
+            log=utf8(result.path), sha256=result.sha256, status="error", seconds=seconds,
+            error=utf8(result.error), hint=utf8(result.hint), version=version, settings=settings,
+        )  # fmt: skip
+    log, codes = result.log, {(f.code, f.severity) for f in result.findings}
+    return LogRow(
+        log=utf8(log.path),
+        sha256=log.sha256,
+        status="damaged" if any(severity == "error" for _, severity in codes) else "ok",
+        lossy=any(is_lossy(*pair) for pair in codes),
+        format=log.format,
+        start=datetime.fromisoformat(log.start) if log.start else None,
+        duration_s=log.duration_s,
+        rows_read=log.rows_read,
+        rows_used=log.rows_used,
+        seconds=seconds,
+        version=version,
+        settings=settings,
+    )
 
 
-def logs(rows: Iterable[Mapping[str, Any]]) -> Any:
+def logs(rows: Iterable[LogRow]) -> Any:
     """The table of rows from `log_row`; its schema is `LOGS`."""
-    return _table(rows, LOGS)
+    return _table(map(flat, rows), LOGS)
 
 
 def write(path: Path, table: Any) -> None:
@@ -258,25 +252,8 @@ def packed(table: Any) -> bytes:
 
 
 def _table(rows: Iterable[Mapping[str, Any]], schema: Any) -> Any:
-    cells = [{name: row.get(name) for name in schema.names} for row in rows]
-    return pa.Table.from_pylist(cells, schema=schema)
+    return pa.Table.from_pylist(list(rows), schema=schema)
 
 
-def _log(entry: Mapping[str, Any]) -> dict[str, Any]:
-    log = entry["log"]
-    return {"log": utf8(log["path"]), "sha256": log.get("sha256")}
-
-
-def _flat(document: Mapping[str, Any]) -> dict[str, Any]:
-    """One application with joined keys; without lists."""
-    lower, upper = document["utilisation_ci"] or (None, None)
-    flat = dict(_joined({k: x for k, x in document.items() if k != "utilisation_ci"}, ""))
-    return {**flat, "utilisation_ci_low": lower, "utilisation_ci_high": upper}
-
-
-def _joined(document: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
-    for key, value in document.items():
-        if isinstance(value, Mapping):
-            yield from _joined(value, f"{prefix}{key}_")
-        elif not isinstance(value, list | tuple):
-            yield prefix + key, value
+def _log(log: LogSummary) -> Mapping[str, str]:
+    return {"log": utf8(log.path), "sha256": log.sha256}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import simulated
 
-from adhesion_cli.analysis import json_documents, settings
+from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
+from adhesion_cli.analysis.summarise import brake_applications, summarise
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Result, Vehicle, quantities
@@ -58,13 +59,14 @@ def test_a_speed_that_was_filtered_contradicts_the_noise_model(
     result = analysed(noisy(tmp_path / "a.csv", filtered), algos=["imm", "td"])
     told = [f for f in result.findings if f.code == "noise-model"]
     assert [(f.severity, f.channel) for f in told] == [("warning", "axle 1")] * filtered
-    (axle,) = json_documents.entry(result, {})["axles"]
-    nis = {s["algo"]: s["nis"] for s in axle["estimators"]}
+    (axle,) = summarise(result, {}).axles
+    nis = {s.algo: s.nis for s in axle.estimators}
     assert nis["td"] is None
-    assert axle["reference"]["nis"].keys() == nis["imm"].keys() == {"mean", "low", "high"}
-    assert nis["imm"]["low"] < 1.0 < nis["imm"]["high"]
+    assert axle.reference.nis is not None
+    assert (imm := nis["imm"]) is not None
+    assert imm.low < 1.0 < imm.high
     if filtered:
-        assert told[0].values["nis"] == nis["imm"]["mean"] > 1.1
+        assert told[0].values["nis"] == imm.mean > 1.1
         loose = analyze(
             tmp_path / "a.csv",
             settings.load(None, ["diagnostics.noise_model.nis=2"]),
@@ -137,7 +139,7 @@ def test_a_train_speed_that_is_lost_hides_slides(tmp_path: Path, end: float) -> 
     assert {(f.channel, f.severity) for f in found} == {
         (f"axle {i}", "warning") for i in range(1, 5)
     }
-    braked = json_documents.brake_applications(part)
+    braked = brake_applications(part)
     for f in found:
         begin, until = f.spans[0][0], f.spans[-1][1]
         assert begin == pytest.approx(10.0, abs=0.5)
@@ -147,7 +149,7 @@ def test_a_train_speed_that_is_lost_hides_slides(tmp_path: Path, end: float) -> 
         assert one.slip_unknown_s == pytest.approx(until - begin, abs=1.0)
         assert one.to_mps is not None
         assert one.to_mps < 2.0  # of the wheel, where the train's is not known
-    for (one,) in json_documents.brake_applications(whole).values():
+    for (one,) in brake_applications(whole).values():
         assert one.slip_unknown_s < 0.5
 
 

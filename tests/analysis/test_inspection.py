@@ -19,11 +19,11 @@ def test_a_damaged_gzip_is_damaged_and_its_whole_rows_are_read(
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(text.encode())[damage])
     seen = inspect(path, settings.load())
-    assert (seen.document["status"], seen.document["format"], seen.code) == ("damaged", "csv", 3)
-    assert 1000 < seen.document["rows_read"] <= 3000
+    assert (seen.summary.status, seen.summary.format, seen.code) == ("damaged", "csv", 3)
+    assert 1000 < seen.summary.rows_read <= 3000
     (found,) = (f for f in seen.findings if f.severity == "error")
     assert found.code == "csv-gzip-damaged"
-    assert found.values["line"] == seen.document["rows_read"] + 1
+    assert found.values["line"] == seen.summary.rows_read + 1
 
 
 def test_an_mcap_without_messages_is_one(tmp_path: Path) -> None:
@@ -32,6 +32,6 @@ def test_an_mcap_without_messages_is_one(tmp_path: Path) -> None:
         writer = Writer(file)
         writer.start()
         writer.finish()
-    document = inspect(path, settings.load()).document
-    assert (document["format"], document["status"]) == ("mcap", "error")
-    assert inspect(tmp_path / "none.mcap", settings.load()).document["format"] is None
+    summary = inspect(path, settings.load()).summary
+    assert (summary.format, summary.status) == ("mcap", "error")
+    assert inspect(tmp_path / "none.mcap", settings.load()).summary.format is None

@@ -3,21 +3,35 @@
 from typing import Any
 
 from adhesion_cli.cli.applications import budgets, tables
+from adhesion_cli.core.summary import (
+    AxleSummary,
+    BrakeApplication,
+    Contribution,
+    Coverage,
+    MeanAndHighest,
+    ReferenceSummary,
+)
 
-MEASURED = {"mean": 0.123, "mean_u95": 0.021, "max": 0.234, "max_u95": 0.045}
+MEASURED = MeanAndHighest(0.123, 0.021, 0.234, 0.045)
 
 
-def one(start: float = 3456.7, slides: int = 0, **more: Any) -> dict[str, Any]:
-    return {
+def one(start: float = 3456.7, slides: int = 0, **more: Any) -> BrakeApplication:
+    values: dict[str, Any] = {
         "start_s": start, "end_s": start + 123.4, "from_mps": 83.31, "to_mps": 10.02,
-        "coefficient": MEASURED, "force_n": {k: 1e5 * v for k, v in MEASURED.items()},
-        "slides": slides, "slide_s": 100.2, "slide_distance_m": 1234.5, "max_slip": 0.999,
-        "slide_energy_j": 1234567.0, "at_least": False, "utilisation": None, **more,
+        "coefficient": MEASURED, "force_n": MeanAndHighest(*(1e5 * v for v in MEASURED)),
+        "slides": slides, "slide_spans": (), "slide_s": 100.2, "slide_distance_m": 1234.5,
+        "max_slip": 0.999, "slide_energy_j": 1234567.0, "at_least": False, "utilisation": None,
+        "utilisation_ci": None, "budget": None, "coverage": None,
     }  # fmt: skip
+    return BrakeApplication(**values | more)
+
+
+def axle(number: int, *applications: BrakeApplication) -> AxleSummary:
+    return AxleSummary(number, ReferenceSummary("smoother", 1.0, 2.0), applications, ())
 
 
 def test_a_log_of_three_stops_has_three_rows_per_axle_in_80_columns() -> None:
-    axles = [{"axle": n, "applications": [one(s) for s in (1.0, 200.0, 400.0)]} for n in (1, 2)]
+    axles = [axle(n, *(one(s) for s in (1.0, 200.0, 400.0))) for n in (1, 2)]
     lines = tables(axles).splitlines()
     assert [line.split()[:2] for line in lines[2:8]] == [
         [str(n), s] for n in (1, 2) for s in ("1.0", "200.0", "400.0")
@@ -28,7 +42,7 @@ def test_a_log_of_three_stops_has_three_rows_per_axle_in_80_columns() -> None:
 
 def test_slides_are_one_row_per_application_in_80_columns() -> None:
     slid = [one(), one(slides=12, utilisation=0.94), one(slides=3, at_least=True, max_slip=1.0)]
-    lines = tables([{"axle": 4, "applications": slid}]).splitlines()
+    lines = tables([axle(4, *slid)]).splitlines()
     at = next(i for i, line in enumerate(lines) if "slides" in line and "axle" in line)
     assert max(map(len, lines)) <= 80
     first, second = lines[at + 2 : at + 4]
@@ -41,20 +55,19 @@ def test_slides_are_one_row_per_application_in_80_columns() -> None:
 
 def test_what_the_log_does_not_show_is_a_dash() -> None:
     unknown = one(force_n=None, coefficient=None, from_mps=None, slides=1, slide_energy_j=None)
-    lines = tables([{"axle": 1, "applications": [unknown]}]).splitlines()
+    lines = tables([axle(1, unknown)]).splitlines()
     assert lines[2].split()[3:] == ["-–10.0", "-", "-", "-", "-"]
-    assert tables([{"axle": 1, "applications": []}]) == "No brake application."
+    assert tables([axle(1)]) == "No brake application."
 
 
 def test_a_budget_is_a_table_of_80_columns_with_its_sum() -> None:
-    row = {
-        "quantity": "cylinder_diameter", "value": 0.12951, "unit": "m", "type": "B", "u": 1.234e-4,
-        "sensitivity": -123456.0, "contribution_n": 12345.6, "share": 1.0,
-    }  # fmt: skip
-    coverage = {"u_n": 12345.6, "k": 1.96, "degrees_of_freedom": None}
-    shown = budgets([{"axle": 1, "applications": [one(budget=[row], coverage=coverage)]}])
+    row = Contribution(
+        "cylinder_diameter", 0.12951, "m", "B", 1.234e-4, -123456.0, 12345.6, share=1.0
+    )
+    coverage = Coverage(12345.6, 1.96, None)
+    shown = budgets([axle(1, one(budget=(row,), coverage=coverage))])
     lines = shown.splitlines()
     assert max(map(len, lines)) <= 80
     assert lines[3].split()[-1] == "100.0"
     assert "freedom: many" in " ".join(lines)
-    assert not budgets([{"axle": 1, "applications": [one(budget=None)]}])
+    assert not budgets([axle(1, one(budget=None))])

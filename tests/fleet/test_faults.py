@@ -167,7 +167,7 @@ from functools import partial
 from pathlib import Path
 from adhesion_cli.analysis import settings
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.json_documents import entry
+from adhesion_cli.analysis.summarise import summarise
 from adhesion_cli.core import bundled
 from adhesion_cli.fleet import work
 work.warm()
@@ -175,7 +175,7 @@ cache = Path(sys.argv[1])
 before = {path.name for path in cache.glob("**/*.nbc")}
 for name in ("service-brake.csv", "low-adhesion.csv"):
     log = bundled.folder("sample_logs") / name
-    entry(analyze(log, settings.load(folder=False), train_speed=True), {})
+    summarise(analyze(log, settings.load(folder=False), train_speed=True), {})
 assert before
 print(sorted({path.name for path in cache.glob("**/*.nbc")} - before))
 """

@@ -9,8 +9,9 @@ import pytest
 from pyarrow import dataset, parquet
 
 from adhesion_cli.analysis.analyze import analyze
-from adhesion_cli.analysis.json_documents import entry
 from adhesion_cli.analysis.settings import Settings
+from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.summary import FailedLog
 from adhesion_cli.fleet.dataset import TABLES, Dataset, hashed
 from adhesion_cli.fleet.locations import find
 from adhesion_cli.fleet.processes import Processes
@@ -91,9 +92,13 @@ def test_two_logs_with_one_content_are_analysed_once(first: tuple[Path, State]) 
 
 def test_the_tables_hold_what_analyze_gives(logs: Path, first: tuple[Path, State]) -> None:
     log = logs / "once.csv"
-    one = entry(analyze(log, Settings(), train_speed=True), {})
+    one = summarise(analyze(log, Settings(), train_speed=True), {})
     for name in ("applications", "estimators", "findings"):
-        expected = getattr(tables, name)([one])
+        expected = (
+            tables.findings(one.findings, one.log.path, one.log.sha256)
+            if name == "findings"
+            else getattr(tables, name)([one])
+        )
         mine = [row for row in of(first[0], name) if row["log"] == str(log)]
         assert expected.num_rows
         assert [{k: row[k] for k in expected.schema.names} for row in mine] == expected.to_pylist()
@@ -140,7 +145,7 @@ def test_a_damaged_mark_of_done_is_no_mark(tmp_path: Path) -> None:
         if content:
             path.write_bytes(content)
         else:
-            row = tables.log_row({"log": {"path": "x"}}, seconds=1.0)
+            row = tables.log_row(FailedLog("x", "lost", ""), seconds=1.0)
             parquet.write_table(tables.logs([row]), path)
     assert list(kept.done()) == ["good"]
 

@@ -170,7 +170,7 @@ def test_a_cut_file_says_which_channels_end_early(
     assert found["w"].t is found["p"].t
     lost = findings["value-damaged"]
     assert lost.count == source.rows - known[lost.channel]
-    document = inspect_log(path, load(folder=False)).document
-    assert document["rows_read"] == source.rows
-    (channel,) = (c for c in document["channels"] if c["name"].endswith("w"))
-    assert channel["rows"] - channel["valid"] == source.rows - known["w"]
+    summary = inspect_log(path, load(folder=False)).summary
+    assert summary.rows_read == source.rows
+    (channel,) = (c for c in summary.channels if c.name.endswith("w"))
+    assert channel.rows - channel.valid == source.rows - known["w"]

@@ -126,7 +126,7 @@ def test_a_long_log_keeps_few_computed_samples_between_its_brakes(
     kept = {}
     for full in (True, False):
         path = tmp_path / f"{full}.mcap"
-        mcap.write_result(path, both, "{}", every_sample=full)
+        mcap.write_result(path, both, "{}", full=full)
         kept[full] = {
             topic: {r.log_time: r.data for r, _ in messages}
             for topic, messages in decoded(path).items()

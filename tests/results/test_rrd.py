@@ -327,7 +327,7 @@ def test_a_long_log_is_thinned_between_its_brakes(
     axle = replace(axle, applications=(where,), events=())
     path = tmp_path / "a.rrd"
     for full in (True, False):
-        rrd.write_result(path, replace(analysed, axles=(axle,)), every_sample=full)
+        rrd.write_result(path, replace(analysed, axles=(axle,)), full=full)
         at, drawn = column(path, "/axle/1/speed", "scalars")
         at += analysed.log.start_ns()
         if full:

@@ -1,26 +1,34 @@
 """Tables of a result document: they hold what the document holds."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pytest
 from made_results import result
 from pyarrow import parquet
 
-from adhesion_cli.analysis.json_documents import entry
+from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.annotated import as_json, from_json
+from adhesion_cli.core.model import Nis
+from adhesion_cli.core.summary import FailedLog, ResultSummary
 from adhesion_cli.results import tables
 
 
 @pytest.fixture(scope="module")
-def document() -> dict[str, Any]:
-    return entry(result(), {})
+def summary() -> ResultSummary:
+    return summarise(result(), {})
+
+
+def findings(of: ResultSummary) -> pa.Table:
+    return tables.findings(of.findings, of.log.path, of.log.sha256)
 
 
 def test_each_application_of_each_axle_is_a_row_with_the_numbers_of_the_document(
-    document: dict[str, Any],
+    summary: ResultSummary,
 ) -> None:
-    rows = tables.applications([document]).to_pylist()
+    rows = tables.applications([summary]).to_pylist()
+    document = as_json(summary)
     given = [(a["axle"], x) for a in document["axles"] for x in a["applications"]]
     assert len(rows) == len(given) > 0
     for row, (axle, x) in zip(rows, given, strict=True):
@@ -32,18 +40,15 @@ def test_each_application_of_each_axle_is_a_row_with_the_numbers_of_the_document
         assert [row["utilisation_ci_low"], row["utilisation_ci_high"]] == ci
 
 
-def test_every_number_of_the_document_has_a_column(document: dict[str, Any]) -> None:
-    """A key that is added to the document must be added to the schema."""
-    axle = document["axles"][0]
-    flat = tables._flat(axle["applications"][0])
-    assert {"log", "sha256", "axle", *flat} == set(tables.APPLICATIONS.names)
-    nis = {"mean": 0.8, "low": 0.9, "high": 1.1}
-    score = dict(tables._joined({**axle["estimators"][0], "nis": nis}, ""))
-    assert {"log", "sha256", "axle", *score} == set(tables.ESTIMATORS.names)
-    nested = {"spans", "values", "names"}
-    of_finding = document["findings"][0].keys() - nested
-    assert {"log", "sha256", *of_finding} == set(tables.FINDINGS.names)
-    assert document["log"].keys() - {"path"} < set(tables.LOGS.names)
+def test_a_summary_is_read_back_from_its_json(summary: ResultSummary) -> None:
+    again = from_json(ResultSummary, as_json(summary))
+    assert as_json(again) == as_json(summary)
+    assert again.log == summary.log
+    assert again.axles[0].applications[0].force_n == summary.axles[0].applications[0].force_n
+    lacking = as_json(summary)
+    del lacking["axles"][0]["applications"][0]["force_n"]
+    with pytest.raises(KeyError, match="force_n"):
+        from_json(ResultSummary, lacking)
 
 
 def test_numbers_have_units() -> None:
@@ -53,41 +58,44 @@ def test_numbers_have_units() -> None:
         assert all(f.metadata[b"unit"] for f in numbers)
 
 
-def test_scores_and_findings_are_rows(document: dict[str, Any]) -> None:
-    scores = tables.estimators([document, document])
-    assert scores.num_rows == 2 * sum(len(a["estimators"]) for a in document["axles"]) > 0
-    nis = {"mean": 0.8, "low": 0.9, "high": 1.1}
-    axle = {"axle": 2, "estimators": [{"algo": "imm", "against": "truth", "nis": nis}]}
-    (row,) = tables.estimators([{"log": {"path": "x"}, "axles": [axle]}]).to_pylist()
+def test_scores_and_findings_are_rows(summary: ResultSummary) -> None:
+    scores = tables.estimators([summary, summary])
+    assert scores.num_rows == 2 * sum(len(a.estimators) for a in summary.axles) > 0
+    first = summary.axles[0]
+    score = replace(first.estimators[0], nis=Nis(0.8, 0.9, 1.1))
+    axle = first._replace(axle=2, estimators=(score,))
+    (row,) = tables.estimators([replace(summary, axles=(axle,))]).to_pylist()
     assert (row["nis_mean"], row["nis_high"], row["axle"]) == (0.8, 1.1, 2)
-    codes = tables.findings([document])["code"].to_pylist()
-    assert codes == [f["code"] for f in document["findings"]]
+    codes = findings(summary)["code"].to_pylist()
+    assert codes == [f.code for f in summary.findings]
 
 
-def test_a_failed_log_is_a_row_without_results(document: dict[str, Any]) -> None:
-    failed = {"log": {"path": "bad\udcff.csv"}, "error": "no pressure", "hint": "name it"}
-    run = {"seconds": 1.5, "version": "1.0", "settings": "ab"}
-    of = tables.logs(tables.log_row(x, **run) for x in (document, failed))
+def test_a_failed_log_is_a_row_without_results(summary: ResultSummary) -> None:
+    failed = FailedLog("bad\udcff.csv", "no pressure", "name it")
+    of = tables.logs(
+        tables.log_row(x, seconds=1.5, version="1.0", settings="ab") for x in (summary, failed)
+    )
     good, bad = of.to_pylist()
     assert of.schema == tables.LOGS
+    assert summary.log.start is not None
     assert (good["status"], good["error"], good["start"].isoformat()) == (
-        "damaged" if any(f["severity"] == "error" for f in document["findings"]) else "ok",
+        "damaged" if any(f.severity == "error" for f in summary.findings) else "ok",
         None,
-        document["log"]["start"].replace("Z", "+00:00"),
+        summary.log.start.replace("Z", "+00:00"),
     )
-    assert good["lossy"] == any(f["severity"] != "info" for f in document["findings"])
-    (gap,) = tables.logs([tables.log_row({
-        "log": {"path": "x"}, "findings": [{"code": "gap", "severity": "warning"}],
-    })]).to_pylist()  # fmt: skip
+    assert good["lossy"] == any(f.severity != "info" for f in summary.findings)
+    warned = replace(
+        summary, findings=(replace(summary.findings[0], code="gap", severity="warning"),)
+    )
+    (gap,) = tables.logs([tables.log_row(warned)]).to_pylist()
     assert (gap["status"], gap["lossy"]) == ("ok", True)
     assert (bad["status"], bad["error"], bad["log"]) == ("error", "no pressure", "bad\\udcff.csv")
-    assert tables.applications([failed]).num_rows == 0
 
 
-def test_a_file_has_schema_units_and_equal_bytes(tmp_path: Path, document: dict[str, Any]) -> None:
+def test_a_file_has_schema_units_and_equal_bytes(tmp_path: Path, summary: ResultSummary) -> None:
     files = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
     for file in files:
-        tables.write(file, tables.applications([document]))
+        tables.write(file, tables.applications([summary]))
     assert files[0].read_bytes() == files[1].read_bytes()
     read = parquet.read_table(files[0])
     assert read.schema.equals(tables.APPLICATIONS, check_metadata=False)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from vehicle_logs import STATED, log, true
 
-from adhesion_cli.analysis import analyze, calibrate, settings
+from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding
 from adhesion_cli.core.model import Z95, Parameter, Vehicle
 from adhesion_cli.core.physics import wheelset
+from adhesion_cli.studies import calibrate
 
 
 def found(*paths: Path, vehicle: Vehicle = STATED) -> calibrate.Calibration:

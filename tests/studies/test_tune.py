@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import simulated
 
-from adhesion_cli.analysis import analyze, settings, tune
+from adhesion_cli.analysis import analyze, settings
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.estimator import registry
 from adhesion_cli.core.model import Floats, quantities
 from adhesion_cli.scores import metrics
+from adhesion_cli.studies import tune
 
 KINDS = [("service-brake", 1), ("service-brake", 2), ("leaf-film", 3)]
 

@@ -111,20 +111,20 @@ def _headline(runs: Sequence[Run], found: Sequence[Difference]) -> str:
 def _run(place: int, run: Run) -> dict[str, str]:
     """One row of the table of runs."""
     every = [(axle, one) for axle in run.axles for one in axle.applications]
-    means = [one["coefficient"]["mean"] for _, one in every if one["coefficient"]]
-    slip = max((one["max_slip"] or 0.0 for _, one in every), default=0.0)
+    means = [one.coefficient.mean for _, one in every if one.coefficient]
+    slip = max((one.max_slip or 0.0 for _, one in every), default=0.0)
     known = any(words.slides_known(axle) for axle in run.axles)
     ends = [words.number(f(means), 3) for f in (min, max)] if means else [words.NONE]
-    start = run.log["start"]
+    start = run.log.start
     return {
         "Run": str(place), "Log": run.name,
         "Begun": start[:16].replace("T", " ") if start else words.NONE,
         "Brake applications": str(max((len(a.applications) for a in run.axles), default=0)),
         "µ mean": "–".join(dict.fromkeys(ends)),
-        "Slides": str(sum(one["slides"] for _, one in every)) if known else "?",
-        "Sliding for [s]": words.number(sum(one["slide_s"] for _, one in every), 1),
+        "Slides": str(sum(one.slides for _, one in every)) if known else "?",
+        "Sliding for [s]": words.number(sum(one.slide_s for _, one in every), 1),
         "Most slip [%]": words.percent(min(slip, 1.0), 1) if slip else words.NONE,
-        "SHA-256": str(run.log["sha256"])[:8],
+        "SHA-256": run.log.sha256[:8],
     }  # fmt: skip
 
 

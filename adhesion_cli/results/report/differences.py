@@ -6,12 +6,13 @@ cancels. Noise is another one in each run.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ...core.model import Vehicle
 from ...core.signals import coverage_factor
+from ...core.summary import BrakeApplication
 from .run import Axle, Run
 
 _NOISE = "noise"
@@ -74,7 +75,7 @@ def settings_apart(one: Run, other: Run) -> list[str]:
 
 def same_log(one: Run, other: Run) -> bool:
     """Whether two runs are of one log."""
-    return bool(one.log["sha256"]) and one.log["sha256"] == other.log["sha256"]
+    return bool(one.log.sha256) and one.log.sha256 == other.log.sha256
 
 
 def same_vehicle(one: Run, other: Run) -> bool:
@@ -93,24 +94,25 @@ def _of_axle(place: int, before: Axle, after: Axle, run: Run) -> Iterator[Differ
             of = (place, after.number, k, quantity, unit)  # noqa: B023 (used at once)
             return Difference(*of, value, u95, apart, abs(value) <= u95)
 
-        if a["budget"] and b["budget"]:
-            difference = b["force_n"]["mean"] - a["force_n"]["mean"]
+        if a.force_n and b.force_n and a.coefficient and b.coefficient:
+            difference = b.force_n.mean - a.force_n.mean
             yield told("force", "N", difference, *_of_force(a, b, run))
-            change = b["coefficient"]["mean"] - a["coefficient"]["mean"]
-            apart = math.hypot(a["coefficient"]["mean_u95"], b["coefficient"]["mean_u95"])
+            change = b.coefficient.mean - a.coefficient.mean
+            apart = math.hypot(a.coefficient.mean_u95, b.coefficient.mean_u95)
             if before.weight == after.weight:
                 shared = _of_force(a, b, run, by_weight=difference)[0] / after.weight
             else:
                 shared = apart
             yield told("coefficient", "-", change, shared, apart)
-        if a["utilisation"] is not None and b["utilisation"] is not None:
-            halves = [0.5 * (x["utilisation_ci"][1] - x["utilisation_ci"][0]) for x in (a, b)]
+        if a.utilisation is not None and b.utilisation is not None:
+            intervals = (x.utilisation_ci or (0.0, 0.0) for x in (a, b))
+            halves = [0.5 * (upper - lower) for lower, upper in intervals]
             u95 = math.hypot(*halves)
-            yield told("utilisation", "-", b["utilisation"] - a["utilisation"], u95, u95)
+            yield told("utilisation", "-", b.utilisation - a.utilisation, u95, u95)
 
 
 def _of_force(
-    a: Mapping[str, Any], b: Mapping[str, Any], run: Run, by_weight: float = 0.0
+    a: BrakeApplication, b: BrakeApplication, run: Run, by_weight: float = 0.0
 ) -> tuple[float, float]:
     """Expanded uncertainty of a difference of mean forces: with shared parameters, without [N].
 
@@ -120,35 +122,35 @@ def _of_force(
         run: the other one.
         by_weight: the difference, if it will be divided by the weight: the mass then counts [N].
     """
-    rows = [{row["quantity"]: row for row in one["budget"]} for one in (a, b)]
+    rows = [{row.quantity: row for row in one.budget or ()} for one in (a, b)]
     shared: dict[str, float] = {}
     alone: list[dict[str, float]] = [{}, {}]
     for name in sorted((rows[0].keys() | rows[1].keys()) - {_NOISE}):
         one, other = (of.get(name) for of in rows)
-        if one and other and (one["value"], one["u"]) == (other["value"], other["u"]):
-            shared[name] = (other["sensitivity"] - one["sensitivity"]) * one["u"]
+        if one and other and (one.value, one.u) == (other.value, other.u):
+            shared[name] = (other.sensitivity - one.sensitivity) * one.u
         else:
             for own, row in zip(alone, (one, other), strict=True):
                 if row:
-                    own[name] = row["sensitivity"] * row["u"]
+                    own[name] = row.sensitivity * row.u
     if by_weight:
         stated = {k: float(run.settings[f"vehicle.{_MASS}.{k}"]) for k in ("value", "tolerance")}
         shared[_MASS] = shared.get(_MASS, 0.0) - by_weight * stated["tolerance"] / stated["value"]
     vehicle = Vehicle(correlation=_correlation(run))
-    noise = [of[_NOISE]["contribution_n"] for of in rows]
+    noise = [of[_NOISE].contribution_n for of in rows]
     parts = [vehicle.covariance(own, own) for own in (shared, *alone)]
     u = math.sqrt(max(sum(parts), 0.0) + sum(x**2 for x in noise))
-    apart = math.hypot(a["coverage"]["u_n"], b["coverage"]["u_n"])
+    apart = math.hypot(*(x.coverage.u_n for x in (a, b) if x.coverage))
     freedom = [_freedom_of_noise(one, x) for one, x in zip((a, b), noise, strict=True)]
     return _factor(u, noise, freedom) * u, _factor(apart, noise, freedom) * apart
 
 
-def _freedom_of_noise(one: Mapping[str, Any], noise: float) -> float:
+def _freedom_of_noise(application: BrakeApplication, noise: float) -> float:
     """Degrees of freedom of the noise of a mean force, from the effective ones of all."""
-    of = one["coverage"]
-    if of["degrees_of_freedom"] is None or not noise:
+    coverage = application.coverage
+    if not coverage or coverage.degrees_of_freedom is None or not noise:
         return math.inf
-    return float(of["degrees_of_freedom"] * (noise / of["u_n"]) ** 4)
+    return coverage.degrees_of_freedom * (noise / coverage.u_n) ** 4
 
 
 def _factor(u: float, noise: Sequence[float], freedom: Sequence[float]) -> float:

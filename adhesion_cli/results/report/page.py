@@ -149,10 +149,10 @@ def _single(run: Run, figures: "Figures") -> Iterator[str]:
 
 
 def _first_screen(run: Run, overview: Sequence[str]) -> Iterator[str]:
-    log, start = run.log, run.log["start"]
+    log, start = run.log, run.log.start
     yield element("h1", text(run.name))
     begun = f", {start.replace('T', ' ').replace('Z', ' UTC')}" if start else ""
-    yield paragraph(f"{log['format']}, {log['duration_s']:.1f} s{begun}", "soft")
+    yield paragraph(f"{log.format}, {log.duration_s:.1f} s{begun}", "soft")
     yield from sections.verdict(run)
     yield from sections.care(run)
     picture = element("div", "".join(sections.places(overview)), "whole")
@@ -181,7 +181,7 @@ def _axle(axle: Axle, places: Sequence[str]) -> Iterator[str]:
 
 def _budgets(run: Run) -> Iterator[str]:
     yield element("h2", "Uncertainty of the mean force", id="budget")
-    every = [(axle, one) for axle in run.axles for one in axle.applications if one["budget"]]
+    every = [(axle, one) for axle in run.axles for one in axle.applications if one.budget]
     if not every:
         yield paragraph("No brake application has a force.")
         return
@@ -192,11 +192,14 @@ def _budgets(run: Run) -> Iterator[str]:
             "LOG --budget` shows all.", "note",
         )  # fmt: skip
         widest = {
-            a.number: (a, o) for a, o in sorted(every, key=lambda of: of[1]["force_n"]["mean_u95"])
+            a.number: (a, o)
+            for a, o in sorted(
+                every, key=lambda pair: pair[1].force_n.mean_u95 if pair[1].force_n else 0.0
+            )
         }
         every = [widest[number] for number in sorted(widest)]
     for axle, one in every:
-        when = words.span(one["start_s"], one["end_s"])
+        when = words.span(one.start_s, one.end_s)
         heading = element("h3", f"Axle {axle.number}, brake application at {when} s")
         rows = table(words.budget_rows(one), left=2)
         yield element("div", heading + rows + paragraph(words.combined(one), "note"), "whole")
@@ -229,20 +232,20 @@ def _about(run: Run) -> Iterator[str]:
     yield element("h2", "How this was made", id="about")
     of = run.provenance
     facts = {
-        "Log": run.name, "Format": run.log["format"],
-        "Rows": f"{run.log['rows_used']} of {run.log['rows_read']} used",
-        "SHA-256 of the log": run.log["sha256"], "Result file": run.file,
+        "Log": run.name, "Format": run.log.format,
+        "Rows": f"{run.log.rows_used} of {run.log.rows_read} used",
+        "SHA-256 of the log": run.log.sha256, "Result file": run.file,
         "Analysed by": f"adhesion {of.get('version', 'unknown')}",
         "Reference": words.listed(
-            sorted({str(a.document["reference"]["method"]) for a in run.axles}) or ["none"]
+            sorted({a.summary.reference.method for a in run.axles}) or ["none"]
         ),
     }  # fmt: skip
     yield table([{"Fact": k, "Value": str(v)} for k, v in facts.items()], left=2)
     yield element("h3", "Channels")
     yield table([
         {
-            "Channel": f"{c['name']} {c['field']}".strip(), "Meaning": str(c["meaning"] or ""),
-            "Axle": str(c["axle"] or "all"), "Unit": str(c["unit"]), "Reason": str(c["reason"]),
+            "Channel": f"{c.name} {c.field}".strip(), "Meaning": str(c.meaning or ""),
+            "Axle": str(c.axle or "all"), "Unit": str(c.unit), "Reason": str(c.reason),
         }
         for c in run.channels
     ], left=5)  # fmt: skip

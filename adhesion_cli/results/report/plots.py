@@ -243,7 +243,7 @@ class Figures:
         )  # fmt: skip
         _style(fig, "Adhesion coefficient [-]")
         fig.xaxis.axis_label = "slip [%]"
-        braked = _inside(axle.t, [(o["start_s"], o["end_s"]) for o in axle.applications])
+        braked = _inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])
         sliding = _inside(axle.t, _slides(axle))
         items = {}
         for name, where, colour in (
@@ -341,7 +341,7 @@ def _shade(fig: figure, spans: Sequence[tuple[float, float]], alpha: float) -> N
 
 def _common_time(runs: Sequence[Run]) -> tuple[float, float]:
     """Before and after the start of braking, as far as brake applications reach [s]."""
-    ends = [o["end_s"] - r.brake_s for r in runs for a in r.axles for o in a.applications]
+    ends = [o.end_s - r.brake_s for r in runs for a in r.axles for o in a.applications]
     latest = [float(a.t[-1]) - r.brake_s for r in runs for a in r.axles if len(a.t)]
     return -_BEFORE, max(ends or latest, default=1.0) + _BEFORE
 
@@ -369,7 +369,7 @@ def _source(axle: Axle, most: int, zero: float = 0.0) -> tuple[ColumnDataSource,
     judged = [
         columns[n] for n in columns if n not in (*empty, "mu", "lower", "upper", "truth")
     ]  # what follows from another column, or from noise around it, is left out
-    braked = [(o["start_s"] - _MARGIN, o["end_s"] + _MARGIN) for o in axle.applications]
+    braked = [(o.start_s - _MARGIN, o.end_s + _MARGIN) for o in axle.applications]
     kept = decimate.rows(axle.t, judged, [_slides(axle), braked], room)
     at, flat = _edged(
         decimate.with_gaps(axle.t, kept), np.isfinite(axle.lower) & np.isfinite(axle.upper)
@@ -434,7 +434,7 @@ def _column(source: ColumnDataSource, name: str) -> Floats:
 
 
 def _slides(axle: Axle) -> list[tuple[float, float]]:
-    return [(a, b) for one in axle.applications for a, b in one["slide_spans"]]
+    return [(a, b) for one in axle.applications for a, b in one.slide_spans]
 
 
 def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_]:
@@ -446,7 +446,7 @@ def _inside(t: Floats, spans: Iterable[tuple[float, float]]) -> NDArray[np.bool_
 
 def _braked(axle: Axle, column: Floats) -> Floats:
     """A column in brake applications, or all of it without one."""
-    found: Floats = column[_inside(axle.t, [(o["start_s"], o["end_s"]) for o in axle.applications])]
+    found: Floats = column[_inside(axle.t, [(o.start_s, o.end_s) for o in axle.applications])]
     return found if len(found) else column
 
 

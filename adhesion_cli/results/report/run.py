@@ -4,15 +4,23 @@ import json
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...core import physics
+from ...core.annotated import Json, from_json
 from ...core.errors import UserError
 from ...core.model import AxleResult, Column, Floats, Result, Times
+from ...core.summary import (
+    AxleSummary,
+    BrakeApplication,
+    ChannelSummary,
+    FindingSummary,
+    LogSummary,
+    ResultSummary,
+)
 from ...formats.open import kind, open_source
 from ...formats.source import Field, ReadOptions, Source
 from ..names import METRICS, PROVENANCE, SETTINGS, flat
@@ -24,9 +32,9 @@ _TWO_LOGS = "name the *.adhesion.mcap of each log"
 
 @dataclass(frozen=True, slots=True)
 class Axle:
-    """One axle: its entry of the document, and columns of shape (n,); NaN where not known."""
+    """One axle: its summary, and columns of shape (n,); NaN where not known."""
 
-    document: Mapping[str, Any]
+    summary: AxleSummary
     t: Floats  # seconds after the log's start
     train: Floats  # speed of the train [m/s]
     rim: Floats  # speed of the rim, ωR [m/s]
@@ -43,18 +51,17 @@ class Axle:
     @property
     def number(self) -> int:
         """As the log counts them."""
-        return int(self.document["axle"])
+        return self.summary.axle
 
     @property
-    def applications(self) -> Sequence[Mapping[str, Any]]:
+    def applications(self) -> Sequence[BrakeApplication]:
         """Brake applications, in the order of time."""
-        found: Sequence[Mapping[str, Any]] = self.document["applications"]
-        return found
+        return self.summary.applications
 
     @property
     def against(self) -> str:
         """What the estimators are measured against."""
-        return next((str(s["against"]) for s in self.document["estimators"]), "reference")
+        return next((s.against for s in self.summary.estimators), "reference")
 
     def known(self, column: str) -> bool:
         """Whether a column has a value anywhere."""
@@ -66,28 +73,28 @@ class Run:
     """One result file."""
 
     file: str  # its name
-    log: Mapping[str, Any]
+    log: LogSummary
     axles: tuple[Axle, ...]
-    findings: Sequence[Mapping[str, Any]]
-    channels: Sequence[Mapping[str, Any]]
+    findings: Sequence[FindingSummary]
+    channels: Sequence[ChannelSummary]
     settings: Mapping[str, str]  # dotted keys with JSON values
     provenance: Mapping[str, str]
 
     @property
     def name(self) -> str:
         """Of the log it was made from."""
-        return Path(str(self.log["path"])).name
+        return Path(self.log.path).name
 
     @property
     def train(self) -> str:
         """What the train's speed is called: measured, or estimated from the axles."""
-        made = any(f["code"] == "reference-speed" for f in self.findings)
+        made = any(f.code == "reference-speed" for f in self.findings)
         return "reference speed (estimated)" if made else "train"
 
     @property
     def brake_s(self) -> float:
         """Start of the first brake application [s]; 0 without one."""
-        return min((o["start_s"] for a in self.axles for o in a.applications), default=0.0)
+        return min((o.start_s for a in self.axles for o in a.applications), default=0.0)
 
 
 def read(path: Path, name: str = "") -> Run:
@@ -106,39 +113,43 @@ def read(path: Path, name: str = "") -> Run:
     if path.is_file() and path.stat().st_size and kind(path) != "mcap":
         raise _no_result(path)
     source = open_source(path, ReadOptions(strict=True))
-    document = _document(path, source)
+    entry = _entry(path, source)
     settings = source.metadata.get(SETTINGS, {})
     provenance = source.metadata.get(PROVENANCE, {})
     try:
-        _check(document)
+        summary = from_json(ResultSummary, {"outputs": {}, **entry})
         start = int(provenance["start_ns"]) + int(provenance.get("time_shift_ns", "0"))
-        axles = _axles(source, document, start, settings)
-        return Run(
-            name or path.name, document["log"], axles, document["findings"], document["channels"],
-            settings, provenance,
-        )  # fmt: skip
+        axles = _axles(source, summary.axles, start, settings)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         version = provenance.get("version", "an unknown version")
         raise UserError(
             f"{path}: what it says of its analysis is not complete (made by {version}; {error!r})",
             f"make it again: `adhesion analyze {shlex.quote(str(path))} -o FOLDER`",
         ) from error
+    return _run(name or path.name, summary, axles, settings, provenance)
 
 
-def of_result(result: Result, document: Mapping[str, Any]) -> Run:
+def _run(
+    file: str, summary: ResultSummary, axles: tuple[Axle, ...], settings: Mapping[str, str],
+    provenance: Mapping[str, str],
+) -> Run:  # fmt: skip
+    log, findings, channels = summary.log, summary.findings, summary.channels
+    return Run(file, log, axles, findings, channels, settings, provenance)
+
+
+def of_result(result: Result, summary: ResultSummary) -> Run:
     """An analysed log that no file holds, as a report shows it.
 
     Args:
         result: the analysed log.
-        document: its entry of the document.
+        summary: of it.
     """
     settings, start = flat(result.settings), result.log.start_ns()
-    own = {a["axle"]: a for a in document["axles"]}
-    axles = tuple(_axle(own[a.record.axle], _columns(a), start, settings) for a in result.axles)
-    return Run(
-        Path(result.log.path).name, document["log"], axles, document["findings"],
-        document["channels"], settings, {},
-    )  # fmt: skip
+    by_number = {a.axle: a for a in summary.axles}
+    axles = tuple(
+        _axle(by_number[a.record.axle], _columns(a), start, settings) for a in result.axles
+    )
+    return _run(Path(result.log.path).name, summary, axles, settings, {})
 
 
 def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
@@ -159,7 +170,7 @@ def _columns(axle: AxleResult) -> dict[tuple[str, str], Column]:
     return {k: Column(record.t, x, np.isfinite(x)) for k, x in known.items() if x is not None}
 
 
-def _document(path: Path, source: Source) -> dict[str, Any]:
+def _entry(path: Path, source: Source) -> Json:
     """The entry of the log in the document that a result carries.
 
     Raises:
@@ -176,7 +187,7 @@ def _document(path: Path, source: Source) -> dict[str, Any]:
         raise _no_result(path)
     if len(entries := found.get("results", [])) != 1:
         raise UserError(f"{path}: not the result of one log", _TWO_LOGS)
-    entry: dict[str, Any] = entries[0]
+    entry: Json = entries[0]
     return entry
 
 
@@ -188,34 +199,28 @@ def _no_result(path: Path) -> UserError:
     )
 
 
-def _check(document: Mapping[str, Any]) -> None:
-    """Refuses what an older version wrote.
-
-    Raises:
-        KeyError: names what is missing.
-    """
-    for axle in document["axles"]:
-        for one in axle["applications"]:
-            for key in ("start_s", "end_s", "force_n", "slides", "slide_spans", "utilisation"):
-                one[key]
-
-
 def _axles(
-    source: Source, document: Mapping[str, Any], start: int, settings: Mapping[str, str]
+    source: Source, summaries: Sequence[AxleSummary], start: int, settings: Mapping[str, str]
 ) -> tuple[Axle, ...]:
-    """Every axle of the document; the file is read once."""
-    documents = {int(a["axle"]): a for a in document["axles"]}
+    """Every axle of the result; the file is read once."""
+    by_number = {a.axle: _numbered(a) for a in summaries}
     wanted: dict[tuple[int, str, str], Field] = {}
     for field in source.fields:
         match = _TOPIC.fullmatch(field.channel)
-        if match and int(match[1]) in documents and field.path in _WANTED.get(match[2], ("force",)):
+        if match and int(match[1]) in by_number and field.path in _WANTED.get(match[2], ("force",)):
             wanted[int(match[1]), match[2], field.path] = field
     columns = dict(zip(wanted, source.columns([*wanted.values()]), strict=True))
     axles = []
-    for number, own in documents.items():
-        of = {key[1:]: columns.pop(key) for key in list(columns) if key[0] == number}
-        axles.append(_axle(own, of, start, settings))
+    for number, summary in by_number.items():
+        of_axle = {key[1:]: columns.pop(key) for key in list(columns) if key[0] == number}
+        axles.append(_axle(summary, of_axle, start, settings))
     return tuple(axles)
+
+
+def _numbered(axle: AxleSummary) -> AxleSummary:
+    """The summary as it was before JSON, which states the axle once."""
+    braked = tuple(replace(x, axle=axle.axle) for x in axle.applications)
+    return axle._replace(applications=braked)
 
 
 _WANTED = {
@@ -227,7 +232,7 @@ _WANTED = {
 
 
 def _axle(
-    document: Mapping[str, Any], columns: Mapping[tuple[str, str], Column], start: int,
+    summary: AxleSummary, columns: Mapping[tuple[str, str], Column], start: int,
     settings: Mapping[str, str],
 ) -> Axle:  # fmt: skip
     wheel = columns["input", "wheel_speed"]
@@ -238,16 +243,16 @@ def _axle(
         return np.full(len(t), np.nan) if found is None else _at(t, found)
 
     force, truth = column("reference", "force"), column("truth", "force")
-    against = {s["algo"]: s["against"] for s in document["estimators"]}
+    against = {s.algo: s.against for s in summary.estimators}
     errors = {
         algo: column(f"estimate/{algo}", "force") - (truth if target == "truth" else force)
         for algo, target in sorted(against.items())
     }
     train, slip = column("input", "train_speed"), column("slip", "slip")
-    radius = _stated_radius(settings, int(document["axle"]))
+    radius = _stated_radius(settings, summary.axle)
     rim = wheel.value * _rolling_radius(wheel.value, train, slip, radius)
     return Axle(
-        document, (t - start) * np.float64(1e-9), train, rim,
+        summary, (t - start) * np.float64(1e-9), train, rim,
         column("input", "brake_cylinder_pressure"), column("input", "clamping_force"),
         force, column("reference", "lower"), column("reference", "upper"), slip, truth, errors,
         physics.G * float(json.loads(settings["vehicle.axle_mass.value"])),

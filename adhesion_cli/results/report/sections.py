@@ -56,8 +56,8 @@ def applications(run: Run) -> str:
 
 def notes(runs: Sequence[Run]) -> str:
     """What the columns of `applications` mean."""
-    slid = [one for r in runs for a in r.axles for one in a.applications if one["slides"]]
-    least = any(one["at_least"] for one in slid)
+    slid = [one for r in runs for a in r.axles for one in a.applications if one.slides]
+    least = any(one.at_least for one in slid)
     return paragraph(" ".join([NOTE, OF_SLIDES, *[_AT_LEAST] * least]), "note")
 
 

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from ...core.finding import CatalogueEntry, catalogue
+from ...core.summary import BrakeApplication, FindingSummary, MeanAndHighest
 from ...core.text import by_uncertainty
 from ...rail.events import HIDDEN_TIME
 from .run import Axle, Run
@@ -42,11 +43,19 @@ def span(begin: float, end: float, digits: int = 1) -> str:
     return f"{begin:.{digits}f}–{end:.{digits}f}"
 
 
-def measured(of: Mapping[str, float] | None, key: str, factor: float, digits: int) -> str:
+def measured(pair: tuple[float, float] | None, factor: float, digits: int) -> str:
     """A value with its expanded uncertainty; a dash where there is none."""
-    if not of:
+    if not pair:
         return NONE
-    return " ± ".join(by_uncertainty(factor * of[key], factor * of[f"{key}_u95"], digits))
+    return " ± ".join(by_uncertainty(factor * pair[0], factor * pair[1], digits))
+
+
+def _mean(x: MeanAndHighest | None) -> tuple[float, float] | None:
+    return x and (x.mean, x.mean_u95)
+
+
+def _highest(x: MeanAndHighest | None) -> tuple[float, float] | None:
+    return x and (x.max, x.max_u95)
 
 
 def plural(count: int, name: str) -> str:
@@ -65,9 +74,9 @@ def slides_known(axle: Axle) -> bool:
     return axle.known("slip")
 
 
-def _seen(axle: Axle, one: Mapping[str, Any]) -> bool:
+def _seen(axle: Axle, one: BrakeApplication) -> bool:
     """Whether a slide in this brake application would have been seen."""
-    return slides_known(axle) and one.get("slip_unknown_s", 0.0) < HIDDEN_TIME
+    return slides_known(axle) and one.slip_unknown_s < HIDDEN_TIME
 
 
 def headline(run: Run) -> tuple[Mark, str]:
@@ -99,9 +108,9 @@ def headline(run: Run) -> tuple[Mark, str]:
     return "good", f"No wheel slid in {braked}."
 
 
-def _slid(axle: Axle) -> list[Mapping[str, Any]]:
+def _slid(axle: Axle) -> list[BrakeApplication]:
     """The brake applications of an axle that have slides."""
-    return [one for one in axle.applications if one["slides"]]
+    return [one for one in axle.applications if one.slides]
 
 
 def verdict(axle: Axle) -> Verdict:
@@ -110,12 +119,12 @@ def verdict(axle: Axle) -> Verdict:
     slid = _slid(axle)
     if not every:
         return Verdict(title, "unknown", "not braked", "The log shows no brake application.", NONE)
-    worst = max(slid, key=lambda one: one["max_slip"]) if slid else _highest(every)
-    adhesion = measured(worst["coefficient"], "mean", 1.0, 3)
+    worst = max(slid, key=lambda one: one.max_slip or 0.0) if slid else _most_adhesion(every)
+    adhesion = measured(_mean(worst.coefficient), 1.0, 3)
     if slid:
-        locked = worst["max_slip"] > _LOCKED
+        locked = (worst.max_slip or 0.0) > _LOCKED
         text = " ".join(_of_slides(slid, len(every), worst))
-        state = "locked" if locked else f"slid {_times(sum(one['slides'] for one in slid))}"
+        state = "locked" if locked else f"slid {_times(sum(one.slides for one in slid))}"
         return Verdict(title, "locked" if locked else "slid", state, text, adhesion)
     if not slides_known(axle):
         text = "Without a train speed, slides cannot be seen."
@@ -123,14 +132,14 @@ def verdict(axle: Axle) -> Verdict:
     if not all(_seen(axle, one) for one in every):
         text = "No slide seen. Without a train speed in parts of the braking, slides may be hidden."
         return Verdict(title, "unknown", "slides not known", text, adhesion)
-    least = "The rail gave at least this adhesion." if worst["coefficient"] else ""
+    least = "The rail gave at least this adhesion." if worst.coefficient else ""
     braked = "No slide" + (f" in {len(every)} brake applications." if len(every) > 1 else ".")
     return Verdict(title, "good", "did not slide", f"{braked} {least}".strip(), adhesion)
 
 
-def _highest(every: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+def _most_adhesion(every: Sequence[BrakeApplication]) -> BrakeApplication:
     """The brake application with the highest mean adhesion coefficient, if any has one."""
-    return max(every, key=lambda one: one["coefficient"]["mean"] if one["coefficient"] else -1.0)
+    return max(every, key=lambda one: one.coefficient.mean if one.coefficient else -1.0)
 
 
 def _times(count: int) -> str:
@@ -138,22 +147,22 @@ def _times(count: int) -> str:
 
 
 def _of_slides(
-    slid: Sequence[Mapping[str, Any]], braked: int, worst: Mapping[str, Any]
+    slid: Sequence[BrakeApplication], braked: int, worst: BrakeApplication
 ) -> Iterator[str]:
-    least = "at least " if worst["at_least"] else ""
+    least = "at least " if worst.at_least else ""
     who = "it"
     if braked > 1:
         yield f"Slid in {len(slid)} of {braked} brake applications."
-        yield f"The one with the most slip is at {span(worst['start_s'], worst['end_s'])} s."
+        yield f"The one with the most slip is at {span(worst.start_s, worst.end_s)} s."
         who = "there it"
-    total = number(worst["slide_s"], 1)
-    if worst["max_slip"] > _LOCKED:
+    total = number(worst.slide_s, 1)
+    if (worst.max_slip or 0.0) > _LOCKED:
         yield f"The wheel stood still while the train moved; {who} slid for {least}{total} s."
     else:
-        slip = f"{percent(worst['max_slip'], 1)}\N{NO-BREAK SPACE}%"
+        slip = f"{percent(worst.max_slip, 1)}\N{NO-BREAK SPACE}%"
         yield f"{who.capitalize()} slid for {least}{total} s, with slip up to {slip}."
-    if worst["utilisation"] is not None:
-        used = percent(worst["utilisation"])
+    if worst.utilisation is not None:
+        used = percent(worst.utilisation)
         yield f"In the slides it used {used}\N{NO-BREAK SPACE}% of the adhesion that the rail gave."
     else:
         yield "The slides are too short to show how much adhesion the rail gave."
@@ -162,35 +171,35 @@ def _of_slides(
 def application_rows(run: Run) -> list[tuple[Mark, Cells]]:
     """One row per axle and brake application, in the order of time."""
     every = [(axle, one) for axle in run.axles for one in axle.applications]
-    every.sort(key=lambda of: (round(of[1]["start_s"]), of[0].number))
+    every.sort(key=lambda pair: (round(pair[1].start_s), pair[0].number))
     return [(_mark(axle, one), _application(axle, one)) for axle, one in every]
 
 
-def _mark(axle: Axle, one: Mapping[str, Any]) -> Mark:
-    if not one["slides"]:
+def _mark(axle: Axle, one: BrakeApplication) -> Mark:
+    if not one.slides:
         return "good" if _seen(axle, one) else "unknown"
-    return "locked" if one["max_slip"] > _LOCKED else "slid"
+    return "locked" if (one.max_slip or 0.0) > _LOCKED else "slid"
 
 
-def _application(axle: Axle, one: Mapping[str, Any]) -> Cells:
-    kmh = [number(v if v is None else 3.6 * v) for v in (one["from_mps"], one["to_mps"])]
-    slid, least = bool(one["slides"]), "≥ " if one["at_least"] else ""
+def _application(axle: Axle, one: BrakeApplication) -> Cells:
+    kmh = [number(v if v is None else 3.6 * v) for v in (one.from_mps, one.to_mps)]
+    slid, least = bool(one.slides), "≥ " if one.at_least else ""
 
     def if_slid(text: str) -> str:
         return NONE if not slid or text == NONE else f"{least}{text}"
 
-    energy = one["slide_energy_j"]
+    energy = one.slide_energy_j
     return {
-        "Axle": str(axle.number), "Time [s]": span(one["start_s"], one["end_s"]),
+        "Axle": str(axle.number), "Time [s]": span(one.start_s, one.end_s),
         "Speed [km/h]": "–".join(kmh),
-        "Adhesion coefficient, mean": measured(one["coefficient"], "mean", 1.0, 3),
-        "highest": measured(one["coefficient"], "max", 1.0, 3),
-        "Force, mean [kN]": measured(one["force_n"], "mean", 1e-3, 2),
-        "Slides": str(one["slides"]) if one["slides"] or _seen(axle, one) else "?",
-        "Sliding for [s]": if_slid(number(one["slide_s"], 1)),
-        "Most slip [%]": if_slid(percent(min(one["max_slip"] or 0.0, 1.0), 1)),
+        "Adhesion coefficient, mean": measured(_mean(one.coefficient), 1.0, 3),
+        "highest": measured(_highest(one.coefficient), 1.0, 3),
+        "Force, mean [kN]": measured(_mean(one.force_n), 1e-3, 2),
+        "Slides": str(one.slides) if one.slides or _seen(axle, one) else "?",
+        "Sliding for [s]": if_slid(number(one.slide_s, 1)),
+        "Most slip [%]": if_slid(percent(min(one.max_slip or 0.0, 1.0), 1)),
         "Heat [kJ]": if_slid(number(energy and 1e-3 * energy, 1)),
-        "Used of the available adhesion [%]": percent(one["utilisation"]),
+        "Used of the available adhesion [%]": percent(one.utilisation),
     }  # fmt: skip
 
 
@@ -198,41 +207,43 @@ def score_rows(axle: Axle) -> list[Cells]:
     """How well each estimator follows, the best first."""
     return [
         {
-            "Estimator": f"{s['algo']} ≈" if s.get("alike") and s["relative"] != 1.0 else s["algo"],
-            "RMSE [N]": number(s["rmse_n"]), "Bias [N]": number(s["bias_n"]),
-            "Largest error [N]": number(s["max_error_n"]), "Delay [s]": number(s["lag_s"], 3),
-            "Gain": number(s["gain"], 3),
-            "Its own 95 % band [N]": number(s.get("band_n")),
-            "holds [%]": percent(s.get("within")),
+            "Estimator": f"{s.algo} ≈" if s.alike and s.relative != 1.0 else s.algo,
+            "RMSE [N]": number(s.rmse_n), "Bias [N]": number(s.bias_n),
+            "Largest error [N]": number(s.max_error_n), "Delay [s]": number(s.lag_s, 3),
+            "Gain": number(s.gain, 3),
+            "Its own 95 % band [N]": number(s.band_n),
+            "holds [%]": percent(s.within),
         }
-        for s in axle.document["estimators"]
+        for s in axle.summary.estimators
     ]  # fmt: skip
 
 
-def budget_rows(one: Mapping[str, Any]) -> list[Cells]:
+def budget_rows(one: BrakeApplication) -> list[Cells]:
     """What each quantity adds to the uncertainty of a mean force, the largest first."""
     rows: list[Cells] = []
-    for row in one["budget"]:
-        unit = "" if row["unit"] == "-" else f" {row['unit']}"
-        value = NONE if row["value"] is None else f"{row['value']:.5g}{unit}"
+    for row in one.budget or ():
+        unit = "" if row.unit == "-" else f" {row.unit}"
+        value = NONE if row.value is None else f"{row.value:.5g}{unit}"
         rows.append({
-            "Quantity": row["quantity"].replace("_", " "), "Type": row["type"], "Value": value,
-            "Standard uncertainty": f"{row['u']:.3g}{unit}",
-            "Sensitivity [N per unit]": f"{row['sensitivity']:.3g}",
-            "Adds [N]": number(row["contribution_n"], 1),
-            "Share [%]": percent(row["share"], 1),
+            "Quantity": row.quantity.replace("_", " "), "Type": row.type, "Value": value,
+            "Standard uncertainty": f"{row.u:.3g}{unit}",
+            "Sensitivity [N per unit]": f"{row.sensitivity:.3g}",
+            "Adds [N]": number(row.contribution_n, 1),
+            "Share [%]": percent(row.share, 1),
         })  # fmt: skip
     return rows
 
 
-def combined(one: Mapping[str, Any]) -> str:
+def combined(one: BrakeApplication) -> str:
     """The last line of a budget."""
-    of, force = one["coverage"], one["force_n"]
-    freedom = of["degrees_of_freedom"]
+    coverage, force = one.coverage, one.force_n
+    assert coverage
+    assert force
+    freedom = coverage.degrees_of_freedom
     many = "many" if freedom is None or freedom > 999.0 else f"{freedom:.0f}"
     return (
-        f"F = {force['mean']:.0f} ± {force['mean_u95']:.0f} N (95 %); combined standard "
-        f"uncertainty {of['u_n']:.1f} N, coverage factor {of['k']:.2f}, effective degrees of "
+        f"F = {force.mean:.0f} ± {force.mean_u95:.0f} N (95 %); combined standard "
+        f"uncertainty {coverage.u_n:.1f} N, coverage factor {coverage.k:.2f}, effective degrees of "
         f"freedom: {many}."
     )
 
@@ -252,13 +263,13 @@ _SEVERITIES = ("error", "warning", "info")
 _PARTS = {"cause": "Cause", "effect": "Effect on the result", "limits": "Cannot see"}
 
 
-def told(findings: Sequence[Mapping[str, Any]]) -> list[Told]:
+def told(findings: Sequence[FindingSummary]) -> list[Told]:
     """The findings by code, errors first; as the result has them where a code is not known."""
-    by_code: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    by_code: dict[tuple[str, str], list[FindingSummary]] = {}
     for severity in _SEVERITIES:
         for f in findings:
-            if f["severity"] == severity:
-                by_code.setdefault((severity, f["code"]), []).append(f)
+            if f.severity == severity:
+                by_code.setdefault((severity, f.code), []).append(f)
     return [
         _told(severity, catalogue().get(code), code, of) for (severity, code), of in by_code.items()
     ]
@@ -275,20 +286,20 @@ def explained(code: str) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _told(
-    severity: str, words: CatalogueEntry | None, code: str, of: Sequence[Mapping[str, Any]]
+    severity: str, words: CatalogueEntry | None, code: str, of: Sequence[FindingSummary]
 ) -> Told:  # fmt: skip
-    lines = [(f["channel"], _when(f), f["message"]) for f in of]
-    hints = list(dict.fromkeys(f["hint"] for f in of if f["hint"]))
+    lines = [(f.channel, _when(f), f.message) for f in of]
+    hints = list(dict.fromkeys(f.hint for f in of if f.hint))
     parts = [(name, getattr(words, key)) for key, name in _PARTS.items()] if words else []
     parts.insert(2 if parts else 0, ("What to do", " ".join(hints)))
     return Told(code, severity, words.title if words else code, lines, [p for p in parts if p[1]])
 
 
-def _when(f: Mapping[str, Any]) -> str:
+def _when(f: FindingSummary) -> str:
     """The first time span, and how many more there are."""
-    spans = f["spans"]
+    spans = f.spans
     if not spans:
-        return f"{f['count']} ×" if f["count"] > 1 else ""
+        return f"{f.count} ×" if f.count > 1 else ""
     begin, end = spans[0]
     first = f"{begin:.2f} s" if end - begin < 0.005 else f"{span(begin, end, 2)} s"
     return f"{first} and {len(spans) - 1} more" if len(spans) > 1 else first

@@ -36,10 +36,11 @@ def test_of_a_run_and_itself_only_noise_is_left(pair: list[Run]) -> None:
     for d in differences.every([pair[0], pair[0]]):
         assert (d.difference, d.alike) == (0.0, True)
         one = pair[0].axles[d.axle - 1].applications[0]
-        noise = next(r["contribution_n"] for r in one["budget"] if r["quantity"] == "noise")
+        noise = next(r.contribution_n for r in one.budget or () if r.quantity == "noise")
         if d.quantity == "force":
+            assert one.force_n is not None
             assert d.u95 == pytest.approx(Z95 * np.sqrt(2.0) * noise, rel=0.01)
-            assert d.u95_apart == pytest.approx(np.sqrt(2.0) * one["force_n"]["mean_u95"], rel=0.01)
+            assert d.u95_apart == pytest.approx(np.sqrt(2.0) * one.force_n.mean_u95, rel=0.01)
             assert d.u95 < 0.5 * d.u95_apart
 
 
@@ -49,15 +50,16 @@ def test_the_uncertainty_is_that_of_drawn_errors(pair: list[Run]) -> None:
     found = {(d.axle, d.quantity): d for d in differences.every(pair)}
     for axle in (1, 2):
         ones = [run.axles[axle - 1].applications[0] for run in pair]
-        of = [{row["quantity"]: row for row in one["budget"]} for one in ones]
+        of = [{row.quantity: row for row in one.budget or ()} for one in ones]
         assert of[0].keys() == of[1].keys()
         unit = {name: rng.normal(size=n) for name in sorted({*of[0], "axle_mass"})}
         unit["axle_mass"] = 0.8 * unit["friction"] + 0.6 * rng.normal(size=n)  # as stated
         forces = []
         for one, rows in zip(ones, of, strict=True):
-            errors = [r["sensitivity"] * r["u"] * unit[q] for q, r in rows.items() if q != "noise"]
-            noise = rng.normal(size=n) * rows["noise"]["u"]
-            forces.append(one["force_n"]["mean"] + sum(errors) + noise)
+            assert one.force_n is not None
+            errors = [r.sensitivity * r.u * unit[q] for q, r in rows.items() if q != "noise"]
+            noise = rng.normal(size=n) * rows["noise"].u
+            forces.append(one.force_n.mean + sum(errors) + noise)
         difference = forces[1] - forces[0]
         d = found[axle, "force"]
         assert np.mean(difference) == pytest.approx(d.difference, abs=0.02 * d.u95)
@@ -82,8 +84,8 @@ def test_what_runs_state_differently_does_not_cancel(pair: list[Run], tmp_path: 
 def test_a_difference_by_the_settings_alone_is_said_first(pair: list[Run], tmp_path: Path) -> None:
     other = replace(RELATED, friction=Parameter(0.31, 0.03), axle_mass=Parameter(9e3, 100.0))
     same = made(tmp_path / "x.mcap", other, axles=2, n=3000)
-    apart = replace(same, log={**same.log, "sha256": "other"})
-    first = replace(pair[0], log={**pair[0].log, "sha256": same.log["sha256"]})
+    apart = replace(same, log=same.log._replace(sha256="other"))
+    first = replace(pair[0], log=pair[0].log._replace(sha256=same.log.sha256))
 
     def care(*runs: Run) -> list[str]:
         every = list(comparison.body(runs, Figures()))
@@ -95,11 +97,11 @@ def test_a_difference_by_the_settings_alone_is_said_first(pair: list[Run], tmp_p
         assert "vehicle.axle_mass" in said
         assert "vehicle.lever_ratio" not in said
         assert ("SHA-256" in said) == (run is same)
-    assert not care(first, replace(pair[1], log={**pair[1].log, "sha256": "third"}))
+    assert not care(first, replace(pair[1], log=pair[1].log._replace(sha256="third")))
 
 
 def test_brackets_are_explained_only_where_there_are_some(pair: list[Run]) -> None:
-    for runs in (pair, [pair[0], replace(pair[0], log={**pair[0].log, "sha256": "x"})]):
+    for runs in (pair, [pair[0], replace(pair[0], log=pair[0].log._replace(sha256="x"))]):
         text = "".join(comparison.body(runs, Figures()))
         shown = re.search(r"± [\d.]+ \(", text) is not None
         assert ("brackets" in text) == shown
@@ -115,7 +117,7 @@ def test_axles_that_only_one_run_has_are_left_out(pair: list[Run], tmp_path: Pat
 def test_a_page_of_several_runs_overlays_them_from_the_start_of_braking(
     pair: list[Run], tmp_path: Path
 ) -> None:
-    log = {**pair[1].log, "path": EVIL}
+    log = pair[1].log._replace(path=EVIL)
     runs = [pair[0], replace(pair[1], log=log)]
     text = page.page(runs)
     assert page.page(runs) == text

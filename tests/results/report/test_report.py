@@ -14,15 +14,18 @@ import numpy as np
 import pytest
 from bokeh.models import VArea
 
-from adhesion_cli.analysis.json_documents import document, dumps, entry
+from adhesion_cli.analysis.json_documents import dumps, embedded, tagged
 from adhesion_cli.analysis.settings import Settings, tree
+from adhesion_cli.analysis.summarise import summarise
+from adhesion_cli.core.annotated import as_json
 from adhesion_cli.core.errors import UserError
 from adhesion_cli.core.finding import Finding, catalogue
 from adhesion_cli.core.model import Result, Vehicle
+from adhesion_cli.core.summary import BrakeApplication, FindingSummary
 from adhesion_cli.results import mcap
 from adhesion_cli.results.report import decimate, page, sections, words
 from adhesion_cli.results.report.plots import Figures
-from adhesion_cli.results.report.run import Run, read
+from adhesion_cli.results.report.run import Axle, Run, read
 
 EVIL = '<img src=x onerror="alert(1)">\'"</script><b>'
 
@@ -33,8 +36,14 @@ def analysed(**of: Any) -> Result:
 
 
 def written(path: Path, result: Result) -> Path:
-    mcap.write_result(path, result, dumps(document([entry(result, {})])))
+    mcap.write_result(path, result, embedded([summarise(result, {})]))
     return path
+
+
+def with_applications(axle: Axle, *braked: BrakeApplication, number: int | None = None) -> Axle:
+    """An axle with other brake applications, and another number."""
+    number = number or axle.number
+    return replace(axle, summary=axle.summary._replace(axle=number, applications=braked))
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +106,9 @@ def test_times_count_from_the_start_of_the_log_and_not_of_what_was_analysed(tmp_
     run = read(written(tmp_path / "x.mcap", replace(made, log=log)))
     assert run.axles[0].t[0] == pytest.approx(5.0)
     (one,) = run.axles[0].applications
-    (before,) = entry(made, {})["axles"][0]["applications"]
-    assert one["start_s"] == pytest.approx(before["start_s"] + 5.0)
-    on = run.axles[0].t >= one["start_s"]
+    (before,) = summarise(made, {}).axles[0].applications
+    assert one.start_s == pytest.approx(before.start_s + 5.0)
+    on = run.axles[0].t >= one.start_s
     assert run.axles[0].pressure[~on].max() < 2e4 < run.axles[0].pressure[on].max()
 
 
@@ -135,9 +144,9 @@ def test_the_axle_that_slid_is_named_and_the_other_is_not(run: Run) -> None:
     assert words.headline(run) == ("slid", "Axle 2 slid in the brake application.")
     slid, rolled = run.axles[1].applications[0], run.axles[0].applications[0]
 
-    def braked(*each: list[Any]) -> str:
+    def braked(*each: list[BrakeApplication]) -> str:
         axles = zip(run.axles, each, strict=True)
-        own = (replace(a, document={**a.document, "applications": e}) for a, e in axles)
+        own = (with_applications(a, *e) for a, e in axles)
         return words.headline(replace(run, axles=tuple(own)))[1]
 
     assert braked([rolled], [slid, rolled]) == "Axle 2 slid in 1 of 2 brake applications."
@@ -202,23 +211,23 @@ def test_findings_stand_with_their_explanation(run: Run, text: str) -> None:
 
 
 def test_the_first_screen_says_where_a_warning_is(run: Run) -> None:
-    def said(*findings: dict[str, Any]) -> str:
+    def said(*findings: FindingSummary) -> str:
         return "".join(sections.care(replace(run, findings=findings)))
 
-    (gap,) = [f for f in run.findings if f["code"] == "gap"]
-    one = said({**gap, "channel": "speed 2", "spans": [[60.0, 67.5]]})
+    (gap,) = [f for f in run.findings if f.code == "gap"]
+    one = said(replace(gap, channel="speed 2", spans=((60.0, 67.5),)))
     assert "speed 2" in one
     assert "60.00–67.50 s" in one
-    many = said(*({**gap, "channel": f"a long name of channel {i}"} for i in range(40)))
+    many = said(*(replace(gap, channel=f"a long name of channel {i}") for i in range(40)))
     assert "a long name of channel 0" in many
     assert len(many) < 400
 
 
 def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> None:
-    axles = tuple(replace(a, document={**a.document, "applications": []}) for a in run.axles)
+    axles = tuple(map(with_applications, run.axles))
     none = words.headline(replace(run, axles=axles))
     finding = Finding("pressure-below-spring", "warning", "p").code
-    told = {**run.findings[0], "code": finding, "severity": "warning"}
+    told = replace(run.findings[0], code=finding, severity="warning")
     why = words.headline(replace(run, axles=axles, findings=[told]))
     assert none[0] == why[0] == "unknown"
     assert why[1] != none[1]
@@ -226,7 +235,7 @@ def test_a_page_without_a_brake_application_points_to_the_reason(run: Run) -> No
 
 
 def test_a_speed_that_the_log_does_not_have_is_not_called_that_of_the_train(run: Run) -> None:
-    made = {**run.findings[0], "code": "reference-speed", "severity": "info"}
+    made = replace(run.findings[0], code="reference-speed", severity="info")
     labels = []
     for of in (run, replace(run, findings=[made])):
         drawn = Figures()
@@ -312,12 +321,12 @@ def test_what_is_no_result_is_refused_with_the_remedy(kind: str, tmp_path: Path)
     if kind == "log":
         mcap.write_log(path, made.log)
     elif kind == "comparison":
-        mcap.write_comparison(path, [made, made], dumps(document([entry(made, {})])))
+        mcap.write_comparison(path, [made, made], embedded([summarise(made, {})]))
     elif kind == "older":
-        of = entry(made, {})
+        of = as_json(summarise(made, {}))
         for axle in of["axles"]:
             axle["applications"] = [{"start_s": 0.0}]
-        mcap.write_result(path, made, dumps(document([of])))
+        mcap.write_result(path, made, dumps(tagged("result", results=[of])))
     else:
         written(path, made)
         path.write_bytes(path.read_bytes()[:-3000])
@@ -333,9 +342,9 @@ def test_a_day_of_brake_applications_has_room(run: Run) -> None:
     """Thousands of rows: those with slides stay in the table, whenever they were."""
     calm, slid = run.axles
     (one,) = calm.applications
-    many = [{**one, "start_s": 10.0 * i, "end_s": 10.0 * i + 5.0} for i in range(3000)]
-    last = {**slid.applications[0], "start_s": 40_000.0, "end_s": 40_010.0}
-    day = replace(calm, document={**calm.document, "applications": [*many, last]})
+    many = [replace(one, start_s=10.0 * i, end_s=10.0 * i + 5.0) for i in range(3000)]
+    last = replace(slid.applications[0], start_s=40_000.0, end_s=40_010.0)
+    day = with_applications(calm, *many, last)
     text = page.page([replace(run, axles=(day, slid))])
     assert len(text) < 3_000_000
     assert "40000.0–40010.0" in text
@@ -349,13 +358,13 @@ def test_an_hour_of_four_axles_has_room(run: Run) -> None:
     rng, n = np.random.default_rng(3), 360_000
     (one,) = run.axles[1].applications
     braked = [
-        {**one, "start_s": s, "end_s": s + 30.0, "slide_spans": [[s + 5.0, s + 9.0]]}
+        replace(one, start_s=s, end_s=s + 30.0, slide_spans=((s + 5.0, s + 9.0),))
         for s in np.arange(10.0, 3600.0, 60.0).tolist()
     ]
     names = ("train", "rim", "pressure", "clamping", "force", "lower", "upper", "slip", "truth")
     axles = tuple(
         replace(
-            run.axles[1], document={**run.axles[1].document, "axle": k, "applications": braked},
+            with_applications(run.axles[1], *braked, number=k),
             t=np.arange(n) * 0.01, errors={a: rng.normal(size=n) for a in "abcdef"},
             **{name: rng.normal(size=n) for name in names},
         )

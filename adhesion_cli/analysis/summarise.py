@@ -1,0 +1,160 @@
+"""An analysed log as its summary, which JSON, tables, pages and Python have in common."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.finding import Finding
+from ..core.model import AxleResult, Channel, Floats, Result
+from ..core.summary import (
+    AxleSummary,
+    BrakeApplication,
+    ChannelSummary,
+    Coverage,
+    FindingSummary,
+    LogSummary,
+    ReferenceSummary,
+    ResultSummary,
+)
+from ..core.text import iso
+
+if TYPE_CHECKING:
+    from ..rail.applications import Application
+    from ..rail.events import Slide
+    from ..reference.budget import Budget
+
+
+def summarise(
+    result: Result,
+    outputs: Mapping[str, str],
+    braked: Mapping[int, Sequence[BrakeApplication]] | None = None,
+) -> ResultSummary:
+    """The summary of an analysed log.
+
+    Args:
+        result: the analysed log.
+        outputs: the files written, by kind.
+        braked: what `brake_applications` gave, if that is known.
+    """
+    braked = brake_applications(result) if braked is None else braked
+    log = result.log
+    used_channels = [c for c in log.channels if c.meaning]
+    start_ns = log.start_ns()
+    stop_ns = max((int(c.data.t.max()) for c in used_channels if len(c.data.t)), default=start_ns)
+    return ResultSummary(
+        LogSummary(
+            log.path,
+            log.format,
+            log.sha256,
+            iso(start_ns) if log.absolute else None,
+            (stop_ns - start_ns) / 1e9,
+            log.rows_read,
+            _rows_used(result),
+        ),
+        outputs,
+        tuple(_summarise_axle(a, braked[a.record.axle]) for a in result.axles),
+        tuple(map(summarise_channel, used_channels)),
+        tuple(map(summarise_finding, result.findings)),
+    )
+
+
+def _summarise_axle(axle: AxleResult, braked: Sequence[BrakeApplication]) -> AxleSummary:
+    ref = axle.reference
+    # While the wheel only rolls, force and errors are almost zero.
+    selected = np.r_[axle.applications] if axle.applications else slice(None)
+    sigma, band = _median(ref.sigma[selected]), _median(ref.half_width[selected])
+    reference = ReferenceSummary(ref.method, sigma, band, ref.nis)
+    return AxleSummary(axle.record.axle, reference, tuple(braked), axle.scores)
+
+
+def summarise_channel(channel: Channel) -> ChannelSummary:
+    """What a channel was taken for, and why."""
+    meaning = "truth" if channel.meaning == "true_slip" else channel.meaning  # by its unit
+    return ChannelSummary(
+        channel.name, channel.field, meaning, channel.axle, channel.unit, channel.reason
+    )
+
+
+def summarise_finding(f: Finding) -> FindingSummary:
+    """A finding with its words."""
+    return FindingSummary(
+        f.code, f.severity, f.channel, f.count, f.first_s, f.spans, f.values, f.names, f.message,
+        f.hint,
+    )  # fmt: skip
+
+
+def brake_applications(result: Result) -> dict[int, tuple[BrakeApplication, ...]]:
+    """The brake applications of each axle, by its number, in the order of time."""
+    from ..rail.applications import find_applications  # slow to import, and only results need it
+
+    start = result.log.start_ns()
+    return {
+        a.record.axle: tuple(
+            _application(a.record.axle, x, start) for x in find_applications(a, result.vehicle)
+        )
+        for a in result.axles
+    }
+
+
+def _application(axle: int, x: "Application", start_ns: int) -> BrakeApplication:
+    slides, utilisation = x.slides, x.utilisation
+    return BrakeApplication(
+        axle=axle,
+        start_s=(x.start_ns - start_ns) / 1e9,
+        end_s=(x.end_ns - start_ns) / 1e9,
+        from_mps=x.from_mps,
+        to_mps=x.to_mps,
+        force_n=x.force,
+        coefficient=x.coefficient,
+        slides=len(slides),
+        slide_spans=tuple(_span(s, start_ns) for s in slides),
+        slide_s=sum(s.duration for s in slides),
+        slide_distance_m=sum(s.distance for s in slides),
+        max_slip=max((s.max_slip for s in slides), default=None),
+        slide_energy_j=_sum([s.energy for s in slides]),
+        at_least=any(s.is_lower_bound for s in slides),
+        utilisation=utilisation and utilisation.value,
+        utilisation_ci=utilisation and (utilisation.lower, utilisation.upper),
+        budget=x.budget and x.budget.rows,
+        coverage=x.budget and _coverage(x.budget),
+        slip_unknown_s=x.unknown_time,
+    )
+
+
+def _span(slide: "Slide", start_ns: int) -> tuple[float, float]:
+    begin = (slide.start - start_ns) / 1e9
+    return begin, begin + slide.duration
+
+
+def _coverage(b: "Budget") -> Coverage:
+    return Coverage(b.u, b.k, b.freedom if math.isfinite(b.freedom) else None)
+
+
+def _sum(values: Sequence[float | None]) -> float | None:
+    """None where one is not known."""
+    numbers = [v for v in values if v is not None]
+    return sum(numbers) if len(numbers) == len(values) else None
+
+
+def _rows_used(result: Result) -> int:
+    """Rows or messages of the log that hold a number and lie in some axle's segments."""
+    by_origin: dict[tuple[str, str], int] = {}
+    for channel in result.log.channels:
+        if not channel.meaning:
+            continue
+        used = np.zeros(len(channel.data.t), dtype=np.bool_)
+        for axle in result.axles:
+            if channel.axle in (None, axle.record.axle):
+                for s in axle.record.segments:
+                    t = axle.record.t[s]
+                    used |= (channel.data.t >= t[0]) & (channel.data.t <= t[-1])
+        row = channel.row_of
+        by_origin[row] = max(by_origin.get(row, 0), int(used.sum()))
+    return sum(by_origin.values())
+
+
+def _median(values: Floats) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else None

@@ -1,0 +1,231 @@
+"""The numbers of one analysed log, as JSON, tables, pages and Python have them: one class each.
+
+Names are those of the JSON. None is what the log does not show.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, NamedTuple
+
+from .model import NOT_IN_JSON, Nis, Quantity, Score
+
+Number = float | None
+
+
+class MeanAndHighest(NamedTuple):
+    """Mean and highest value, each with its expanded uncertainty (95 %)."""
+
+    mean: float
+    mean_u95: float
+    max: float
+    max_u95: float
+
+
+class Contribution(NamedTuple):
+    """What one quantity contributes to the uncertainty of a force."""
+
+    quantity: Annotated[str, Quantity("", "a parameter of the vehicle, or noise")]
+    value: Annotated[Number, Quantity("", "of the quantity; none of the noise")]
+    unit: Annotated[str, Quantity("", "of value and u")]
+    type: Annotated[Literal["A", "B"], Quantity("", "A by the samples, B as stated")]
+    u: Annotated[float, Quantity("", "standard uncertainty")]
+    sensitivity: Annotated[float, Quantity("N per unit", "∂F/∂q, mean over the samples")]
+    contribution_n: Annotated[float, Quantity("N", "standard uncertainty of F by it")]
+    share: Annotated[
+        float, Quantity("-", "of the variance of F, with half of what each correlation adds")
+    ]
+
+
+class Coverage(NamedTuple):
+    """The uncertainty of the mean force."""
+
+    u_n: Annotated[float, Quantity("N", "combined standard uncertainty")]
+    k: Annotated[float, Quantity("-", "coverage factor of 95 %")]
+    degrees_of_freedom: Annotated[
+        Number, Quantity("-", "effective ones; none where noise has no part")
+    ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrakeApplication:
+    """One brake application of one axle."""
+
+    axle: Annotated[int, Quantity("", "number, from 1")] = field(default=0, metadata=NOT_IN_JSON)
+    start_s: Annotated[float, Quantity("s", "from here, after the start of the log")]
+    end_s: Annotated[float, Quantity("s", "to here")]
+    from_mps: Annotated[
+        Number, Quantity("m/s", "speed at the start: the train's, else that of the wheel's rim")
+    ]
+    to_mps: Annotated[Number, Quantity("m/s", "speed at the end")]
+    force_n: Annotated[MeanAndHighest | None, Quantity("N", "adhesion force")]
+    coefficient: Annotated[MeanAndHighest | None, Quantity("-", "adhesion coefficient µ")]
+    slides: Annotated[int, Quantity("", "how many begin in it")]
+    slide_spans: Annotated[
+        tuple[tuple[float, float], ...], Quantity("s", "from and to of each slide")
+    ]
+    slide_s: Annotated[float, Quantity("s", "duration of all slides together")]
+    slide_distance_m: Annotated[float, Quantity("m", "distance of the train in them")]
+    max_slip: Annotated[Number, Quantity("-", "the largest slip")]
+    slide_energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
+    at_least: Annotated[bool, Quantity("", "whether the numbers of slides are lower bounds")]
+    utilisation: Annotated[
+        Number, Quantity("-", "mean adhesion in the slides over the highest that the rail gives")
+    ]
+    utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
+    budget: Annotated[
+        tuple[Contribution, ...] | None, Quantity("", "what adds to the uncertainty of the force")
+    ]
+    coverage: Annotated[Coverage | None, Quantity("", "what they give together")]
+    slip_unknown_s: Annotated[
+        float, Quantity("s", "the wheel turns, and no train speed shows its slip")
+    ] = 0.0
+
+
+class ReferenceSummary(NamedTuple):
+    """The offline reference of one axle."""
+
+    method: Annotated[str, Quantity("", "name of the method")]
+    sigma_n: Annotated[Number, Quantity("N", "median standard uncertainty by noise")]
+    band_n: Annotated[Number, Quantity("N", "median half-width of the 95 % band")]
+    nis: Annotated[Nis | None, Quantity("-", "normalised innovation squared")] = None
+
+
+class AxleSummary(NamedTuple):
+    """One axle."""
+
+    axle: Annotated[int, Quantity("", "number, from 1")]
+    reference: ReferenceSummary
+    applications: tuple[BrakeApplication, ...]
+    estimators: tuple[Score, ...]
+
+
+class LogSummary(NamedTuple):
+    """The log that was analysed."""
+
+    path: Annotated[str, Quantity("", "as it was named")]
+    format: Annotated[str, Quantity("", "of the file")]
+    sha256: Annotated[str, Quantity("", "of its bytes")]
+    start: Annotated[str | None, Quantity("", "ISO 8601, UTC; none without a calendar")]
+    duration_s: Annotated[float, Quantity("s", "from the first to the last sample")]
+    rows_read: Annotated[int, Quantity("", "rows or messages in the file")]
+    rows_used: Annotated[int, Quantity("", "those that some axle's record holds")]
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelSummary:
+    """What a channel of the log was taken for."""
+
+    name: Annotated[str, Quantity("", "topic or column header")]
+    field: Annotated[str, Quantity("", "place inside a message")]
+    meaning: Annotated[str | None, Quantity("", "what it measures")]
+    axle: Annotated[int | None, Quantity("", "number; none for the train's")]
+    unit: Annotated[str, Quantity("", "in the log")]
+    reason: Annotated[str, Quantity("", "why it was taken for that")]
+
+
+@dataclass(frozen=True, slots=True)
+class FindingSummary:
+    """One thing about the data that the user must be able to know."""
+
+    code: Annotated[str, Quantity("", "`adhesion explain CODE` explains it")]
+    severity: Annotated[str, Quantity("", "info, warning or error")]
+    channel: Annotated[str, Quantity("", "where")]
+    count: Annotated[int, Quantity("", "of samples or things")]
+    first_s: Annotated[Number, Quantity("s", "begin of the first span")]
+    spans: Annotated[tuple[tuple[float, float], ...], Quantity("s", "from and to of each span")]
+    values: Annotated[Mapping[str, float], Quantity("", "numbers; the name ends with the unit")]
+    names: Annotated[Mapping[str, str], Quantity("", "texts: a column, a unit")]
+    message: Annotated[str, Quantity("", "what is wrong, in one line")]
+    hint: Annotated[str | None, Quantity("", "what to do")]
+
+
+@dataclass(frozen=True, slots=True)
+class ResultSummary:
+    """One analysed log."""
+
+    log: LogSummary
+    outputs: Annotated[Mapping[str, str], Quantity("", "the files written, by format")]
+    axles: tuple[AxleSummary, ...]
+    channels: tuple[ChannelSummary, ...]
+    findings: tuple[FindingSummary, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FailedLog:
+    """A log that has no result."""
+
+    path: str
+    error: str
+    hint: str
+    sha256: str | None = None
+
+
+class SlideSummary(NamedTuple):
+    """One slide of one axle."""
+
+    start_s: Annotated[float, Quantity("s", "begin, after the start of the log")]
+    duration_s: Annotated[float, Quantity("s", "of the slide")]
+    distance_m: Annotated[float, Quantity("m", "of the train in it")]
+    max_slip: Annotated[float, Quantity("-", "the largest slip")]
+    energy_j: Annotated[Number, Quantity("J", "friction between wheel and rail")]
+    at_least: Annotated[bool, Quantity("", "whether the numbers are lower bounds")]
+
+
+class Constant(NamedTuple):
+    """A constant of the creep law, with its 95 % interval."""
+
+    value: float
+    ci: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SlipSummary:
+    """Slip of one axle, and the rail under its slides."""
+
+    log: Annotated[str, Quantity("", "path of the log")]
+    axle: Annotated[int, Quantity("", "number, from 1")]
+    peak_slip: Annotated[Number, Quantity("-", "slip of the highest adhesion")]
+    peak_slip_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
+    peak_slip_below: Annotated[Number, Quantity("-", "its upper limit (97.5 %)")]
+    peak_mu: Annotated[Number, Quantity("-", "the highest adhesion coefficient")]
+    peak_mu_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
+    peak_speed_mps: Annotated[Number, Quantity("m/s", "train speed at which the peak is given")]
+    slip_rmse: Annotated[Number, Quantity("-", "error against the log's true slip, rms")]
+    train_speed_late_s: Annotated[Number, Quantity("s", "delay of the train speed, removed")]
+    train_speed_late_sigma_s: Annotated[Number, Quantity("s", "its standard uncertainty")]
+    regions: Annotated[Mapping[str, float], Quantity("-", "share of the braked time, by region")]
+    utilisation: Annotated[Number, Quantity("-", "adhesion used over the highest, in the slides")]
+    utilisation_ci: Annotated[tuple[float, float] | None, Quantity("-", "its 95 % interval")]
+    slides: tuple[SlideSummary, ...]
+    fit: Annotated[Mapping[str, Constant] | None, Quantity("", "constants of the creep law")]
+    fit_curve: Annotated[str | None, Quantity("", "the creep law")]
+
+
+@dataclass(frozen=True, slots=True)
+class InspectedChannel(ChannelSummary):
+    """A channel of a log, and how it was sampled."""
+
+    rate_hz: Annotated[Number, Quantity("Hz", "usual rate")]
+    rows: Annotated[int, Quantity("", "samples in the log")]
+    valid: Annotated[int, Quantity("", "those that may be used")]
+    gaps: Annotated[int, Quantity("", "longer intervals without a sample")]
+    duplicates: Annotated[int, Quantity("", "samples that repeat a time stamp")]
+    backward: Annotated[int, Quantity("", "samples older than one before them")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectedLog:
+    """What is in a log, whatever is wrong with it."""
+
+    path: str
+    format: str | None = None
+    status: Literal["ok", "damaged", "error"] = "ok"
+    error: str | None = None
+    hint: str | None = None
+    rows_read: int = 0
+    start: str | None = None
+    duration_s: Annotated[float, Quantity("s", "from the first to the last sample")] = 0.0
+    time: str = ""
+    stated: Mapping[str, object] = field(default_factory=dict)
+    channels: tuple[InspectedChannel, ...] = ()
+    findings: tuple[FindingSummary, ...] = ()
